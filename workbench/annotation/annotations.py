@@ -10,7 +10,7 @@ from workbench.datasets.files.joint_annotations import COLUMNS, read_marks
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
-Annotation = tuple[float, float, bool]
+_Annotation = tuple[float, float, bool]
 """u and v, px, where (0, 0) is the centre of the top left pixel, and whether the joint is visible."""
 Place = tuple[int, str]
 """A frame's number and a joint's name."""
@@ -25,8 +25,8 @@ class Annotations:
         if not path.parent.is_dir():
             raise InputError(f"{path}: expected a folder to write to, found none")
         self.path, self.n_frames, self.size = path, n_frames, size
-        self.values: dict[Place, Annotation] = {}
-        self._undo_stack: list[tuple[Place, Annotation | None]] = []
+        self.values: dict[Place, _Annotation] = {}
+        self._undo_stack: list[tuple[Place, _Annotation | None]] = []
         try:
             content = path.read_bytes().strip() if path.exists() else b""
         except OSError as error:
@@ -42,7 +42,7 @@ class Annotations:
             except InputError as error:
                 raise InputError(f"{path}: annotations of another video? {error}") from None
 
-    def put(self, place: Place, annotation: Annotation | None) -> None:
+    def put(self, place: Place, annotation: _Annotation | None) -> None:
         """Set an annotation, or remove it with None, and write the file; raises InputError for an unknown frame or
         joint, a pixel outside the image, and a file that cannot be written. Then nothing has changed."""
         self._check(place, annotation)
@@ -59,14 +59,14 @@ class Annotations:
         self._undo_stack.pop()
         return place
 
-    def by_frame(self) -> dict[int, dict[str, Annotation]]:
+    def by_frame(self) -> dict[int, dict[str, _Annotation]]:
         """Return the annotations by joint by frame, in order."""
-        frames: dict[int, dict[str, Annotation]] = {}
+        frames: dict[int, dict[str, _Annotation]] = {}
         for (frame, joint), annotation in self.values.items():
             frames.setdefault(frame, {})[joint] = annotation
         return frames
 
-    def _check(self, place: Place, annotation: Annotation | None) -> None:
+    def _check(self, place: Place, annotation: _Annotation | None) -> None:
         if not 0 <= place[0] < self.n_frames:
             raise InputError(f"no frame {place[0]}, expected one of 0 to {self.n_frames - 1}")
         if place[1] not in JOINT_NAMES:
@@ -75,7 +75,7 @@ class Annotations:
             u, v, _ = annotation
             raise InputError(f"({u:g}, {v:g}) lies outside the image of {self.size[0]}×{self.size[1]} px")
 
-    def _replace(self, place: Place, annotation: Annotation | None) -> None:
+    def _replace(self, place: Place, annotation: _Annotation | None) -> None:
         changed = {key: value for key, value in self.values.items() if key != place}
         if annotation is not None:
             changed[place] = annotation
@@ -86,7 +86,7 @@ class Annotations:
         self.values = changed
 
 
-def parse_annotation(values: Any) -> tuple[Place, Annotation | None]:
+def parse_annotation(values: Any) -> tuple[Place, _Annotation | None]:
     """Parse {frame, joint, u, v, visible}, where null for u and v removes; raises InputError for anything else."""
     match values:
         case {"frame": int(frame), "joint": str(joint), "u": None, "v": None} if not isinstance(frame, bool):

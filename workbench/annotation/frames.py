@@ -11,8 +11,8 @@ from workbench.datasets.files.decode import count_frames, decode
 from workbench.utils.arrays import ByteArray
 from workbench.utils.errors import InputError
 
-CACHED_FRAMES = 200
-JPEG_QUALITY = 95
+_CACHED_FRAMES = 200
+_JPEG_QUALITY = 95
 
 
 class Frames:
@@ -44,10 +44,10 @@ class Frames:
                 image = next(self._images, None)
                 if image is None:
                     raise InputError(f"{self.source}: frame {number} cannot be decoded")
-                if number - self._next < CACHED_FRAMES // 4:
+                if number - self._next < _CACHED_FRAMES // 4:
                     self._cache[self._next] = _encoded(image)
                 self._next += 1
-                while len(self._cache) > CACHED_FRAMES:
+                while len(self._cache) > _CACHED_FRAMES:
                     self._cache.popitem(last=False)
             self._cache.move_to_end(number)
             return self._cache[number]
@@ -55,4 +55,4 @@ class Frames:
 
 def _encoded(image: ByteArray) -> bytes:
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()

@@ -10,7 +10,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LONGEST_LIMB_M
 
 Triple = tuple[float, float, float]
-Pair = tuple[float, float]
+_Pair = tuple[float, float]
 
 ANKLE_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT, LEG_LENGTH = 0.039, 0.818, 0.93, 0.491
 """Of somebody who stands, in their heights, as in `from_height`: of ankles, shoulders and the head's centre above the
@@ -38,12 +38,12 @@ class Shape:
     calf: float
     head_radius: float
     hand_radius: float
-    torso_radii_low: Pair
-    torso_radii_high: Pair
-    upper_arm_radii: Pair
-    forearm_radii: Pair
-    thigh_radii: Pair
-    calf_radii: Pair
+    torso_radii_low: _Pair
+    torso_radii_high: _Pair
+    upper_arm_radii: _Pair
+    forearm_radii: _Pair
+    thigh_radii: _Pair
+    calf_radii: _Pair
 
     def __post_init__(self) -> None:
         for name in ("upper_arm", "forearm", "thigh", "calf", "head_radius", "hand_radius"):

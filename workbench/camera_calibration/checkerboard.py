@@ -14,10 +14,10 @@ from workbench.datasets.files.decode import count_frames, decode
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 
-MAX_IMAGES = 60
+_MAX_IMAGES = 60
 """Images of a video that are searched, evenly spaced; more improve the result little."""
-MIN_IMAGES, MIN_COMMON_IMAGES = 5, 3
-OUTLIER_RATIO = 3.0
+_MIN_IMAGES, _MIN_COMMON_IMAGES = 5, 3
+_OUTLIER_RATIO = 3.0
 """Images whose error exceeds 1 px and this multiple of the median are omitted: the board may be bent or blurred."""
 TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From a world with x ahead and z up to a level camera."""
@@ -80,12 +80,12 @@ class Lens:
 
 
 def find_boards(source: Path, board: Checkerboard, extra_image: int | None = None) -> BoardDetections:
-    """Search up to MAX_IMAGES evenly spaced images of a video or folder, and number `extra_image`, for a board.
+    """Search up to _MAX_IMAGES evenly spaced images of a video or folder, and number `extra_image`, for a board.
 
     Raises InputError for a source that cannot be read, and images of different sizes.
     """
     n = count_frames(source)
-    searched = set(np.linspace(0, n - 1, min(n, MAX_IMAGES)).round().astype(int).tolist()) | {extra_image} - {None}
+    searched = set(np.linspace(0, n - 1, min(n, _MAX_IMAGES)).round().astype(int).tolist()) | {extra_image} - {None}
     size, corners = None, {}
     for number, image in tqdm(enumerate(decode(source)), f"searching {source.name}", n, unit="image", disable=None):
         size = size or (image.shape[1], image.shape[0])
@@ -128,20 +128,20 @@ def _grey_level(grey: ByteArray, square: FloatArray) -> float:
 def calibrate_lens(name: str, detections: BoardDetections, board: Checkerboard) -> Lens:
     """Estimate focal lengths, principal point and distortion (k1, k2, p1, p2; k3 is 0) of a camera.
 
-    Raises InputError where fewer than MIN_IMAGES show the board.
+    Raises InputError where fewer than _MIN_IMAGES show the board.
     """
     errors = _fit_lens(name, detections, board, list(detections.corners)).errors_px
-    limit = max(OUTLIER_RATIO * float(np.median(list(errors.values()))), 1.0)
+    limit = max(_OUTLIER_RATIO * float(np.median(list(errors.values()))), 1.0)
     omitted = {number: error for number, error in errors.items() if error > limit}
     lens = _fit_lens(name, detections, board, [number for number in errors if number not in omitted])
     return replace(lens, omitted_px=omitted)
 
 
 def _fit_lens(name: str, detections: BoardDetections, board: Checkerboard, used: list[int]) -> Lens:
-    if len(used) < MIN_IMAGES:
+    if len(used) < _MIN_IMAGES:
         raise InputError(
             f"{detections.source}: camera {name}: expected a board of {board.columns}×{board.rows} inner corners in "
-            f"{MIN_IMAGES} images or more, found it in {len(used)} of {detections.n_searched} searched"
+            f"{_MIN_IMAGES} images or more, found it in {len(used)} of {detections.n_searched} searched"
         )
     points = [board.corners_m.astype(np.float32)] * len(used)
     pixels = [detections.corners[number].astype(np.float32) for number in used]
@@ -182,9 +182,9 @@ def pose_cameras(
         common = {(k, j): sorted(set(detections[k].corners) & set(detections[j].corners)) for k, j in pairs}
         k, reference = max(pairs, key=lambda pair: len(common[pair]))
         camera, base, images = cameras[k], posed[reference], common[k, reference]
-        if len(images) < MIN_COMMON_IMAGES:
+        if len(images) < _MIN_COMMON_IMAGES:
             raise InputError(
-                f"camera {camera.name}: expected the board in {MIN_COMMON_IMAGES} images where another camera has "
+                f"camera {camera.name}: expected the board in {_MIN_COMMON_IMAGES} images where another camera has "
                 f"it, found {len(images)}: do the videos start together?"
             )
         points = [board.corners_m.astype(np.float32)] * len(images)

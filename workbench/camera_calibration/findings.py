@@ -12,20 +12,20 @@ from workbench.camera_calibration.observed_joints import ObservedJoints
 from workbench.evaluation.multiview_consistency import height_px, limb_lengths, nearest
 from workbench.utils.arrays import FloatArray
 
-MIN_WEIGHT = 0.3
+_MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""
-MAX_ERROR = 0.035
+_MAX_ERROR = 0.035
 """Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
 cameras of a laboratory it is up to 0.029; with two of their videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
 0.02 in two, where the cameras are opposite each other."""
-MAX_LEAN_DEG, MAX_SLOPE_DEG = 20.0, 5.0
-HEIGHTS_M, USUAL_HEIGHT_M = (1.2, 2.2), 1.7
+_MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
+_HEIGHTS_M, _USUAL_HEIGHT_M = (1.2, 2.2), 1.7
 """Plausible heights, and the assumed one, of a person whose height is not given."""
-MAX_HEIGHT_ERROR = 0.1
+_MAX_HEIGHT_ERROR = 0.1
 """Relative difference between measured legs and those usual at the person's height."""
-FOCAL_LENGTHS = (0.4, 5.0)
+_FOCAL_LENGTHS = (0.4, 5.0)
 """In longer sides of the image: below, the field of view exceeds 100°, above, it is less than 11°."""
-MIN_WALK_M = 1.0
+_MIN_WALK_M = 1.0
 """Distance over which feet determine the slope of the floor."""
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -68,7 +68,7 @@ def check_calibration(seen: ObservedJoints, height_m: float | None) -> Calibrati
 def _lens(camera: Camera) -> list[CalibrationFinding]:
     size, focal = np.array([camera.width, camera.height]), camera.matrix[[0, 1], [0, 1]]
     findings = [CalibrationFinding(f"{camera.name}: images are {size[0]}×{size[1]} px, as in the calibration")]
-    ratios, (low, high) = focal / size.max(), FOCAL_LENGTHS
+    ratios, (low, high) = focal / size.max(), _FOCAL_LENGTHS
     if not (low < ratios.min() and ratios.max() < high):
         text = f"is {ratios[0]:.2g} times the image's longer side, expected {low:g} to {high:g}"
         findings.append(CalibrationFinding(f"{camera.name}: the focal length, {focal[0]:.0f} px, {text}", False))
@@ -95,21 +95,21 @@ def _check_several(seen: ObservedJoints, height_m: float | None) -> CalibrationC
         up = bodies.mean(axis=0)
         lean = float(np.degrees(np.arccos(np.clip(up[2] / np.linalg.norm(up), -1.0, 1.0))))
         text = f"the person leans by {lean:.0f}° from the z axis, in the mean of {len(bodies)} frames"
-        findings.append(CalibrationFinding(text, lean <= MAX_LEAN_DEG))
+        findings.append(CalibrationFinding(text, lean <= _MAX_LEAN_DEG))
     else:
         findings.append(CalibrationFinding("ankles and shoulders are not seen together: the vertical is unknown"))
     heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
     if not np.isfinite(heights).any():
         return CalibrationCheck(tuple(findings), joints)
-    tall = height_m or float(np.clip(leg_m / LEG_LENGTH, *HEIGHTS_M))
-    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * (USUAL_HEIGHT_M if np.isnan(tall) else tall)
+    tall = height_m or float(np.clip(leg_m / LEG_LENGTH, *_HEIGHTS_M))
+    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * (_USUAL_HEIGHT_M if np.isnan(tall) else tall)
     findings.append(CalibrationFinding(f"the feet stand at a height of {floor_m:.2f} m"))
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 
 def triangulate(cameras: Sequence[Camera], marks: FloatArray) -> FloatArray:
     """Return points (F, J, 3), m, nearest to the rays of marks (V, F, J, 3), [u, v, weight]; NaN for fewer than two."""
-    pixels = np.where(np.nan_to_num(marks[..., 2:]) >= MIN_WEIGHT, marks[..., :2], np.nan)
+    pixels = np.where(np.nan_to_num(marks[..., 2:]) >= _MIN_WEIGHT, marks[..., :2], np.nan)
     points = nearest([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
     return points.reshape(*marks.shape[1:3], 3)
 
@@ -130,7 +130,7 @@ def _reprojection(seen: ObservedJoints, v: int, joints: FloatArray) -> Calibrati
         text += f", {_px(_error_px(camera, marks, elsewhere))} from those of the others"
     heights = [height_px(frame[:, :2]) for frame in marks]
     tall = float(np.median([height for height in heights if height > 0.0] or [np.nan]))
-    return CalibrationFinding(f"{text}; the person is {_px(tall)} tall", bool(error <= MAX_ERROR * tall))
+    return CalibrationFinding(f"{text}; the person is {_px(tall)} tall", bool(error <= _MAX_ERROR * tall))
 
 
 def _error_px(camera: Camera, marks: FloatArray, joints: FloatArray) -> float:
@@ -149,17 +149,17 @@ def _size(measured_m: float, height_m: float | None) -> CalibrationFinding:
         return CalibrationFinding("no leg is seen by two cameras: the unit of length is unknown")
     text = f"the legs are as long as those of a person of {measured_m:.2f} m"
     if height_m is None:
-        is_plausible = HEIGHTS_M[0] < measured_m < HEIGHTS_M[1]
+        is_plausible = _HEIGHTS_M[0] < measured_m < _HEIGHTS_M[1]
         question = "" if is_plausible else ": is the unit of length, or the side of the board's squares, right?"
         return CalibrationFinding(text + question, is_plausible)
     return CalibrationFinding(
-        f"{text}; expected {height_m:.2f} m", abs(measured_m / height_m - 1.0) <= MAX_HEIGHT_ERROR
+        f"{text}; expected {height_m:.2f} m", abs(measured_m / height_m - 1.0) <= _MAX_HEIGHT_ERROR
     )
 
 
 def _check_single(seen: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
     """Check one camera by people assumed upright and of the given or the usual height."""
-    (camera,), marks, tall = seen.cameras, seen.marks[0], height_m or USUAL_HEIGHT_M
+    (camera,), marks, tall = seen.cameras, seen.marks[0], height_m or _USUAL_HEIGHT_M
     feet, heads = _middle(marks, "ankle")[:, :2], _joint(marks, "head_centre")[:, :2]
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():
@@ -207,20 +207,20 @@ def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: floa
     cross, dot = up[:, 0] * bodies[:, 1] - up[:, 1] * bodies[:, 0], (up * bodies).sum(axis=1)
     lean = abs(float(np.degrees(np.arctan2(cross.mean(), dot.mean()))))
     text = f"the person leans by {lean:.0f}° from the calibration's vertical, in the mean of {len(places)} frames"
-    return CalibrationFinding(f"{camera.name}: {text}", lean <= MAX_LEAN_DEG)
+    return CalibrationFinding(f"{camera.name}: {text}", lean <= _MAX_LEAN_DEG)
 
 
 def _slope(places: FloatArray) -> list[CalibrationFinding]:
     """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short."""
     centred = places - places.mean(axis=0)
     walk = centred[:, :2] @ np.linalg.svd(centred[:, :2])[2][0]
-    if len(places) < 3 or np.ptp(walk) < MIN_WALK_M:
+    if len(places) < 3 or np.ptp(walk) < _MIN_WALK_M:
         return []
     slope = float(walk @ centred[:, 2] / (walk @ walk))
     error = np.sqrt(((centred[:, 2] - slope * walk) ** 2).sum() / (len(places) - 2) / (walk @ walk))
     degrees, sigma = abs(float(np.degrees(np.arctan(slope)))), float(np.degrees(np.arctan(error)))
     text = f"over {np.ptp(walk):.1f} m of walk the floor has a slope of {degrees:.1f} ± {sigma:.1f}°"
-    return [CalibrationFinding(text, degrees <= MAX_SLOPE_DEG + 2.0 * sigma)]
+    return [CalibrationFinding(text, degrees <= _MAX_SLOPE_DEG + 2.0 * sigma)]
 
 
 def _joint(values: FloatArray, name: str) -> FloatArray:

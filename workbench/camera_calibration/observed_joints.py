@@ -11,7 +11,7 @@ from workbench.core.frame import Frame
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 from workbench.utils.errors import InputError
 
-MAX_FRAMES = 300
+_MAX_FRAMES = 300
 """Frames with joints; later ones are not read."""
 
 
@@ -49,7 +49,7 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
             most, shown, images = n_marks, len(rows), tuple(view.image for view in frame.views)
         if n_marks:
             rows.append(marks)
-        if len(rows) == MAX_FRAMES:
+        if len(rows) == _MAX_FRAMES:
             break
     if not images:
         raise InputError(f"{known.name}: expected frames, found none")

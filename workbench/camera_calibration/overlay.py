@@ -12,12 +12,12 @@ from workbench.recording.write import styles
 from workbench.utils.arrays import ByteArray, FloatArray
 
 AXES = {"x": (230, 60, 60), "y": (60, 200, 80), "z": (80, 140, 255)}
-GRID, LEFT, RIGHT = (235, 235, 235), (90, 220, 255), (255, 120, 200)
-N_TILES = 5
+_GRID, LEFT, RIGHT = (235, 235, 235), (90, 220, 255), (255, 120, 200)
+_N_TILES = 5
 """Tiles of one metre on each side of the person."""
-N_PIECES = 40
+_N_PIECES = 40
 """Pieces of a line in the world, so that a line that leads behind the camera is drawn as far as it is visible."""
-CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "crosses: where the calibration has them"
+_CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "crosses: where the calibration has them"
 
 
 def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: FloatArray, floor_m: float) -> ByteArray:
@@ -33,15 +33,15 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
     canvas = np.array(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB), np.uint8)
     thickness = max(1, round(max(canvas.shape) / 900))
     place = _place(camera, joints, floor_m)
-    for k in range(-N_TILES, N_TILES + 1):
+    for k in range(-_N_TILES, _N_TILES + 1):
         for along in (0, 1):
             ends = np.tile([*np.round(place[:2]), floor_m], (2, 1))
             ends[:, 1 - along] += k
-            ends[:, along] += [-N_TILES, N_TILES]
-            pixels = _visible_pixels(camera, np.linspace(ends[0], ends[1], N_PIECES + 1))
+            ends[:, along] += [-_N_TILES, _N_TILES]
+            pixels = _visible_pixels(camera, np.linspace(ends[0], ends[1], _N_PIECES + 1))
             for a, b in pairwise(pixels):
                 if np.isfinite([a, b]).all():
-                    cv2.line(canvas, _rounded(a), _rounded(b), GRID, thickness, cv2.LINE_AA)
+                    cv2.line(canvas, _rounded(a), _rounded(b), _GRID, thickness, cv2.LINE_AA)
     arrows = [(name, np.zeros(3), axis, AXES[name]) for name, axis in zip(AXES, np.eye(3), strict=True)]
     for name, foot, way, colour in [*arrows, ("up, 2 m", place, np.array([0.0, 0.0, 2.0]), AXES["z"])]:
         pixels = _visible_pixels(camera, np.stack([foot, foot + way]))
@@ -57,8 +57,10 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
         if np.isfinite(mark[0]):
             colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else styles.KEYPOINT
             cv2.circle(canvas, _rounded(mark), 4 * thickness, colour, thickness, cv2.LINE_AA)
-    for row, text in enumerate(CAPTION):
-        _write(canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, GRID)
+    for row, text in enumerate(_CAPTION):
+        _write(
+            canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, _GRID
+        )
     return canvas
 
 

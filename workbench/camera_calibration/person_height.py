@@ -21,19 +21,19 @@ from workbench.datasets.files.joint_annotations import Marks
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
-MIN_SEGMENTS, MAX_SEGMENTS = 3, 60
+_MIN_SEGMENTS, _MAX_SEGMENTS = 3, 60
 SIGMA_PX = 4.0
 """Standard deviation of annotations, until the residuals give it."""
-FOCAL_MEDIAN, FOCAL_SPREAD = 1.0, 0.35
+_FOCAL_MEDIAN, _FOCAL_SPREAD = 1.0, 0.35
 """Median, in longer sides of the image, and standard deviation of the logarithm, of focal lengths of phones and
 camcorders: 68 % within 0.70 and 1.42."""
-POSTURE_SPREAD = 0.02
+_POSTURE_SPREAD = 0.02
 """Relative standard deviation of a person's length from ankles to head: shorter when walking than when standing."""
-MEASUREMENT_SPREAD = 0.05
+_MEASUREMENT_SPREAD = 0.05
 """Relative standard deviation of a paced or measured distance."""
-CAMERA_HEIGHT_M, CAMERA_HEIGHT_SPREAD = 1.4, 0.7
+_CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD = 1.4, 0.7
 """Median height above the floor, and standard deviation of its logarithm."""
-TILT_SPREAD, ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
+_TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
 """Cameras that are set up to film people are about level."""
 
 
@@ -79,15 +79,15 @@ class HeightCalibration:
 def head_foot_segments(marks: Marks) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
     """Return frames, feet (the middle of both ankles) and heads, (F, 2), px, of frames in which all of them are given.
 
-    Raises InputError for fewer than MIN_SEGMENTS.
+    Raises InputError for fewer than _MIN_SEGMENTS.
     """
     ankles = [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")]
     feet, heads = marks.pixels[:, ankles].mean(axis=1), marks.pixels[:, JOINT_NAMES.index("head_centre")]
     rows = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
-    if len(rows) < MIN_SEGMENTS:
-        expected = f"both ankles and the head_centre annotated in {MIN_SEGMENTS} frames or more"
+    if len(rows) < _MIN_SEGMENTS:
+        expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
         raise InputError(f"{marks.source}: expected {expected}, found them in {len(rows)}")
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MAX_SEGMENTS)).round().astype(int))]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))]
     return tuple(marks.frames[rows].tolist()), feet[rows], heads[rows]
 
 
@@ -124,7 +124,7 @@ def calibrate_by_height(
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
-    information = 1.0 if known.focal_px else 1.0 - min(float(deviations[0] / FOCAL_SPREAD) ** 2, 1.0)
+    information = 1.0 if known.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
     return HeightCalibration(camera, values, sigma, frames, errors, information)
 
@@ -135,7 +135,7 @@ class _Problem:
 
     def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, known: Measurements) -> None:
         self.size, self.feet, self.heads, self.known = size, feet, heads, known
-        self.focal_px = known.focal_px or FOCAL_MEDIAN * max(size)
+        self.focal_px = known.focal_px or _FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * known.height_m, HEAD_HEIGHT * known.height_m
 
@@ -166,15 +166,15 @@ class _Problem:
 
     def residuals(self, x: FloatArray, sigma_px: float) -> FloatArray:
         """Return whitened errors and whitened distances from priors and measurements."""
-        height, spread = CAMERA_HEIGHT_M, CAMERA_HEIGHT_SPREAD
+        height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
         if self.known.camera_height_m is not None:
-            height, spread = self.known.camera_height_m, MEASUREMENT_SPREAD
-        focal_spread = 0.01 if self.known.focal_px else FOCAL_SPREAD
+            height, spread = self.known.camera_height_m, _MEASUREMENT_SPREAD
+        focal_spread = 0.01 if self.known.focal_px else _FOCAL_SPREAD
         prior = [
-            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / POSTURE_SPREAD,
-            x[1] / TILT_SPREAD, x[2] / ROLL_SPREAD, (x[3] - np.log(height)) / spread,
+            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
+            x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
         if self.known.distance_m is not None:
             log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
-            prior.append((log_distance - np.log(self.known.distance_m)) / MEASUREMENT_SPREAD)
+            prior.append((log_distance - np.log(self.known.distance_m)) / _MEASUREMENT_SPREAD)
         return np.concatenate([self.errors(x).ravel() / sigma_px, prior])

@@ -22,7 +22,7 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 Files = Mapping[str, str]
-NO_FILES: Files = MappingProxyType({})
+_NO_FILES: Files = MappingProxyType({})
 
 
 @keeps_keys
@@ -50,7 +50,7 @@ class MultiView:
 
     def __init__(
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
-        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
+        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = _NO_FILES,
         person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first: int = 0,
         joint_markers: MarkersOf = NO_MARKERS,
     ) -> None:  # fmt: skip
@@ -68,7 +68,7 @@ class MultiView:
 
     @cached_property
     def known(self) -> Known:
-        """Tell what is known of all the videos; the shortest ends it for all."""
+        """Metadata of all the videos; the shortest ends it for all."""
         known = [video.known for video in self._videos]
         rates_hz = [video.true_rate_hz for video in self._videos]
         if len(set(rates_hz)) > 1:

@@ -12,7 +12,7 @@ from workbench.core.dataset import Known
 from workbench.core.side_information import HEIGHT, LIMB_LENGTHS, RADII
 from workbench.utils.errors import InputError
 
-NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
+_NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
 
 @declaring(offering(given=(LIMB_LENGTHS, RADII)))
@@ -32,7 +32,7 @@ def _height_traits(keys: Mapping[str, Any]) -> Traits:
 
 
 @declaring(_height_traits)
-def of_height(*, height_m: float, lengths: Mapping[str, float] = NO_LENGTHS, feet: bool = False) -> Body:
+def of_height(*, height_m: float, lengths: Mapping[str, float] = _NO_LENGTHS, feet: bool = False) -> Body:
     """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}, and with neck and
     feet if wanted; raises InputError for an unknown length and what `from_height` refuses."""
     plain = {field.name for field in fields(Shape) if field.type is float}

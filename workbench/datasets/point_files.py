@@ -23,7 +23,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
 from workbench.utils.rng import stream
 
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(eq=False)
@@ -60,7 +60,7 @@ class PointFiles:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("points", self, unit=one_of(*METRES), rate_hz=RATE, most_points=at_least(1))
+        check("points", self, unit=one_of(*_METRES), rate_hz=RATE, most_points=at_least(1))
         check("points", self, first_frame=at_least(0), seed=at_least(0))
         if self.n_frames is not None and self.n_frames < 1:
             raise InputError(f"points: n_frames must be at least 1, found {self.n_frames}")
@@ -111,8 +111,8 @@ class PointFiles:
                 thinned.append(f"{name} with {len(points)}")
                 rng = stream(self.seed, "thinning", i)
                 points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
-            check_places(f"{self.source}: {name}", METRES[self.unit] * points)
-            clouds.append(METRES[self.unit] * points)
+            check_places(f"{self.source}: {name}", _METRES[self.unit] * points)
+            clouds.append(_METRES[self.unit] * points)
         if n < (self.first_frame + 1 if end is None else end):
             raise InputError(f"{self.source}: no frame {max(n, self.first_frame)}, expected one of 0 to {n - 1}")
         if thinned:

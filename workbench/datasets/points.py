@@ -35,7 +35,7 @@ from workbench.datasets.rendering.visible import visible_points
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.rng import stream
 
-AT_M = 4.0  # the depth at which σ is sigma_m
+_AT_M = 4.0  # the depth at which σ is sigma_m
 _NOISE_GREY = 4.0
 
 
@@ -106,7 +106,7 @@ class Points(Scene):
 
     @cached_property
     def take(self) -> Take:
-        """Tell what the person does."""
+        """What the person does."""
         return find_take(self, self.skeleton)
 
     @cached_property
@@ -161,7 +161,7 @@ def with_depth_noise(
     distortion, by which what `camera` sees is placed in the world; None: the same."""
     seen = camera.to_camera(points)
     depth = seen[:, 2]
-    factor = 1.0 + sigma_m * depth / AT_M**2 * rng.standard_normal(len(points))
+    factor = 1.0 + sigma_m * depth / _AT_M**2 * rng.standard_normal(len(points))
     moved = seen * factor[:, None]
     if told is None or told is camera:
         return (moved - camera.translation) @ camera.rotation

@@ -33,9 +33,9 @@ from workbench.utils.source_hash import code_digest
 
 N_EMPTY = 5  # pairs of images of the empty room
 _NEAREST_M = 0.6  # how much nearer than a joint the surface, and so the largest disparity to search for, may be
-BLOCK_PX = 5
-NEARER_PX = 2.0  # by how much of disparity a point must be nearer than the empty scene to be taken for someone's
-PATCH_SHARE = 0.05
+_BLOCK_PX = 5
+_NEARER_PX = 2.0  # by how much of disparity a point must be nearer than the empty scene to be taken for someone's
+_PATCH_SHARE = 0.05
 """Patches of such points with less than this share of the largest one's pixels are taken for wrong matches."""
 
 
@@ -99,7 +99,7 @@ class Stereo(Scene):
 
     @cached_property
     def take(self) -> Take:
-        """Tell what the person does."""
+        """What the person does."""
         return find_take(self)
 
     @cached_property
@@ -164,11 +164,12 @@ class Stereo(Scene):
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
-    """Tell how much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
+    """Return the disparities (height, width), px, of the left image in the right one; NaN where unknown.
+
     n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
     documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle."""
     matcher = cv2.StereoSGBM.create(
-        minDisparity=0, numDisparities=n_disparities, blockSize=BLOCK_PX, P1=8 * BLOCK_PX**2, P2=32 * BLOCK_PX**2,
+        minDisparity=0, numDisparities=n_disparities, blockSize=_BLOCK_PX, P1=8 * _BLOCK_PX**2, P2=32 * _BLOCK_PX**2,
         disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=100, speckleRange=2,
     )  # fmt: skip
     # the matcher leaves out a strip of n_disparities columns on the left, where a match might lie outside
@@ -190,10 +191,10 @@ def nearer_points(seen: FloatArray, empty: FloatArray, camera: Camera, baseline_
     without distortion; the right one stands baseline_m along its x axis. A point of disparity d is at the depth f ·
     baseline / d."""
     with np.errstate(invalid="ignore"):
-        nearer = (seen >= empty + NEARER_PX).astype(np.uint8)
+        nearer = (seen >= empty + _NEARER_PX).astype(np.uint8)
     _, patches, statistics, _ = cv2.connectedComponentsWithStats(nearer)
     sizes = np.where(np.arange(len(statistics)) > 0, statistics[:, cv2.CC_STAT_AREA], 0)  # the first one is the rest
-    rows, columns = np.nonzero((nearer > 0) & (sizes >= PATCH_SHARE * sizes.max())[patches])
+    rows, columns = np.nonzero((nearer > 0) & (sizes >= _PATCH_SHARE * sizes.max())[patches])
     depth = camera.matrix[0, 0] * baseline_m / seen[rows, columns]
     x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0]
     y = (rows - camera.matrix[1, 2]) / camera.matrix[1, 1]

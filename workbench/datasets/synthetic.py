@@ -42,7 +42,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
-KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
+_KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 
 
 @dataclass(kw_only=True, eq=False)
@@ -59,8 +59,8 @@ class Synthetic(Scene):
     the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
     being about 24 and 35 grey levels. feet: whether the body that a tracker is told has neck and feet; who is shown has
     their own, and by `exact` those that are told. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
-    KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
-    known, for a motion that cannot be found or is too short, and a camera that never sees the person.
+    _KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what
+    is known, for a motion that cannot be found or is too short, and a camera that never sees the person.
     """
 
     @staticmethod
@@ -113,14 +113,14 @@ class Synthetic(Scene):
             yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
-        """Tell what the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
+        """Return the detections (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
         if self.keypoint_sigma_px is None:
             return None
         rng, camera = stream(self.seed, "keypoints", i), self.view_camera
         pixels = camera.project(places)
         keypoints = np.column_stack([pixels, np.ones(len(pixels))])
         keypoints[:, :2] += self.keypoint_sigma_px * rng.standard_normal(pixels.shape)
-        keypoints[~_inside(camera, pixels) | (rng.random(len(pixels)) < KEYPOINTS_MISSED)] = np.nan
+        keypoints[~_inside(camera, pixels) | (rng.random(len(pixels)) < _KEYPOINTS_MISSED)] = np.nan
         return keypoints
 
     @cached_property
@@ -228,6 +228,6 @@ class Synthetic(Scene):
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:
-    """Tell which of pixels (..., 2) lie between the centres of the image's outermost ones."""
+    """Return whether pixels (..., 2) lie between the centres of the image's outermost ones."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=-1))

@@ -22,8 +22,8 @@ from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
 
-LEAST_SIZE_PX = 16
-MOST_STRETCHED = 0.01
+_LEAST_SIZE_PX = 16
+_MOST_STRETCHED = 0.01
 """Images may be larger or smaller than the camera's by this part: encoders cut or pad to multiples of their blocks."""
 
 
@@ -87,9 +87,9 @@ class Video:
         if first.shape[:2] != (camera.height, camera.width):
             size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
             warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
-        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
+        if min(camera.width, camera.height) * self.scale < _LEAST_SIZE_PX:
             size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f} px"
-            raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {LEAST_SIZE_PX}")
+            raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {_LEAST_SIZE_PX}")
         _ = self._truth  # read now, so that mistakes show before the first frame
         marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
         counted = {} if self._keypoints is None else self._keypoints.counted
@@ -191,7 +191,7 @@ class Video:
 
     def _check_size(self, image: ByteArray) -> None:
         (height, width), camera = image.shape[:2], self.source_camera
-        if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > MOST_STRETCHED:
+        if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > _MOST_STRETCHED:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
 

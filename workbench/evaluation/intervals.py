@@ -42,7 +42,7 @@ _ROUNDING = 1e-9  # of a number, where it is the same for every seed
 
 
 def mean_interval(old: FloatArray, new: FloatArray, level: float) -> float:
-    """Tell how far the mean of `new` may lie from the mean of `old` when both have one distribution.
+    """Return how far the mean of `new` may lie from the mean of `old` when both have one distribution.
 
     The half-width of the interval of Student's two-sample t test. That nothing has changed is the hypothesis, under
     which both have one variance, so it is pooled:

@@ -19,7 +19,7 @@ from workbench.core.step import Step
 from workbench.evaluation.step_calibration import joint_calibration, pose_calibration
 from workbench.utils.arrays import FloatArray
 
-PCK_M = 0.15
+_PCK_M = 0.15
 """Threshold of the percentage of correct keypoints in space (Mehta et al., 3DV 2017): half a head's height."""
 _MIN_FOR_PROCRUSTES = 4
 """Joints below which a similarity explains nearly anything."""
@@ -63,7 +63,7 @@ def step_errors(
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
         views = zip(cameras, true_cameras(step.frame), strict=True)
         places = truth.joints
-        distances = [pixel_distances(told, estimates[0], took.project(places)).mean() for told, took in views]
+        distances = [_pixel_distances(told, estimates[0], took.project(places)).mean() for told, took in views]
         error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "error_px" in errors:
@@ -119,7 +119,7 @@ def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArra
         "error_rel_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
         "error_procrustes_mm": 1e3 * procrustes(places, true),
         "humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
-        "pck_150mm": float(correct_keypoints(places, true, PCK_M)),
+        "pck_150mm": float(correct_keypoints(places, true, _PCK_M)),
     }
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
@@ -159,7 +159,7 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
     return float(geodesic_deg(local[0, turned], local[1, turned]).mean()) if turned else 0.0
 
 
-def pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray) -> FloatArray:
+def _pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray) -> FloatArray:
     """Return distances (J,), px, of joints (J, 3), m, in the image from true pixels (J, 2); of an estimate behind the
     camera the image's diagonal, NaN where the truth is not seen."""
     apart = np.linalg.norm(camera.project(estimate) - truth_px, axis=1)
@@ -173,10 +173,10 @@ def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, tr
         marks = truth.marks
         if truth.marks_visible is not None:
             marks = np.where(truth.marks_visible[:, None], marks, np.nan)
-        distances = pixel_distances(camera, estimate, marks)
+        distances = _pixel_distances(camera, estimate, marks)
     elif truth.joints is not None:
         true = true_cameras(frame)[0].project(truth.joints)
-        distances = pixel_distances(camera, estimate, true)[list(measured)]
+        distances = _pixel_distances(camera, estimate, true)[list(measured)]
     else:
         return None
     return float(np.nanmean(distances)) if np.isfinite(distances).any() else None

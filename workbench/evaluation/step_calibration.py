@@ -13,7 +13,7 @@ from workbench.core.step import Step
 from workbench.evaluation.posterior_calibration import covered, crps, log_score, moments, ranks, share_below
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
-LEVELS = (0.5, 0.9)
+_LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
 _GIVEN = 1e-9
 """m or rad: a number that all particles share and that is as near as this to the truth was given."""
@@ -39,7 +39,7 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
     Those in which all particles equal the truth are not counted: they are given. Those in which all particles are equal
     and wrong are missed; they have no z2, the mean of (truth − mean)² / variance, and no log_score. crps_mm is of the
     root's position, crps_deg of all angles, which are compared on the turn of the expected pose. coverage_90 is also
-    told by group of GROUPS. Only coverage_90 is there, NaN, where nothing is counted.
+    reported by group of GROUPS. Only coverage_90 is there, NaN, where nothing is counted.
     """
     values, weights, true, counted = _compared(step)
     shares = share_below(values, weights, true)
@@ -61,10 +61,7 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown.
-
-    Found once a step, whoever asks.
-    """
+    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown."""
     if step not in _RANKS:
         truth = step.frame.truth
         if truth is None or truth.pose is None:
@@ -98,9 +95,9 @@ def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray
 
 def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[str, float]:
     """Of what lies below the truth and equals it, (2, D) of the numbers called `names`: shares of them within the bands
-    of LEVELS, and within the widest by group."""
-    inside = covered(shares, LEVELS)
-    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(LEVELS, inside, strict=True)}
+    of _LEVELS, and within the widest by group."""
+    inside = covered(shares, _LEVELS)
+    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(_LEVELS, inside, strict=True)}
     for group, words in GROUPS.items():
         belongs = np.array([any(word in name for word in words) for name in names])
         if belongs.any():

@@ -1,9 +1,8 @@
-"""What became of a run, in a word and a sentence: held, lost, or why its numbers are not to be trusted.
+"""The outcome of a run in a word and a sentence: held, lost, or why its numbers are not to be trusted.
 
-Where there is a truth, it decides: an estimate is held while it lies on the person. Whether there is one or not, what
-was told is compared with what the frames show; what does not fit together comes before everything else. The yardstick
-is everywhere the width of a forearm, as in `held`, or what people and detectors differ by, which stands beside each
-number below; none was chosen by runs that were spoilt to try it.
+Where there is a ground truth, it decides: an estimate is held while it lies on the person. In any case the inputs are
+compared with what the frames show, and what does not fit together comes first. Thresholds are the width of a forearm,
+or the differences between people and detectors that are given with each number; none was fitted to failed runs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ FOREARM = 0.044
 HELD_MM = 150.0
 """Points are held where joints are off by less than this in the last frames: half a head, see the README."""
 _LENGTH_OFF = 0.10
-"""How far a height may be from what the limbs measured tell: twice the 5 % by which a length over the height differs
+"""Tolerance of a height against that of the limbs measured: twice the 5 % by which a length over the height differs
 between people and detectors' joints from anatomists' (`limb_lengths.PROPORTION_SIGMA`)."""
 _LIMB_OFF = 0.20
 """The same of a single limb over the others: three deviations, and what a detector's joint is off."""
@@ -33,9 +32,9 @@ _MOST_JUMP = 5.0
 30 Hz stays below twice."""
 _JUMP_FRAMES = 10
 _LEAST_GAP_S = 0.25
-"""A gap worth telling, in keypoints that are otherwise there in every frame: half a step of a walk."""
+"""A gap worth reporting, in keypoints that are otherwise there in every frame: half a step of a walk."""
 _FEW_JOINTS = 0.5
-"""Of the 14 joints beside the pelvis, those that must be seen at all for the rest not to be made up."""
+"""Fraction of the 14 joints without the pelvis that must be seen in some frame."""
 _MOST_FAR = 0.5
 """Observations that may lie far from the body: with more, most say that the person is elsewhere."""
 _LEAST_BENDS = 10
@@ -80,7 +79,7 @@ def lost_share(errors: Sequence[float], thresholds: Sequence[float], window: int
 
 @dataclass(frozen=True)
 class RunInputs:
-    """What a run was told. height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: of the frames,
+    """What a run was given. height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: of the frames,
     and what their source's file says. seen: whether the dataset shows the person at all."""
 
     height_m: float | None = None
@@ -103,7 +102,7 @@ class Finding:
 @dataclass(frozen=True)
 class Verdict:
     """findings: what does not fit together, the worst first. outcome: what became of the person. states: by frame of
-    the run (F,), "held", "lost", "not known" where that frame does not tell, or "" where none does."""
+    the run (F,), "held", "lost", "not known" where that frame has no errors, or "" where none has."""
 
     findings: tuple[Finding, ...]
     outcome: Finding
@@ -117,8 +116,8 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The worst finding, then the outcome, then what else was found."""
-        told = [f"{each.kind}: {each.sentence}" for each in (*self.findings[:1], self.outcome, *self.findings[1:])]
-        return "; ".join(told)
+        ordered = (*self.findings[:1], self.outcome, *self.findings[1:])
+        return "; ".join(f"{each.kind}: {each.sentence}" for each in ordered)
 
     @property
     def as_dict(self) -> dict[str, Any]:
@@ -127,15 +126,14 @@ class Verdict:
         return {"kind": self.kind, "sentence": self.sentence, "found": found}
 
 
-def verdict(measured: RunMeasurements, told: RunInputs) -> Verdict:
-    """Tell what became of a run by what was measured and what it was told."""
-    findings = tuple(finding for look in _LOOKS for finding in look(measured, told))
-    outcome, states = _outcome(measured, told)
-    return Verdict(findings, outcome, states)
+def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
+    """Return the verdict on a run from its measurements and inputs."""
+    outcome, states = _outcome(measured, inputs)
+    return Verdict(tuple(_findings(measured, inputs)), outcome, states)
 
 
-def _outcome(measured: RunMeasurements, told: RunInputs) -> tuple[Finding, tuple[str, ...]]:
-    """Tell whether the person was held, by the truth or else by the keypoints."""
+def _outcome(measured: RunMeasurements, inputs: RunInputs) -> tuple[Finding, tuple[str, ...]]:
+    """Return whether the person was tracked, by the ground truth or else by the keypoints, and the states (F,)."""
     errors, n = measured.errors, len(measured.frames)
     numbers, marked = _numbers(measured), _by_marks(measured)
     if {"error_px", "forearm_px"} <= errors.keys():
@@ -152,7 +150,7 @@ def _outcome(measured: RunMeasurements, told: RunInputs) -> tuple[Finding, tuple
     states = ("",) * n
     if marked:
         return Finding("no truth", marked), states
-    if not told.seen:
+    if not inputs.seen:
         return Finding("not seen", "no frame shows anybody: this is what the prior makes up"), states
     if measured.has_points:
         near = f": {np.nanmean(measured.inliers):.0%} of them lie near the body" if _any(measured.inliers) else ""
@@ -163,7 +161,7 @@ def _outcome(measured: RunMeasurements, told: RunInputs) -> tuple[Finding, tuple
 def _held(
     measured: RunMeasurements, errors: FloatArray, widths: FloatArray, numbers: str
 ) -> tuple[Finding, tuple[str, ...]]:
-    """Tell held from lost by errors and thresholds (F,) of one unit; the first frame, which is given, is not judged."""
+    """Classify frames as held or lost by errors and thresholds (F,) of one unit, except the first, which is given."""
     frames, n = measured.frames[1:], max(len(errors) - 1, 0)
     with_comma = f", {numbers}" if numbers else ""
     if not _any(errors[1:]):
@@ -191,8 +189,7 @@ def _numbers(measured: RunMeasurements) -> str:
 
 
 def _by_marks(measured: RunMeasurements) -> str:
-    """Tell the distance from joints marked to measure it by, but not in the first frame, whose marks a run may start
-    from; empty where none are."""
+    """Describe the distance from annotated joints after the first frame, from whose a run may start; "" for none."""
     px, heights = measured.errors.get("error_px", np.full(1, np.nan))[1:], measured.mark_height_px[1:]
     if not _any(px):
         return ""
@@ -202,7 +199,7 @@ def _by_marks(measured: RunMeasurements) -> str:
 
 
 def _by_camera(measured: RunMeasurements) -> str:
-    """Tell the distances from the keypoints, camera by camera, and over the person's height."""
+    """Describe the distances from the keypoints by camera, and over the person's height."""
     off, heights = measured.off_px, measured.height_px
     named = [f"{name} {np.nanmean(off[:, v]):.1f}" for v, name in enumerate(measured.cameras) if _any(off[:, v])]
     relative = float(np.nanmedian(off / np.where(heights > 0.0, heights, np.nan)))
@@ -214,16 +211,40 @@ def _by_camera(measured: RunMeasurements) -> str:
     )
 
 
-def _cameras(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell which cameras do not see what the others see."""
+def _findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
+    """Yield what does not fit together, the worst first."""
+    yield from _cameras(measured)
+    n_seen, n_joints = int(measured.marked[1:].sum()), len(measured.marked) - 1
+    if measured.has_keypoints and n_seen < _FEW_JOINTS * n_joints:
+        made_up = f"only {n_seen} of {n_joints} joints are seen in any frame, the others are made up"
+        yield Finding("too few observations", made_up)
+    bent = bends(measured.joints)
+    if len(bent) >= _LEAST_BENDS and (share := float((bent < 0.0).mean())) > 0.5:
+        legs = f"{share:.0%} of {len(bent)} bent legs"
+        yield Finding("left and right", f"exchanged, or knees bend the wrong way, in {legs}")
+    yield from _height(measured, inputs.height_m)
+    yield from _limbs(measured)
+    rate_hz, own_hz = inputs.rate_hz, inputs.source_rate_hz
+    if rate_hz and own_hz and abs(np.log(rate_hz / own_hz)) > _RATE_OFF:
+        yield Finding("rate", f"{rate_hz:g} frames a second told, {own_hz:g} by the file: times and speeds are off")
+    if measured.has_keypoints:
+        yield from _missing(measured)
+    if _any(measured.inliers) and (near := float(np.nanmean(measured.inliers))) < _MOST_FAR:
+        yield Finding("far from what is seen", f"only {near:.0%} of the observations lie near the body")
+    if inputs.max_iterations and measured.iterations >= inputs.max_iterations:
+        used = f"all {inputs.max_iterations:g} iterations are used"
+        yield Finding("not converged", f"{used}; inference.max_iterations allows more")
+
+
+def _cameras(measured: RunMeasurements) -> Iterator[Finding]:
+    """Yield the cameras that do not see what the others see."""
     if len(measured.cameras) < 2:
         return
     expected, found = measured.expected.sum(axis=0), (measured.expected & measured.found).sum(axis=0)
-    with_keypoints = bool(measured.has_keypoints)
     blind = [
         f"{name} shows the person in {found[v]} of {expected[v]} frames"
         for v, name in enumerate(measured.cameras)
-        if with_keypoints and expected[v] >= WINDOW and found[v] < 0.5 * expected[v]
+        if measured.has_keypoints and expected[v] >= WINDOW and found[v] < 0.5 * expected[v]
     ]
     pairs = [
         f"rays of {first} and {second} pass each other by {np.nanmedian(apart):.0%} of the person's height{since}"
@@ -236,7 +257,7 @@ def _cameras(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
 
 
 def _since(measured: RunMeasurements, apart: FloatArray) -> str | None:
-    """Tell from which frame on a pair of cameras disagrees, "" where from the first; None where it does not."""
+    """Return from which frame on a pair of cameras disagrees, "" where from the first; None where it does not."""
     events = lost_and_found(apart.tolist(), [FOREARM] * len(apart))
     if not events:
         return None
@@ -244,19 +265,19 @@ def _since(measured: RunMeasurements, apart: FloatArray) -> str | None:
     return f" from frame {measured.frames[first]} on" if first > 0 else ""
 
 
-def _height(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Compare the height that was told, or of the body tracked, with that of who has the limbs that cameras measure."""
+def _height(measured: RunMeasurements, height_m: float | None) -> Iterator[Finding]:
+    """Compare the given height, or that of the body tracked, with the one at which the limbs measured are usual."""
     lengths = limb_lengths(measured.joints)
-    if len(lengths) < len(measured.lengths_m):  # one camera tells no lengths
+    if len(lengths) < len(measured.lengths_m):  # one camera measures no lengths
         return
     usual = usual_height(lengths)
-    height = told.height_m or usual_height(measured.lengths_m)
+    height = height_m or usual_height(measured.lengths_m)
     if abs(np.log(height / usual)) > np.log1p(_LENGTH_OFF):
         limbs = ", ".join(f"{_words(limb)} {100.0 * length:.0f}" for limb, length in lengths.items())
         yield Finding("height", f"{height:.2f} m told, {usual:.2f} m by the limbs that the cameras see ({limbs} cm)")
 
 
-def _limbs(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
+def _limbs(measured: RunMeasurements) -> Iterator[Finding]:
     """Compare the body's limbs, and those that cameras measure, with those of people of their height."""
     for lengths, whose in ((measured.lengths_m, "the body has"), (limb_lengths(measured.joints), "the cameras see")):
         if len(lengths) < len(measured.lengths_m):
@@ -277,25 +298,8 @@ def usual_height(lengths: Mapping[str, float]) -> float:
     return float(np.exp(np.mean([np.log(length / getattr(unit, limb)) for limb, length in lengths.items()])))
 
 
-def _sides(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell left and right that are exchanged by knees that bend the wrong way."""
-    bent = bends(measured.joints)
-    if len(bent) >= _LEAST_BENDS and (share := float((bent < 0.0).mean())) > 0.5:
-        legs = f"{share:.0%} of {len(bent)} bent legs"
-        yield Finding("left and right", f"exchanged, or knees bend the wrong way, in {legs}")
-
-
-def _rate(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Compare the rate told with what the source's file says."""
-    told_hz, own_hz = told.rate_hz, told.source_rate_hz
-    if told_hz and own_hz and abs(np.log(told_hz / own_hz)) > _RATE_OFF:
-        yield Finding("rate", f"{told_hz:g} frames a second told, {own_hz:g} by the file: times and speeds are off")
-
-
-def _missing(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell stretches of frames in which nothing is seen, and places where what is seen jumps."""
-    if not measured.has_keypoints:
-        return
+def _missing(measured: RunMeasurements) -> Iterator[Finding]:
+    """Yield stretches of frames without keypoints, and jumps of the keypoints."""
     empty: BoolArray = ~np.any(measured.found, axis=1)
     if np.median(np.diff(np.flatnonzero(~empty), prepend=-1)) <= 1.0:  # marks in a few frames are no gaps
         for first, last in _runs(empty):
@@ -319,32 +323,6 @@ def _jumps(moved: FloatArray) -> list[int]:
         if np.isfinite(about).sum() >= WINDOW and moved[t] > _MOST_JUMP * np.nanmedian(about):
             found.append(int(t))
     return found
-
-
-def _few(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell where hardly a joint is seen."""
-    if not measured.has_keypoints:
-        return
-    n, of = int(measured.marked[1:].sum()), len(measured.marked) - 1
-    if n < _FEW_JOINTS * of:
-        yield Finding("too few observations", f"only {n} of {of} joints are seen in any frame, the others are made up")
-
-
-def _far(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell where most of what is seen lies elsewhere."""
-    if _any(measured.inliers) and (near := float(np.nanmean(measured.inliers))) < _MOST_FAR:
-        yield Finding("far from what is seen", f"only {near:.0%} of the observations lie near the body")
-
-
-def _converged(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
-    """Tell a fit that used all its iterations."""
-    if told.max_iterations and measured.iterations >= told.max_iterations:
-        used = f"all {told.max_iterations:g} iterations are used"
-        yield Finding("not converged", f"{used}; inference.max_iterations allows more")
-
-
-_LOOKS = (_cameras, _few, _sides, _height, _limbs, _rate, _missing, _far, _converged)
-"""What is looked for, the worst first."""
 
 
 def _worst_view(table: FloatArray) -> FloatArray:

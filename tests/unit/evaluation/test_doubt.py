@@ -4,39 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from single_steps import SKELETON, step_of
 
-from workbench.body.limbs import person
-from workbench.body.shape import from_height
+from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.frame import Frame, Truth
-from workbench.core.state_space import StateSpace
-from workbench.core.step import Step
-from workbench.evaluation.step_calibration import _joint_groups, area_under_curve, group_errors, spearman, stated_doubt
-
-SKELETON = person(from_height(1.7)).skeleton
-
-
-def step_of(poses, truth=None):
-    n = len(poses)
-    frame = Frame(0, 0.0, (), None if truth is None else Truth(joints=truth))
-    return Step(
-        frame=frame, space=StateSpace.of({}), particles=np.zeros((n, 0)), poses=poses,
-        log_weights=np.full(n, -np.log(n)), ancestors=np.arange(n), expected_pose=poses.mean(axis=0),
-        map_pose=poses[0], ess=float(n), log_evidence=0.0,
-    )  # fmt: skip
-
-
-def test_every_joint_is_in_one_group_at_most_and_the_pelvis_is_the_root():
-    groups = _joint_groups(SKELETON)
-    assert set(groups) == {"root", "head", "arms", "legs"}
-    every = np.concatenate(list(groups.values()))
-    assert len(set(every.tolist())) == len(every) == len(SKELETON.names)
+from workbench.core.frame import Truth
+from workbench.evaluation.step_calibration import area_under_curve, group_errors, spearman, stated_doubt
 
 
 def test_who_spreads_sideways_by_a_centimetre_doubts_everything_by_as_much():
     poses = np.zeros((400, len(POSE_NAMES)))
     poses[:, 0] = np.repeat([-0.01, 0.01], 200)
-    assert stated_doubt(step_of(poses), SKELETON) == pytest.approx(
+    assert stated_doubt(step_of(poses, None), SKELETON) == pytest.approx(
         dict.fromkeys(("doubt_root_mm", "doubt_head_mm", "doubt_arms_mm", "doubt_legs_mm"), 10.0)
     )
 
@@ -44,20 +23,18 @@ def test_who_spreads_sideways_by_a_centimetre_doubts_everything_by_as_much():
 def test_an_elbow_that_is_not_known_is_doubted_alone():
     poses = np.zeros((400, len(POSE_NAMES)))
     poses[:, POSE_NAMES.index("left_elbow_flexion")] = np.linspace(0.2, 1.2, 400)
-    told = stated_doubt(step_of(poses), SKELETON)
+    told = stated_doubt(step_of(poses, None), SKELETON)
     assert told["doubt_arms_mm"] > 5.0
     assert told["doubt_legs_mm"] == told["doubt_root_mm"] == 0.0
 
 
 def test_errors_by_group_leave_out_what_is_not_known():
-    from workbench.body.kinematics import joints
-
     pose = np.zeros((1, len(POSE_NAMES)))
     truth = joints(SKELETON, pose)[0] + [0.0, 0.03, 0.0]
-    assert group_errors(step_of(pose, truth), SKELETON)["missed_legs_mm"] == pytest.approx(30.0)
+    assert group_errors(step_of(pose, Truth(joints=truth)), SKELETON)["missed_legs_mm"] == pytest.approx(30.0)
     truth[0] = np.nan
-    assert "missed_root_mm" not in group_errors(step_of(pose, truth), SKELETON)
-    assert group_errors(replace(step_of(pose)), SKELETON) == {}
+    assert "missed_root_mm" not in group_errors(step_of(pose, Truth(joints=truth)), SKELETON)
+    assert group_errors(step_of(pose, None), SKELETON) == {}
 
 
 def test_a_doubt_that_orders_errors_has_a_rank_correlation_and_an_area_of_one():
@@ -73,9 +50,9 @@ def test_of_many_particles_a_few_tell_the_same():
     rng = np.random.default_rng(0)
     poses = np.zeros((20_000, len(POSE_NAMES)))
     poses[:, :3] = 0.02 * rng.standard_normal((20_000, 3))
-    told = stated_doubt(step_of(poses), SKELETON)["doubt_root_mm"]
+    told = stated_doubt(step_of(poses, None), SKELETON)["doubt_root_mm"]
     assert told == pytest.approx(20.0 * np.sqrt(8.0 / np.pi), rel=0.06)
-    light = replace(step_of(poses), log_weights=np.where(np.arange(20_000) < 10_000, -np.log(1e4), -np.inf))
+    light = replace(step_of(poses, None), log_weights=np.where(np.arange(20_000) < 10_000, -np.log(1e4), -np.inf))
     moved = poses + np.eye(len(POSE_NAMES))[0] * (np.arange(20_000) >= 10_000)[:, None]  # without any weight
     same = replace(light, poses=moved, expected_pose=light.expected_pose)
     assert stated_doubt(same, SKELETON) == stated_doubt(light, SKELETON)

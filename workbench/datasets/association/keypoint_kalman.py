@@ -85,7 +85,7 @@ def _velocity_covariance(dims: int) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class _Match:
     """A detection given a state. log_density: of its joints, 1/m² each. rows: the inliers (M,) among the joints. off_m:
     (M, 2), their residuals. sigma_m: (M,)."""
 
@@ -108,22 +108,22 @@ class PredictedView:
         of_places = self._with_state.reshape(2, J, dims, J, 2)[0]
         self._covariance = np.einsum("jid,jdkl->jikl", slopes, of_places)  # (J, 2, J, 2), m²
 
-    def match(self, detection: Detection) -> Match:
+    def match(self, detection: Detection) -> _Match:
         """Compare a detection in the labelling of left and right that fits best; one without joints matches nobody."""
         detected = detection.detected
         nothing = np.empty(0, dtype=np.intp), np.empty((0, 2)), np.empty(0)
         if not detected.any():
-            return Match(-np.inf, *nothing)
+            return _Match(-np.inf, *nothing)
         off = ((detection.places - self._places) * self._per_m[:, None])[detected].mean(axis=0)
         sigma = np.sqrt(np.diagonal(self._covariance.reshape(2 * J, -1)).max())
         if np.linalg.norm(off) >= _FAR_M + 4.0 * sigma:
-            return Match(LOG_ASTRAY * int(detected.sum()), *nothing)
+            return _Match(LOG_ASTRAY * int(detected.sum()), *nothing)
         best = self._match(detection, *_LABELLINGS[0])
         if detected.sum() - len(best.rows) < 2:
             return best
         return max((best, *(self._match(detection, *one) for one in _LABELLINGS[1:])), key=lambda one: one.log_density)
 
-    def _match(self, detection: Detection, order: IntArray, log_odds: float) -> Match:
+    def _match(self, detection: Detection, order: IntArray, log_odds: float) -> _Match:
         places, sigma_m = detection.places[order], detection.sigma[order]
         off = (places - self._places) * self._per_m[:, None]
         diagonal = self._covariance[np.arange(J), :, np.arange(J)] + (sigma_m**2)[:, None, None] * np.eye(2)
@@ -134,7 +134,7 @@ class PredictedView:
         n_detected = int(detection.detected.sum())
         log_density = LOG_ASTRAY * (n_detected - len(rows)) + self._log_density(rows, off[rows], sigma_m[rows])
         log_odds += _LOG_MISSING * min(int((detection.missing & self._inside).sum()), _MAX_MISSING)
-        return Match(max(log_density, LOG_ASTRAY * n_detected) + log_odds, rows, off[rows], sigma_m[rows])
+        return _Match(max(log_density, LOG_ASTRAY * n_detected) + log_odds, rows, off[rows], sigma_m[rows])
 
     def _log_density(self, rows: IntArray, off_m: FloatArray, sigma_m: FloatArray) -> float:
         if not len(rows):
@@ -147,7 +147,7 @@ class PredictedView:
         covariance = self._covariance[rows][:, :, rows].reshape(2 * len(rows), -1)
         return covariance + np.diag(np.repeat(sigma_m**2, 2))
 
-    def updated(self, match: Match) -> KeypointState:
+    def updated(self, match: _Match) -> KeypointState:
         """Return the state conditioned on a detection's inliers."""
         if not len(match.rows):
             return self._state

@@ -20,7 +20,7 @@ from workbench.utils.arrays import ByteArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 MOST_BYTES = 1 << 45
 """Of a video or an image file; it is read piece by piece."""
 
@@ -82,9 +82,9 @@ def frame_rate(source: Path) -> float | None:
 
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder in natural order: frame_9 before frame_10. Raises InputError where there are none."""
-    files = [file.name for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
+    files = [file.name for file in folder.iterdir() if file.suffix.lower() in _IMAGE_SUFFIXES]
     if not files:
-        raise InputError(f"{folder}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
+        raise InputError(f"{folder}: expected images ({', '.join(_IMAGE_SUFFIXES)}), found none")
     return [folder / name for name in natural_order(files)]
 
 

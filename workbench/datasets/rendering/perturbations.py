@@ -18,7 +18,7 @@ USUAL: Mapping[str, float] = MappingProxyType(
         "camera": 0.002, "camera_deg": 0.1, "start_m": 0.03, "start_rad": 0.05,
     }
 )  # fmt: skip
-"""Sizes of all departures by their names, see `take.Scene`."""
+"""Sizes of all departures by their names, see `sequence.Scene`."""
 SHOWN = ("lengths", "radii", "profile", "clothes_m")
 """Those that can be seen; the others are only in what is told."""
 _FRACTIONS = ("lengths", "radii", "camera")  # of a length

@@ -24,9 +24,9 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
-STARTS = ("auto", "given")
-SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
-START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
+_STARTS = ("auto", "given")
+_SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
+START_SIGMA_M, _START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
 _MARGIN = 0.05  # fraction of the image's width and height that the automatic camera keeps free on every side
 _FINE = 4  # clips are spliced, and their cycles found, at this multiple of the dataset's rate
@@ -40,7 +40,7 @@ _RANGES = {
 class Scene:
     """A person's motion in n_frames frames at rate_hz, and a camera that sees it.
 
-    motion: a name as `mocap.sources.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
+    motion: a name as `find_motion` knows them, or a list of names that take even turns (`splice`).
     data: the folder that holds cmu/ and bandai/. path: "straight" or "circle", of the builtin walker. first_frame: of
     the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
     view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of
@@ -51,8 +51,8 @@ class Scene:
     `radii`; limbs that bulge by `profile`, 1 being a person, with a neck and feet; clothes that swing and slide by a
     standard deviation of `clothes_m` (`subject`); a camera told whose focal length, principal point (of the image's
     width) and place (of its distance) are off by `camera` and whose direction by `camera_deg` degrees, in random
-    directions (`miscalibration`); and a start off by Gaussian errors of `start_m` and `start_rad`. departures: other
-    sizes of these, by name; the rest are `departures.USUAL`. exact: the rest are zero; with no departures the person
+    directions (`perturbations`); and a start off by Gaussian errors of `start_m` and `start_rad`. departures: other
+    sizes of these, by name; the rest are `perturbations.USUAL`. exact: the rest are zero; with no departures the person
     is the tracker's own body, and what is told is the truth. That is an inverse crime, for tests of a tracker's sums.
     """
 
@@ -77,7 +77,7 @@ class Scene:
 
     @property
     def kind(self) -> str:
-        """Tell what messages call the dataset, which is its class in lower case."""
+        """The dataset's name in messages: its class in lower case."""
         return type(self).__name__.lower()
 
     def source(self, rate_hz: float) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class Take:
 
 
 def rough_pose(
-    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = START_SIGMA_M, sigma_rad: float = START_SIGMA_RAD
+    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = START_SIGMA_M, sigma_rad: float = _START_SIGMA_RAD
 ) -> FloatArray:
     """Return a pose (P,) with Gaussian errors in place and in every angle, within the limits."""
     sigma = np.full(len(pose), sigma_rad)
@@ -133,16 +133,16 @@ def rough_pose(
 
 
 def start_error(told: FloatArray | None, pose: FloatArray) -> dict[str, FloatArray]:
-    """Tell how far the start told is off, by name, for the recording: (P,), m and rad; {} for none."""
+    """Return the error of the given start by name, for the recording: (P,), m and rad; {} for none."""
     return {} if told is None or np.array_equal(told, pose) else {"start": told - pose}
 
 
 def find_take(scene: Scene, skeleton: str = "person") -> Take:
     """Find the frames of a scene's motion, or of several spliced. Every frame's truth has pose, joints and, where the
-    clip says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises
+    clip says so, the activity. skeleton: one of _SKELETONS; "full" takes one motion only, which has a file. Raises
     InputError for a motion that cannot be found or is too short, and another skeleton."""
-    if skeleton not in SKELETONS:
-        raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
+    if skeleton not in _SKELETONS:
+        raise InputError(f"dataset: skeleton must be one of {', '.join(_SKELETONS)}, found {skeleton!r}")
     names, first = motion_names(scene.motion), _FINE * scene.first_frame
     clips = [find_motion(name, **scene.source(_FINE * scene.rate_hz)) for name in names]
     fine = splice(clips, _FINE * (scene.n_frames - 1) + 1, first)
@@ -172,7 +172,7 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
 
 
 def offered_start(keys: Mapping[str, Any]) -> tuple[str, ...]:
-    """Tell what a dataset with these keys gives of the start, see `given_start`."""
+    """Return the start's side information that a dataset with these keys provides, see `given_start`."""
     return (START_POSE, PHASE_ENDS) if keys.get("start") == "given" else ()
 
 
@@ -181,8 +181,8 @@ def given_start(
 ) -> tuple[FloatArray | None, tuple[float, float] | None]:
     """Offer with start="given" the rough first pose (P,) and the phase's ends, else nothing; raises InputError, naming
     the dataset, where `start` is unknown or asks for a truth that is not there."""
-    if start not in STARTS:
-        raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
+    if start not in _STARTS:
+        raise InputError(f"{dataset}: start must be one of {', '.join(_STARTS)}, found {start!r}")
     if start == "auto":
         return None, None
     if take is None:
@@ -231,13 +231,13 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
 
 
 def told_camera(scene: Scene, take: Take, camera: Camera) -> Camera:
-    """Tell what a tracker is told of the camera of a take, see `calibrated`."""
+    """Return the camera of a take as calibrated, which a tracker uses, see `calibrated`."""
     off, middle = scene.departure, take.motion.poses[len(take.motion) // 2, :3]
     return calibrated(camera, middle, off["camera"], off["camera_deg"], scene.seed)
 
 
 def standing_height(motion: Motion, places: FloatArray) -> float:
-    """Tell how tall the person is, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
+    """Return the person's height, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
     standing = places[len(motion) // 2, :, 2]
     return float(np.ptp(standing) + motion.shape.head_radius + motion.shape.calf_radii[1])
 

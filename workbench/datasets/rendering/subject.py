@@ -21,9 +21,9 @@ from workbench.motion.synthetic.gait import ANKLE_HEIGHT
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.rng import stream
 
-Profile = tuple[tuple[float, ...], ...]
+_Profile = tuple[tuple[float, ...], ...]
 """Girth along a limb: (part of its length, factor of the semi-axes; of that fore and aft and of that sideways)."""
-PROFILES: Mapping[str, Profile] = MappingProxyType(
+_PROFILES: Mapping[str, _Profile] = MappingProxyType(
     {
         "torso": ((0.0, 1.05, 0.98), (0.25, 1.0, 0.92), (0.5, 0.98, 0.93), (0.78, 1.1, 1.02), (1.0, 0.85, 0.72)),
         "upper_arm": ((0.0, 1.0), (0.4, 1.08), (1.0, 0.95)),
@@ -33,15 +33,15 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
     }
 )
 """Of the person's limbs, by name without the side; read off adult silhouettes, as the radii of `shape.from_height`."""
-OTHER_PROFILE: Profile = ((0.0, 0.95), (0.35, 1.06), (0.7, 1.03), (1.0, 0.95))
-BARE = ("head", "hand", "neck", "foot", "toe")
+_OTHER_PROFILE: _Profile = ((0.0, 0.95), (0.35, 1.06), (0.7, 1.03), (1.0, 0.95))
+_BARE = ("head", "hand", "neck", "foot", "toe")
 """What wears no clothes, by parts of limbs' names."""
-LEAST_RADIUS_M = 0.01
+_LEAST_RADIUS_M = 0.01
 _WAVES, _SLIDES = 3, 2
 
 
 @dataclass(frozen=True, eq=False)
-class Clothes:
+class _Clothes:
     """How L limbs' clothes move: sums of W sine waves along the limb and over time, of unit variance.
 
     swing: (L, W) frequency, Hz, of the girth; along: (L, W) waves in a limb's length; phase: (L, W) rad. slide,
@@ -79,7 +79,7 @@ class SceneSubject:
     drawn: Limbs
     whole: IntArray
     ends: FloatArray
-    clothes: Clothes | None
+    clothes: _Clothes | None
     factors: Mapping[str, FloatArray]
 
     def at(self, time_s: float) -> Body:
@@ -88,7 +88,7 @@ class SceneSubject:
             return replace(self.body, limbs=self.drawn) if len(self.drawn) != len(self.body.limbs) else self.body
         swung = np.stack([self.clothes.swung(self.whole, self.ends[:, k], time_s) for k in range(2)], axis=1)
         girth = self.drawn.radii.mean(axis=2)
-        factor = np.maximum(girth + swung, np.minimum(girth, LEAST_RADIUS_M)) / girth
+        factor = np.maximum(girth + swung, np.minimum(girth, _LEAST_RADIUS_M)) / girth
         return replace(self.body, limbs=replace(self.drawn, radii=factor[:, :, None] * self.drawn.radii))
 
     def shown(self, scene: RenderedScene, time_s: float) -> RenderedScene:
@@ -125,7 +125,7 @@ def subject_of(body: Body, departure: Mapping[str, float], seed: int) -> SceneSu
 
 
 def height_of(shape: Shape) -> float:
-    """Tell how tall a person stands, m, from the soles to the top of the head."""
+    """Return how tall a person stands, m, from the soles to the top of the head."""
     return float((1.0 + ANKLE_HEIGHT) * shape.calf + shape.thigh + shape.neck[2] + shape.head[2] + shape.head_radius)
 
 
@@ -182,14 +182,14 @@ def _other_girths(body: Body, size: float, rng: np.random.Generator) -> tuple[Bo
     radii = limbs.radii.copy()
     for k, name in enumerate(limbs.names):
         drawn = rng.uniform(1.0 - size, 1.0 + size, 2)
-        plain = without_side(name)
+        plain = _without_side(name)
         if plain != "head":
             drawn = np.full(2, drawn[0]) if limbs.spheres[k] else drawn
             radii[k] *= factors.setdefault(f"radius_{plain}", drawn)
     return replace(body, limbs=replace(limbs, radii=radii)), factors
 
 
-def without_side(name: str) -> str:
+def _without_side(name: str) -> str:
     """A limb's name without its side."""
     return name.removeprefix("left_").removeprefix("right_")
 
@@ -223,8 +223,8 @@ def _profiled(limbs: Limbs, size: float) -> tuple[Limbs, IntArray, FloatArray]:
     """Short limbs (K,) with the girths of the profiles, the limb that each is of (K,), and their ends in it (K, 2)."""
     whole, ends, radii = [], [], []
     for k, name in enumerate(limbs.names):
-        bare = any(word in name.lower() for word in BARE) or limbs.spheres[k]
-        table = ((0.0, 1.0), (1.0, 1.0)) if bare else PROFILES.get(without_side(name), OTHER_PROFILE)
+        bare = any(word in name.lower() for word in _BARE) or limbs.spheres[k]
+        table = ((0.0, 1.0), (1.0, 1.0)) if bare else _PROFILES.get(_without_side(name), _OTHER_PROFILE)
         place, *girth = np.array(table).T
         even = limbs.radii[k, 0] + place[:, None] * (limbs.radii[k, 1] - limbs.radii[k, 0])
         rings = even * (1.0 + size * (np.stack(girth, axis=1) - 1.0))
@@ -237,10 +237,10 @@ def _profiled(limbs: Limbs, size: float) -> tuple[Limbs, IntArray, FloatArray]:
     return Limbs(names, limbs.joints[of], starts, ends_m, np.array(radii), limbs.spheres[of]), of, at
 
 
-def _clothes(limbs: Limbs, size_m: float, rng: np.random.Generator) -> Clothes:
+def _clothes(limbs: Limbs, size_m: float, rng: np.random.Generator) -> _Clothes:
     n = len(limbs)
-    bare = np.array([any(word in name.lower() for word in BARE) for name in limbs.names])
-    return Clothes(
+    bare = np.array([any(word in name.lower() for word in _BARE) for name in limbs.names])
+    return _Clothes(
         swing=rng.uniform(0.6, 2.5, (n, _WAVES)),
         along=rng.uniform(0.3, 1.2, (n, _WAVES)) * rng.choice([-1.0, 1.0], (n, _WAVES)),
         phase=rng.uniform(0.0, 2.0 * np.pi, (n, _WAVES)),

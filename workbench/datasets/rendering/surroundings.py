@@ -99,7 +99,7 @@ def not_hidden(points: FloatArray, camera: Camera, body: Body, pose: FloatArray)
 
 
 @dataclass(frozen=True, eq=False)
-class SceneRoom:
+class _SceneRoom:
     """An upright wall and a floor with pictures on them, one texel a centimetre. forward, right: (3,) level directions
     across and along the wall. origin: (3,), m, a point of the wall's foot. wall, floor: (rows, columns) grey levels,
     upwards and towards the camera from the wall's foot, about the origin."""
@@ -111,7 +111,7 @@ class SceneRoom:
     floor: FloatArray
 
 
-def room(take: Take, camera: Camera, rng: np.random.Generator, clutter: float = 1.0) -> SceneRoom:
+def room(take: Take, camera: Camera, rng: np.random.Generator, clutter: float = 1.0) -> _SceneRoom:
     """A floor under a person's feet and a wall behind their way that faces a level camera."""
     forward, right = camera.rotation[2], camera.rotation[0]
     roots = take.motion.poses[:, :3]
@@ -119,10 +119,10 @@ def room(take: Take, camera: Camera, rng: np.random.Generator, clutter: float = 
     origin = camera.position + behind * forward
     origin[2] = take.places[..., 2].min() - ANKLE_HEIGHT * take.motion.shape.calf
     wall, floor = (background(*size, rng, clutter) for size in (_WALL_SIZE, _FLOOR_SIZE))
-    return SceneRoom(forward, right, origin, wall, floor)
+    return _SceneRoom(forward, right, origin, wall, floor)
 
 
-def empty_view(room: SceneRoom, camera: Camera) -> FloatArray:
+def empty_view(room: _SceneRoom, camera: Camera) -> FloatArray:
     """Render the room as a camera before the wall and above the floor sees it, (height, width) grey levels without
     noise; beyond their edges the pictures go on mirrored."""
     directions = camera_rays(camera, _SAMPLES).directions

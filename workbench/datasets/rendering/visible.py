@@ -8,7 +8,7 @@ from workbench.body.limbs import Body
 from workbench.datasets.rendering.render import Rays, cast
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
-TRIES = 24
+_TRIES = 24
 """Places tried for each point asked for: a camera sees less than half of a surface, and limbs' ends lie in others."""
 _SAME_M = 1e-3
 _SIDE, _END = 0, 2
@@ -17,7 +17,7 @@ _SIDE, _END = 0, 2
 def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np.random.Generator) -> FloatArray:
     """Draw n points (n, 3), m, in the world, evenly by area over what the camera sees of a body's rendered surface in a
     pose (P,); none of a body it does not see, and fewer than n of one it sees very little of."""
-    points = surface_points(body, pose, TRIES * n, rng)
+    points = surface_points(body, pose, _TRIES * n, rng)
     depth = camera.to_camera(points)[:, 2]
     seen = np.abs(first_depth(body, pose, camera, points) - depth) < _SAME_M
     return points[seen & inside(camera, points)][:n]
@@ -89,7 +89,7 @@ def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray
 
 
 def inside(camera: Camera, points: FloatArray) -> BoolArray:
-    """Tell which of points (K, 3) lie in the camera's image (K,)."""
+    """Return whether points (K, 3) lie in the camera's image (K,)."""
     pixels = camera.project(points)
     with np.errstate(invalid="ignore"):
         found = (pixels >= -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])
