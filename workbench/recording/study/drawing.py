@@ -65,7 +65,7 @@ def draw(axes: Axes, figure: Drawn) -> None:
         case Bars():
             draw_bars(axes, figure)
         case Scatter():
-            draw_scatter(axes, figure)
+            _draw_scatter(axes, figure)
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
@@ -115,7 +115,7 @@ def draw_bars(axes: Axes, figure: Bars) -> None:
     axes.set_ylim(bottom=0.0)
 
 
-def draw_scatter(axes: Axes, figure: Scatter) -> None:
+def _draw_scatter(axes: Axes, figure: Scatter) -> None:
     """Draw points by label, the labels above."""
     for k, (label, points) in enumerate(figure.points.items()):
         colour, marker = SERIES[k % len(SERIES)], "o^sD"[k % 4]
