@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rerun as rr
-from layouts import SHOWN, laid_out, views
+from layouts import SHOWN, laid_out, posterior_of, views
 from recorded import record, static
 from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
@@ -16,7 +16,7 @@ from workbench.recording.write.posterior import DEGREES, RANKS
 from workbench.recording.write.scene import ACTIVITY, FLEXION
 
 FIT = replace(
-    SHOWN, pictured=("root_x",), metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_particles=20,
+    SHOWN, posterior=posterior_of(root_x="m"), metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_particles=20,
     flexions=("left_knee", "left_hip"), activity=True, surface=True, drawn=frozenset({"truth", "particles"}),
 )  # fmt: skip
 
