@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 import rerun_cli
+from recorded import column, components, values
 from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
@@ -65,26 +66,6 @@ def log_all(recording, run):
                 raise step
             recording.log(step, {})
     return recording.path
-
-
-def components(path):
-    """{(entity, static): set of component columns} of a recording."""
-    found: dict[tuple[str, bool], set[str]] = {}
-    for chunk in RrdReader(path).stream():
-        names = set(chunk.to_record_batch().schema.names)
-        found.setdefault((chunk.entity_path, chunk.is_static), set()).update(names)
-    return found
-
-
-def column(path, entity, name):
-    """{frame: the component's value} of a temporal component; times in ns."""
-    found = {}
-    for chunk in RrdReader(path).stream().filter(content=entity, is_static=False):
-        batch = chunk.to_record_batch()
-        if name in batch.schema.names:
-            values = batch.column(name).cast("int64") if name == "time" else batch.column(name)
-            found.update(zip(batch.column("frame").to_pylist(), values.to_pylist(), strict=True))
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -212,13 +193,8 @@ def test_coefficients_sum_to_one_beside_their_model(recorded):
         assert sum(value["buffer"]) == pytest.approx(1.0, abs=1e-9)
 
 
-def told(path):
-    chunks = RrdReader(path).stream().filter(content="/log")
-    return [text for chunk in chunks for (text,) in chunk.to_record_batch().column("TextLog:text").to_pylist()]
-
-
-def test_warnings_are_told(recorded):
-    assert told(recorded) == ["limb left_hand left the image"]
+def test_warnings_are_recorded(recorded):
+    assert values(recorded, "/log", "TextLog:text") == ["limb left_hand left the image"]
 
 
 def test_the_viewer_tool_accepts_it_and_finds_a_blueprint(recorded):
@@ -239,17 +215,11 @@ def test_equal_runs_give_equal_recordings(recorded, tmp_path):
         assert curve.values.tobytes() == second.scalars[path].values.tobytes()
 
 
-def test_published_only_when_the_run_ends_well(run, tmp_path):
-    path = tmp_path / "run.rrd"
-    with recorder(path) as recording:
+def test_published_only_when_the_run_ends_well_else_the_part_is_kept(run, tmp_path, caplog):
+    with recorder(tmp_path / "well.rrd") as recording:
         recording.log(run[0], {})
-        assert not path.exists()
-        assert recording.part.exists()
-    assert path.exists()
-    assert not recording.part.exists()
-
-
-def test_an_exception_keeps_the_part_and_what_it_holds(run, tmp_path, caplog):
+        assert (recording.path.exists(), recording.part.exists()) == (False, True)
+    assert (recording.path.exists(), recording.part.exists()) == (True, False)
     recording = recorder(tmp_path / "run.rrd")
     with caplog.at_level(logging.WARNING), pytest.raises(KeyboardInterrupt):
         log_all(recording, [*run[:3], KeyboardInterrupt()])
@@ -262,6 +232,7 @@ def test_an_exception_keeps_the_part_and_what_it_holds(run, tmp_path, caplog):
 
 KILLED = """
 import sys, time
+from recorded import column, components, values
 from recording_steps import BODY, SPACE, steps
 from workbench.recording.write.recorder import Recorder
 with Recorder(sys.argv[1], BODY, SPACE, run_id="killed", config_yaml="seed: 1", provenance={}) as recording:
@@ -382,8 +353,9 @@ def test_missing_and_hidden_marks(run, tmp_path):
     visible = np.arange(len(marks)) != 5
     step = replace(run[0], frame=replace(run[0].frame, truth=Truth(marks=marks, marks_visible=visible)))
     path = log_all(recorder(tmp_path / "run.rrd"), [step])
-    (points,) = column(path, "/world/camera/image/truth_marks", "Points2D:positions").values()
-    (colours,) = column(path, "/world/camera/image/truth_marks", "Points2D:colors").values()
+    (points,), (colours,) = (
+        values(path, "/world/camera/image/truth_marks", f"Points2D:{name}") for name in ("positions", "colors")
+    )
     assert np.array(points) == pytest.approx(np.delete(marks, 3, axis=0), abs=1e-3)
     assert len(set(colours)) == 2
     assert colours.count(colours[4]) == 1  # joint 5, the fifth that is left
@@ -483,37 +455,9 @@ def test_live_without_a_viewer_says_so_and_records(run, tmp_path, monkeypatch, c
     with caplog.at_level(logging.WARNING):
         path = record(tmp_path / "run.rrd", run[:2], live=True)
     assert "no viewer listens" in caplog.text
-    (sentence,) = told(path)
+    (sentence,) = values(path, "/log", "TextLog:text")
     assert str(file.PORT) in sentence
     assert read(path).status == "complete"
-
-
-@pytest.mark.slow
-def test_a_viewer_that_leaves_does_not_end_the_run(run, tmp_path, monkeypatch, caplog):
-    port = free_port()
-    monkeypatch.setattr(file, "PORT", port)
-    command = [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as server:
-        try:
-            while not file.viewer_listens():
-                assert server.poll() is None
-            with caplog.at_level(logging.WARNING), recorder(tmp_path / "run.rrd", live=True) as recording:
-                recording.log(run[0], {})
-                assert not caplog.text
-                server.kill()
-                server.wait()
-                recording.log(run[1], {})
-                recording._file._sender.wait(20)  # the sender notices when it next tries
-                for step in run[2:]:
-                    recording.log(step, {})
-        finally:
-            server.kill()
-    assert caplog.text.count("does not answer: recording to the file only") == 1
-    assert sum("does not answer" in text for text in told(recording.path)) == 1
-    found = read(recording.path)
-    assert found.status == "complete"
-    assert found.poses[1].tolist() == [step.expected_pose.tolist() for step in run]
 
 
 def test_the_file_does_not_wait_for_a_viewer_that_never_answers(run, tmp_path, monkeypatch, caplog):
@@ -526,6 +470,17 @@ def test_the_file_does_not_wait_for_a_viewer_that_never_answers(run, tmp_path, m
     assert time.monotonic() - began < 40.0  # on a busy machine; it was for ever
     assert caplog.text.count("does not answer") == 1
     assert read(path).poses[1].tolist() == [step.expected_pose.tolist() for step in run]
+
+
+def until(condition, seconds=30.0):
+    """Wait until it holds; what cannot be read yet does not."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        with suppress(InputError):
+            if condition():
+                return
+        time.sleep(0.2)
+    pytest.fail("it never came to hold")
 
 
 @pytest.mark.slow
@@ -558,19 +513,9 @@ def test_a_viewer_gets_what_the_file_gets_and_may_stop_in_the_middle(run, tmp_pa
     assert read(recording.path).poses[1].tolist() == [step.expected_pose.tolist() for step in run]
 
 
-def until(condition, seconds=30.0):
-    """Wait until it holds; what cannot be read yet does not."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        with suppress(InputError):
-            if condition():
-                return
-        time.sleep(0.2)
-    pytest.fail("it never came to hold")
-
-
 LIMITED = """
 import resource, sys
+from recorded import column, components, values
 from recording_steps import BODY, SPACE, steps
 from workbench.recording.write.recorder import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)

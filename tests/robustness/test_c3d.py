@@ -16,13 +16,9 @@ words = st.lists(
 """Words of the header and of the parameters, which say how much follows."""
 
 
-def test_random_damage(tmp_path):
-    withstands(read_markers, c3d(tmp_path / "a.c3d"), 8, changes | flips | words)
-
-
-@pytest.mark.slow
-def test_much_random_damage(tmp_path):
-    withstands(read_markers, c3d(tmp_path / "a.c3d"), 300, changes | flips | words)
+@pytest.mark.parametrize("n_examples", [8, pytest.param(300, marks=pytest.mark.slow)])
+def test_random_damage(tmp_path, n_examples):
+    withstands(read_markers, c3d(tmp_path / "a.c3d"), n_examples, changes | flips | words)
 
 
 def test_a_header_that_promises_more_than_the_file_has(tmp_path):

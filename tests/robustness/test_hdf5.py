@@ -26,17 +26,11 @@ KINDS = {
 }
 
 
+@pytest.mark.parametrize("n_examples", [6, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_random_damage(kind, tmp_path):
+def test_random_damage(kind, n_examples, tmp_path):
     write, _, read = KINDS[kind]
-    withstands(read, write(tmp_path / "a.h5"), 6, changes | flips)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_much_random_damage(kind, tmp_path):
-    write, _, read = KINDS[kind]
-    withstands(read, write(tmp_path / "a.h5"), 300, changes | flips)
+    withstands(read, write(tmp_path / "a.h5"), n_examples, changes | flips)
 
 
 @pytest.mark.parametrize("kind", KINDS)

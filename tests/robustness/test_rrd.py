@@ -26,37 +26,29 @@ def kinds(tmp_path_factory):
     return [path.read_bytes() for path in sorted(leave_kinds(tmp_path_factory.mktemp("kinds")).glob("*.rrd"))]
 
 
-def together(kinds, folder, n, n_examples):
-    """Damage n recordings at once: each is read or refused, and a sound one with them is read."""
-    (folder / "sound.rrd").write_bytes(kinds[0])
+@pytest.mark.parametrize(("n", "n_examples"), [(10, 3), pytest.param(20, 25, marks=pytest.mark.slow)])
+def test_random_damage(kinds, tmp_path, n, n_examples):
+    """Of n damaged recordings each is read or refused, and a sound one with them is read."""
+    (tmp_path / "sound.rrd").write_bytes(kinds[0])
 
     @given(st.lists(changes | flips, min_size=n, max_size=n), st.booleans())
     @settings(max_examples=n_examples)
     def read_or_refused(chosen, cut_off):
         for k, each in enumerate(chosen):
             content = damaged(kinds[k % len(kinds)], each)
-            (folder / f"{k:03d}.rrd{'.part' * (cut_off and k % 2)}").write_bytes(content)
-        found, problems = open_sound_runs(folder)
-        assert folder / "sound.rrd" in [run.path for run in found]
+            (tmp_path / f"{k:03d}.rrd{'.part' * (cut_off and k % 2)}").write_bytes(content)
+        found, problems = open_sound_runs(tmp_path)
+        assert tmp_path / "sound.rrd" in [run.path for run in found]
         assert len(found) + len(problems) == n + 1
         assert all(len(problem.reason) <= LONGEST for problem in problems)
         for run in found:
             refusal(
                 lambda run=run: (run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures)
             )
-        for path in folder.glob("0*"):
+        for path in tmp_path.glob("0*"):
             path.unlink()
 
     read_or_refused()
-
-
-def test_random_damage(kinds, tmp_path):
-    together(kinds, tmp_path, 10, 3)
-
-
-@pytest.mark.slow
-def test_much_random_damage(kinds, tmp_path):
-    together(kinds, tmp_path, 20, 25)
 
 
 @pytest.mark.parametrize("bad", [{0}, {3, 4, 48}, {19}, set(range(50))])

@@ -3,9 +3,9 @@
 ERRORS = {"error_abs_mm": "mm", "error_px": "px"}
 """The errors that runs are ranked by, with their units: the first that a run has; less is better."""
 
-_COVERAGE = "coverage_90"
+COVERAGE = "coverage_90"
 
-SHORT_TITLES = {**{name: f"error, {unit}" for name, unit in ERRORS.items()}, _COVERAGE: "coverage"}
+SHORT_TITLES = {**{name: f"error, {unit}" for name, unit in ERRORS.items()}, COVERAGE: "coverage"}
 """Titles of columns for the errors and the coverage."""
 
 TITLES = {
@@ -13,7 +13,7 @@ TITLES = {
     "error_rel_mm": "mean joint error, pelvis on pelvis (mm)",
     "error_px": "mean error in the image (px)",
     "held": "held throughout (fraction of runs)",
-    _COVERAGE: "coverage of the 90 % band (fraction)",
+    COVERAGE: "coverage of the 90 % band (fraction)",
     "activity_accuracy": "activity told right (fraction)",
     "seconds": "time taken (s)",
     "likelihood_evaluations": "likelihood evaluations",

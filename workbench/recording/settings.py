@@ -42,31 +42,30 @@ def leaves(value: Any, place: str = "", *, lists: bool = False) -> Iterator[tupl
 def numbers_and_texts(
     settings: Mapping[str, Any], choices: Mapping[str, str]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Tell the keys of a configuration that are numbers from those that are not, by dotted key.
+    """Return the numbers and the texts of a configuration by dotted key.
 
-    settings: nested, or with dotted keys. choices: the option chosen by group, which are texts, too. A key is of one
-    type in all recordings, by which property it is in, as only such can be columns of one table. Truths and lists are
-    texts, as JSON. Left out are empty values, what has no effect on the numbers, keys of over 120 characters, and what
-    follows after 300 characters of a text.
+    settings: nested, or with dotted keys. choices: the option chosen by group, which are texts, too. Truths and lists
+    are texts, as JSON: a column of a table of recordings has one type. Empty values, keys without effect on the numbers
+    or of over 120 characters, and what follows after 300 characters of a text are left out.
     """
     numbers: dict[str, float] = {}
     texts: dict[str, str] = {}
     for key, value in leaves(settings):
-        if value is None or not _tells(key):
+        if value is None or not _is_column(key):
             continue
         if isinstance(value, int | float) and not isinstance(value, bool):
             numbers[key] = float(value)
         else:
             texts[key] = (value if isinstance(value, str) else json.dumps(value, default=str))[:_LONGEST_TEXT]
-    texts |= {group: option[:_LONGEST_TEXT] for group, option in choices.items() if _tells(group)}
+    texts |= {group: option[:_LONGEST_TEXT] for group, option in choices.items() if _is_column(group)}
     return numbers, texts
 
 
 def choices_of(words: str | Iterable[str]) -> dict[str, str]:
-    """Read "group=option" words, as a run's provenance has them; of one word a recording makes no list."""
+    """Return {group: option} of a provenance's words "group=option"; a recording holds a single one as a text."""
     return dict(str(word).partition("=")[::2] for word in ([words] if isinstance(words, str) else words))
 
 
-def _tells(key: str) -> bool:
+def _is_column(key: str) -> bool:
     parts = key.split(".")
     return 0 < len(key) <= _LONGEST_KEY and parts[0] not in _NO_COLUMN and parts[-1] != "_target_"

@@ -80,7 +80,7 @@ def check_sizes(value: object, place: str = "") -> None:
 
 def check_products(config: Mapping[str, Any]) -> None:
     """Raise InputError where a configuration needs more than half of the memory, by the products of _MEMORY."""
-    most_gb = memory_bytes() / 2e9
+    most_gb = _memory_bytes() / 2e9
     groups = {group: part for group, part in config.items() if isinstance(part, Mapping)}
     values = {f"{group}.{key}": value for group, part in groups.items() for key, value in part.items()}
     for keys, bytes_each in _MEMORY.items():
@@ -90,7 +90,7 @@ def check_products(config: Mapping[str, Any]) -> None:
             raise InputError(f"config: {shown}: needs about {gb:.3g} GB, expected at most {most_gb:.3g} GB")
 
 
-def memory_bytes() -> int:
+def _memory_bytes() -> int:
     """Return the memory of this machine in bytes."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 

@@ -39,7 +39,7 @@ def kernel(**options: Any) -> Callable[[_Function], _Function]:
 
 
 @cache
-def kernel_folder() -> Path:
+def _kernel_folder() -> Path:
     """Return the folder of cached kernels.
 
     Where the user set numba's own NUMBA_CACHE_DIR, below that; else with the package's byte code, or in ~/.cache where
@@ -63,7 +63,7 @@ class _Locator:
         return cls(function)
 
     def get_cache_path(self) -> str:
-        return str(kernel_folder() / self._module)
+        return str(_kernel_folder() / self._module)
 
     def ensure_cache_path(self) -> None:
         os.makedirs(self.get_cache_path(), exist_ok=True)
@@ -98,4 +98,4 @@ def _in_memory_only() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        warn_once(f"compiled kernels cannot be cached in {kernel_folder()}: {error.strerror or error}")
+        warn_once(f"compiled kernels cannot be cached in {_kernel_folder()}: {error.strerror or error}")

@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
+from recorded import record
 from recording_steps import BODY, SPACE, steps
 
 from workbench.core.filter_state import Memory
@@ -16,8 +17,6 @@ from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
-
-LABELS = {"run_id": "run", "config_yaml": "seed: 0", "provenance": {"seed": 0}}
 
 
 def decode(state):
@@ -34,10 +33,7 @@ def with_memory(step, late=False, parents=None):
 
 
 def recorded(path, run, decode=decode, **options):
-    with Recorder(path, BODY, SPACE, **LABELS, checkpoints=True, decode=decode, **options) as recorder:
-        for step in run:
-            recorder.log(step, {})
-    return read(path)
+    return read(record(path, run, checkpoints=True, decode=decode, **options))
 
 
 @pytest.mark.parametrize("late", [False, True])
@@ -86,7 +82,7 @@ def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles):
 
 def damaged(path, packed, streams="{}"):
     """A recording whose checkpoint holds something else."""
-    with Recorder(path, BODY, SPACE, **LABELS) as recorder:
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
         for step in steps(2, n_particles=20):
             recorder.log(step, {})
         fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([streams])}

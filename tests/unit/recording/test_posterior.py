@@ -1,12 +1,21 @@
 """What a recording shows of the posterior: only what is estimated, and first what moves."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
+import recording_steps
+import rerun as rr
+from recorded import record, static
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.core.frame import Frame
+from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.posterior_calibration import ranks, share_below
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.motion.models.walking import learn_walking
@@ -16,8 +25,8 @@ from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.smooth import Smooth
 from workbench.recording.read.reader import read
-from workbench.recording.write.posterior import Posterior
-from workbench.recording.write.recorder import Recorder
+from workbench.recording.write.marginals import LOWEST_LOG_MASS
+from workbench.recording.write.posterior import RANKS, Posterior, marginal_picture
 
 BODY = person(from_height(1.75))
 N_FRAMES, N_BINS = 4, 16
@@ -117,12 +126,84 @@ def test_one_particle_or_a_start_without_spread_has_pictures_too(priors):
 def test_a_recording_of_an_arm_has_marginals_of_the_arm(priors, tmp_path):
     """The property `marginals` names the rows of the tensor."""
     prior = priors["arm"]
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, prior.space, run_id="r", config_yaml="", provenance={}, marginal_bins=N_BINS) as recorder:
-        for step in steps(prior):
-            recorder.log(step, {})
-    found = read(path)
+    found = read(record(tmp_path / "run.rrd", steps(prior), space=prior.space, marginal_bins=N_BINS))
     assert found.marginals.names == posterior(prior, steps(prior)).names
     assert found.marginals.log_mass.shape == (len(found.marginals.names), N_BINS, N_FRAMES)
     recorded = {path.split("/")[2] for path in found.scalars if path.startswith("posterior/parameters/")}
     assert recorded == {*found.marginals.names}
+
+
+def uneven(n_particles):
+    """A step with Gaussian root_x and uneven weights: its band, values and weights."""
+    prior = Smooth()
+    first = steps(prior, n_particles)[0]
+    rng = np.random.default_rng(4)
+    weights = rng.gamma(0.5, size=n_particles)
+    particles, k = first.particles.copy(), prior.space.names.index("root_x")
+    particles[:, k] = rng.normal(size=n_particles)
+    step = replace(first, particles=particles, log_weights=np.log(weights / weights.sum()))
+    numbers = Posterior(prior.space, BODY.skeleton, None, N_BINS).add(step)
+    ends = [numbers[f"posterior/parameters/root_x/{row}"] for row in ("low", "high")]
+    return ends, particles[:, k], np.exp(step.log_weights)
+
+
+def test_of_a_thousand_particles_the_bands_are_the_weighted_quantiles():
+    ends, values, weights = uneven(1000)
+    assert ends == weighted_quantiles(values[:, None], weights, (0.05, 0.95))[:, 0].tolist()
+
+
+@pytest.mark.parametrize("n_particles", [1001, 5000, 20_000])
+def test_of_more_the_weight_beyond_is_five_per_cent_within_the_resampling_error(n_particles):
+    (low, high), values, weights = uneven(n_particles)
+    beyond = [weights[values < low].sum(), weights[values > high].sum()]
+    assert beyond == pytest.approx([0.05, 0.05], abs=4.0 * np.sqrt(0.05 * 0.95 / 1000))  # four standard errors
+    assert {low, high} <= {*values.tolist()}
+
+
+def heights(path, entity):
+    found = static(path, entity, "BarChart:values")
+    return None if found is None else np.array(found[0]["buffer"])
+
+
+def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
+    run = list(recording_steps.steps(6))
+    path = record(tmp_path / "run.rrd", run)
+    every = np.concatenate(
+        [
+            ranks(share_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
+            for s in run[1:]
+        ]
+    )
+    assert len(every) >= 5
+    expected = np.histogram(every, bins=10, range=(0.0, 1.0))[0] / len(every)
+    np.testing.assert_allclose(heights(path, f"/{RANKS}"), expected, rtol=1e-6)
+    assert heights(path, f"/{RANKS}/even") == pytest.approx(np.full(10, 0.1))
+    blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
+    assert all(len(pose_ranks(step)) == 0 for step in blind)
+    assert heights(record(tmp_path / "blind.rrd", blind), f"/{RANKS}") is None
+
+
+def drawn(truth, unit="rad"):
+    """{entity below the picture: archetype} of a marginal over 0 to π/2 that is all in the second of four bins."""
+    log_mass, frames = np.full((4, 6), LOWEST_LOG_MASS), list(range(10, 16))
+    log_mass[1] = 0.0
+    entities = marginal_picture("knee", unit, (0.0, np.pi / 2.0), log_mass, frames, np.asarray(truth))
+    return {path.rpartition("/")[2]: each for path, each in entities if not isinstance(each, rr.Transform3D)}
+
+
+def test_in_a_picture_the_truth_lies_on_the_bin_that_holds_it():
+    found = drawn(np.full(6, 0.3 * np.pi / 2.0))
+    blob = np.asarray(found["mass"].blob.as_arrow_array().to_pylist()[0], dtype=np.uint8)
+    rows = cv2.imdecode(blob, cv2.IMREAD_COLOR).sum(axis=2)
+    assert rows.shape == (4, 6)
+    assert set(rows.argmax(axis=0)) == {2}  # the second from below
+    (strip,) = found["truth"].strips.as_arrow_array().to_pylist()
+    np.testing.assert_allclose(np.array(strip), [[(k + 0.5) * 320.0 / 6.0, 0.7 * 80.0] for k in range(6)], atol=1e-4)
+    gaps = drawn([0.1, 0.1, np.nan, 9.0, 0.2, 0.2])["truth"].strips.as_arrow_array().to_pylist()
+    assert [len(strip) for strip in gaps] == [2, 2]  # not where it is unknown or outside
+
+
+@pytest.mark.parametrize(("unit", "ends"), [("rad", ["90", "0"]), ("m", ["1.57", "0"])])
+def test_the_axis_says_its_values(unit, ends):
+    labels = drawn(np.zeros(6), unit)["values"].labels.as_arrow_array().to_pylist()
+    assert labels == [*ends, "#10", "#15"]

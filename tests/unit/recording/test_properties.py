@@ -1,11 +1,10 @@
 """Recordings of another kind than ours are one sentence for every command, and hide no sound one beside them."""
 
 import datetime
+from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
-import rerun as rr
 from small_recordings import record
 
 from workbench.cli import view
@@ -62,28 +61,17 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
 
 
 @pytest.mark.parametrize("kind", PROPERTIES)
-def test_properties_of_other_kinds_are_refused(beside, kind):
+def test_properties_of_other_kinds_are_refused(kind):
     name, values = PROPERTIES[kind]
+    with pytest.raises(InputError, match=rf"a\.rrd: property {name}"):
+        checked(Path("a.rrd"), {"run": {"status": "complete"}} | {name: values})
+
+
+def test_a_refused_recording_hides_no_sound_one(beside):
     with RecordingFile(beside, run_id="hostile", config_yaml="seed: 3", provenance={"seed": 0}) as file:
-        if name != "run":
-            file.send_property(name, values)
-    if name == "run":
-        overwritten(beside, values)
-    with pytest.raises(InputError, match=rf"property {name}|of format"):
-        read(beside)
-    runs, problems = open_sound_runs(beside.parent)
-    assert (len(runs), len(problems)) == (1, 1)
-
-
-def overwritten(path, values):
-    """A recording whose property run says this."""
-    stream = rr.RecordingStream("x", recording_id="hostile")
-    stream.save(path)
-    told = {"id": "a", "status": "complete", "format": 2, **values}
-    columns = {key: pa.array(value if isinstance(value, list) else [value]) for key, value in told.items()}
-    stream.send_property("run", rr.AnyValues(**columns))
-    stream.flush()
-    stream.disconnect()
+        file.send_property("metrics", {"error_abs_mm": "many"})
+    runs, (problem,) = open_sound_runs(beside.parent)
+    assert ([run.path.name for run in runs], problem.path) == (["sound.rrd"], beside)
 
 
 def test_a_sound_one_passes(tmp_path):

@@ -101,7 +101,7 @@ def test_numbers_that_no_run_can_have(place, value):
     ],
 )  # fmt: skip
 def test_sizes_that_only_keys_together_have(keys, monkeypatch):
-    monkeypatch.setattr("workbench.utils.input_limits.memory_bytes", lambda: 24_000_000_000)
+    monkeypatch.setattr("workbench.utils.input_limits._memory_bytes", lambda: 24_000_000_000)
     config = {}
     for key, value in keys.items():
         group, _, name = key.partition(".")

@@ -50,13 +50,13 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a recording says about its run.
+    """A recorded run.
 
     properties: by name, then by key: run, config, provenance, body, shape, metrics, each where it was written.
     metrics: the metrics recorded over frames, by name; a study's have one frame.
 
-    These are read at once; everything else when it is first asked for, and kept. What is asked for later is read from
-    the file as it is then, and raises InputError when it can no longer be read.
+    These are read at once; everything else from the file on first use, and kept. That raises InputError when the file
+    can no longer be read.
     """
 
     path: Path
@@ -70,13 +70,12 @@ class Run:
 
     @property
     def id(self) -> str:
-        """What tells it apart from other runs; "" where that is not told, as in a damaged recording."""
+        """The run's unique id; "" where there is none, as in a damaged recording."""
         return str(self.properties["run"].get("id", ""))
 
     @property
     def status(self) -> str:
-        """How it ended: complete; stopped, early, as was asked for; failed: an exception ended the run; running: it is
-        still at work, or was killed."""
+        """complete; stopped, early, as requested; failed, by an exception; or running, also where it was killed."""
         return str(self.properties["run"]["status"])
 
     @property
@@ -91,7 +90,7 @@ class Run:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Find where the run came from: experiment, seed, versions of Python and packages."""
+        """Where the run came from: experiment, seed, versions of Python and packages."""
         return self.properties.get("provenance", {})
 
     @property
@@ -106,9 +105,9 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """The resolved configuration as plain lists and dicts. Whatever is written in it, nothing is looked up.
+        """The resolved configuration as plain lists and dicts; nothing in it is resolved any further.
 
-        Raises InputError when it is no YAML mapping, or one with references to its own parts, which ours never are.
+        Raises InputError when it is no YAML mapping, or has references.
         """
         try:
             found = parse_yaml(self.path, self.config)
@@ -132,7 +131,7 @@ class Run:
 
     @property
     def is_study(self) -> bool:
-        """Tell whether this is a study, which tracks nobody: it has no poses, and its numbers are its result."""
+        """Whether this is a study, which tracks no person: it has no poses, and its numbers are its result."""
         return "body" not in self.properties
 
     @cached_property

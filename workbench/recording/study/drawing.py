@@ -1,7 +1,7 @@
 """Draw curves, bars and scattered points: one look for the viewer, for reports and for the papers' figures.
 
 Rerun's views of time series share one time line, which cannot be a period, a phase and a count at once, and name no
-axes. So a study's figures are drawn by matplotlib and recorded as images, beside their numbers.
+axes. So a study's figures are drawn by matplotlib and recorded as images, as well as their numbers.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ Drawn: TypeAlias = Curves | Bars | Scatter
 INK, GREY, FAINT = "#222222", "#767676", "#C9C9C9"
 ESTIMATE, TRUTH = "#D55E00", "#0072B2"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
-"""After Okabe & Ito, told apart with every kind of colour vision; without their yellow, which white paper swallows."""
+"""After Okabe & Ito, distinct for every kind of colour vision; without their yellow, which white paper swallows."""
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "-")
-"""Of the series in the same order, so that they can be told apart in print without colours."""
+"""Of the series in the same order, distinct in print without colours."""
 HALO = withStroke(linewidth=2.0, foreground="white")
 
 STYLE: dict[str, Any] = {
@@ -65,11 +65,11 @@ def draw(axes: Axes, figure: Drawn) -> None:
         case Bars():
             draw_bars(axes, figure)
         case Scatter():
-            draw_scatter(axes, figure)
+            _draw_scatter(axes, figure)
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
-    """Draw curves, named beside the axes at the heights they end at, faint ones grey behind them, marks as vertical
+    """Draw curves, named right of the axes at the heights they end at, faint ones grey behind them, marks as vertical
     lines named at a height.
 
     labels: whether the curves are named. marks_at: the height of the first mark's name, a part of the axes'.
@@ -115,7 +115,7 @@ def draw_bars(axes: Axes, figure: Bars) -> None:
     axes.set_ylim(bottom=0.0)
 
 
-def draw_scatter(axes: Axes, figure: Scatter) -> None:
+def _draw_scatter(axes: Axes, figure: Scatter) -> None:
     """Draw points by label, the labels above."""
     for k, (label, points) in enumerate(figure.points.items()):
         colour, marker = SERIES[k % len(SERIES)], "o^sD"[k % 4]

@@ -1,4 +1,4 @@
-"""A study's figures as numbers: exactly what was computed, beside what is drawn."""
+"""A study's figures as numbers: exactly what was computed, as well as the drawings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields

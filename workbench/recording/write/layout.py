@@ -12,7 +12,7 @@ from workbench.body.angles import FLEXIONS
 from workbench.recording.write import styles
 from workbench.recording.write.images import OVERLAYS, RecordedCamera
 from workbench.recording.write.outcome import RESIDUALS, STATE, VERDICT
-from workbench.recording.write.posterior import DEGREES, PARAMETERS, PICTURE_SIZE, PICTURES, RANKS
+from workbench.recording.write.posterior import DEGREES, PARAMETERS, PICTURE_SIZE, PICTURES, RANKS, Posterior
 from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION
 from workbench.recording.write.styles import title
 from workbench.utils.arrays import FloatArray
@@ -40,8 +40,7 @@ class LayoutInput:
     """What there is to show of a run.
 
     person: (3,), where the person is first, m. towards: (2,), horizontally from the person to the viewpoint.
-    parameters, units: along the first axis of the marginals' tensor; pictured: the parameters with a picture of their
-    own. metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
+    metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
     activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. constant:
     uninformative metrics. drawn: keys of KEY. Of a run that is over, lanes: those of states over time, such as whether
     the person is held; sparse: metrics of less than half of the frames, shown as marks; spans: by path the least and
@@ -51,11 +50,8 @@ class LayoutInput:
     cameras: Sequence[RecordedCamera]
     person: FloatArray
     towards: FloatArray
-    parameters: Sequence[str]
-    units: Sequence[str]
-    pictured: Sequence[str]
+    posterior: Posterior
     metrics: Sequence[str]
-    n_coefficients: int
     n_particles: int
     flexions: Sequence[str] = ()
     activity: bool = False
@@ -72,10 +68,6 @@ class LayoutInput:
     def key(self, *names: str) -> str:
         """Return the colours of the estimate and of those of `names` that are drawn, in words."""
         return ", ".join(["estimate orange", *(KEY[name] for name in names if name in self.drawn)])
-
-    def unit(self, name: str) -> str:
-        """Return a parameter's unit."""
-        return self.units[self.parameters.index(name)]
 
 
 def layout(shown: LayoutInput) -> rrb.Blueprint:
@@ -227,12 +219,13 @@ def _coverage(shown: LayoutInput) -> list[rrb.View]:
 
 
 def _details(shown: LayoutInput) -> list[_Part]:
+    units = {name: shown.posterior.unit(name) for name in shown.posterior.favourites}
     bands = [
-        _plot(title(name, shown.unit(name)), f"/{DEGREES if shown.unit(name) == 'rad' else PARAMETERS}/{name}")
-        for name in shown.pictured
+        _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
     ]
-    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"), _marginals(shown)]
-    bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in range(1, shown.n_coefficients + 1)]
+    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"), _marginals(units)]
+    coefficients = range(1, len(shown.posterior.coefficients) + 1)
+    bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
     tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
     if "log_score" in shown.metrics:
         tabs.append(rrb.Horizontal(_bars("ranks of the truth (even: right, U: too sure)", f"/{RANKS}"), name="ranks"))
@@ -245,13 +238,13 @@ def _details(shown: LayoutInput) -> list[_Part]:
     return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(shown.warned)]
 
 
-def _marginals(shown: LayoutInput) -> rrb.Tabs:
+def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
     """Return pictures of marginals, and the tensor of all: frames to the right, values upwards (paper A, fig. 4)."""
     width, height = PICTURE_SIZE
     bounds = rrb.VisualBounds2D(x_range=[-50.0, width + 8.0], y_range=[-10.0, height + 24.0])
     pictures = [
-        rrb.Spatial2DView(origin=f"/{PICTURES}/{name}", name=title(name, shown.unit(name)), visual_bounds=bounds)
-        for name in shown.pictured
+        rrb.Spatial2DView(origin=f"/{PICTURES}/{name}", name=title(name, unit), visual_bounds=bounds)
+        for name, unit in units.items()
     ]
     slices = rrb.TensorSliceSelection(
         width=2,
