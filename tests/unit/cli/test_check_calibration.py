@@ -6,23 +6,14 @@ import pytest
 from seen_walkers import around, seen_by
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
-
-CAMERA = """[one]
-size = [1280, 960]
-matrix = [[{f}, 0.0, 639.5], [0.0, {f}, 479.5], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = {rotation}
-translation = {translation}
-"""
 
 
 @pytest.fixture
 def folder(tmp_path):
     (camera,) = around(1)
-    rotation = cv2.Rodrigues(camera.rotation)[0].ravel().tolist()
-    words = {"f": 900.0, "rotation": rotation, "translation": camera.translation.tolist()}
-    (tmp_path / "camera.toml").write_text(CAMERA.format(**words))
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
     marks = seen_by([camera]).marks[0]
     (tmp_path / "film").mkdir()
     rows = ["frame,joint,u,v,visible"]
@@ -34,15 +25,9 @@ def folder(tmp_path):
 
 
 def words(folder, marks="keypoints"):
-    files = (f"dataset.source={folder}/film", f"dataset.camera={folder}/camera.toml", "dataset.rate_hz=10")
-    return [
-        "check-calibration",
-        "dataset=video",
-        *files,
-        f"dataset.{marks}={folder}/marks.csv",
-        "-o",
-        str(folder / "out"),
-    ]
+    files = {"source": "film", "camera": "camera.toml", marks: "marks.csv"}
+    keys = [f"dataset.{key}={folder / name}" for key, name in files.items()]
+    return ["check-calibration", "dataset=video", *keys, "dataset.rate_hz=10", "-o", str(folder / "out")]
 
 
 @pytest.mark.parametrize("marks", ["keypoints", "start_marks", "eval_marks"])
@@ -51,7 +36,8 @@ def test_a_video_is_checked_whatever_its_annotations_are_for(folder, capsys, mar
     said = capsys.readouterr().out
     assert "the person leans by" in said
     assert "the calibration fits; drawn in" in said
-    assert cv2.imread(str(folder / "out" / "one.png")).shape == (960, 1280, 3)
+    (picture,) = (folder / "out").iterdir()
+    assert cv2.imread(str(picture)).shape == (960, 1280, 3)
 
 
 def test_images_of_another_size_are_refused_in_one_sentence(folder, capsys):
