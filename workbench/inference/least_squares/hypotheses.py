@@ -69,12 +69,8 @@ def likely_poses(
     """Find the poses (n ≤ most, P) that fit one frame of keypoints best without a motion, the best first: minima found
     from N_HEADINGS headings whose joints are APART_M or more from each other in the mean. prior: over poses, else of no
     lean only; where none holds the angles, the damping of the search does."""
-    upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
-    upright[:N_ROOT] = 0.0
-    fits = [
-        fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
-        for root in upright_roots(skeleton, seen, upright)
-    ]
+    upright = upright_poses(skeleton, seen, np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean)
+    fits = [fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, pose, prior=prior) for pose in upright]
     fits.sort(key=lambda fit: fit.costs[-1])
     return distinct_poses(skeleton, np.array([fit.x for fit in fits]), most, APART_M)
 
@@ -87,6 +83,14 @@ def distinct_poses(skeleton: Skeleton, poses: FloatArray, most: int, apart_m: fl
         if len(kept) < most and (distances > apart_m).all():
             kept = np.append(kept, k)
     return poses[kept]
+
+
+def upright_poses(skeleton: Skeleton, seen: Sequence[Keypoints], mean: FloatArray) -> FloatArray:
+    """Return poses (N_HEADINGS, P) all around, with the angles of `mean` (P,) and no lean, placed as
+    `upright_roots`."""
+    angles = np.concatenate([np.zeros(N_ROOT), mean[N_ROOT:]])
+    roots = upright_roots(skeleton, seen, angles)
+    return np.hstack([roots, np.tile(angles[N_ROOT:], (len(roots), 1))])
 
 
 def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:

@@ -67,9 +67,9 @@ class Arrowhead:
         when that is not positive definite."""
         n_band, width = self.pattern.n_band, self.pattern.width
         added = np.broadcast_to(damping, self.pattern.shape[1:])
-        band = self.cells[: width + 1, :n_band].copy()
+        band = self.cells[: width + 1, :n_band].copy(order="K")
         band[0] += added[:n_band]
-        root = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
+        root = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         border = self.cells[width + 1 :, :n_band]
         if not self.pattern.n_border:
             return Factor(self.pattern, root, border.T, border)
@@ -174,13 +174,14 @@ class Minimum:
 
 def minimise(
     expand: Callable[[FloatArray], Quadratic], x: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4,
-    progress: Callable[[float], None] = lambda cost: None,
+    least_gain: float = 0.0, progress: Callable[[float], None] = lambda cost: None,
 ) -> Minimum:  # fmt: skip
     """Minimise a sum of squares from x (n,).
 
     expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted. The
     damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16). It
-    ends when the model promises to lower the cost by less than `tolerance` of it. progress: called with every cost.
+    ends when the model promises to lower the cost by less than `tolerance` of it, or `least_gain`. progress: called with
+    every cost.
     """
     here = expand(x)
     costs, damping, growth, iterations = [here.cost], FIRST_DAMPING, 2.0, 0
@@ -192,7 +193,7 @@ def minimise(
             damping, growth = damping * growth, 2.0 * growth
             continue
         promised = 0.5 * float(step @ (scale * step - here.gradient))
-        if promised <= tolerance * here.cost:
+        if promised <= max(tolerance * here.cost, least_gain):
             break
         there = expand(x + step)
         iterations += 1
