@@ -98,7 +98,7 @@ def fit_window(problem: KeypointProblem, poses: FloatArray, window: slice) -> Mi
         own[:] = x.reshape(own.shape)
         return problem.expand_frames(poses, window.start, window.stop)
 
-    minimum = minimise(expand, own.ravel(), max_iterations=MAX_ITERATIONS, tolerance=0.0, least_gain=TOLERANCE)
+    minimum = minimise(expand, own.flatten(), max_iterations=MAX_ITERATIONS, tolerance=0.0, least_gain=TOLERANCE)
     own[:] = minimum.x.reshape(own.shape)
     return minimum
 
