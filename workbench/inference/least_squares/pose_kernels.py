@@ -30,8 +30,11 @@ BEHIND = 1e3
 _LEAST_DEPTH_M = 1e-6
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
 
+_inner = kernel(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Of functions that only kernels call: half as much to compile."""
 
-@kernel()
+
+@_inner
 def robustly(r: Any, loss: Any, scale: Any) -> Any:
     """Return ρ(r), its derivative and the curvature (w r)² / (2 ρ) that `core.residual.robust` gives it."""
     z = r / scale
@@ -47,12 +50,14 @@ def robustly(r: Any, loss: Any, scale: Any) -> Any:
     return rho, w * r, (w * r) ** 2 / (2.0 * rho) if rho > 0.0 else 1.0
 
 
-@kernel()
+@_inner
 def _kinematics(pose: Any, chain: Any, rotations: Any, positions: Any, axes: Any) -> None:
     """Write the joints' frames (J, 3, 3) and positions (J, 3), and the world axes (P, 3) of the degrees of freedom."""
     parents, offsets, dof_joints, dof_axes, _, _ = chain
     turn, p = np.empty((3, 3)), 3
-    axes[:3] = dof_axes[:3]
+    for q in range(3):
+        for a in range(3):
+            axes[q, a] = dof_axes[q, a]
     for j in range(len(parents)):
         parent, frame = parents[j], rotations[j]
         for a in range(3):
@@ -78,14 +83,15 @@ def _kinematics(pose: Any, chain: Any, rotations: Any, positions: Any, axes: Any
             p += 1
 
 
-@kernel()
+@_inner
 def joint_rows(j: Any, chain: Any, positions: Any, axes: Any, rows: Any) -> None:
     """Write the derivative of joint j by the degrees of freedom that move it: rows (n_movers[j], 3)."""
     dof_joints, movers, n_movers = chain[2], chain[4], chain[5]
     for i in range(n_movers[j]):
         p = movers[j, i]
         if p < 3:
-            rows[i] = axes[p]
+            for a in range(3):
+                rows[i, a] = axes[p, a]
             continue
         origin = dof_joints[p]
         x = positions[j, 0] - positions[origin, 0]
@@ -96,7 +102,7 @@ def joint_rows(j: Any, chain: Any, positions: Any, axes: Any, rows: Any) -> None
         rows[i, 2] = axes[p, 0] * y - axes[p, 1] * x
 
 
-@kernel()
+@_inner
 def _keypoint(x: Any, row: Any, pixel: Any, whitening: Any, slopes: Any, misses: Any) -> None:
     """Write the two residuals of a joint at x (3,) m against a pixel (2,), and their derivative (2, 3) by x, which
     leaves the lens' distortion out."""
@@ -129,7 +135,7 @@ def keypoint_misses(positions: Any, marks: Any, misses: Any) -> None:
             _keypoint(positions[t, joints[k]], rows[cameras[k]], pixels[k], whitening[k], slopes, misses[k])
 
 
-@kernel()
+@_inner
 def _keypoints(t: Any, marks: Any, loss: Any, positions: Any, pulls: Any, stiffness: Any) -> Any:
     """Add frame t's keypoints to m (J, 3) and M (J, 3, 3); returns their cost."""
     first, joints, cameras, pixels, whitening, rows = marks
@@ -147,7 +153,7 @@ def _keypoints(t: Any, marks: Any, loss: Any, positions: Any, pulls: Any, stiffn
     return cost
 
 
-@kernel()
+@_inner
 def _aims(t: Any, aims: Any, positions: Any, pulls: Any, stiffness: Any) -> Any:
     """Add the places that joints of frame t are to reach to m and M; returns their cost."""
     joints, places, weight = aims
@@ -162,7 +168,7 @@ def _aims(t: Any, aims: Any, positions: Any, pulls: Any, stiffness: Any) -> Any:
     return cost
 
 
-@kernel()
+@_inner
 def add_joint(
     j: Any, chain: Any, positions: Any, axes: Any, pull: Any, stiffness: Any, rows: Any, gradient: Any, block: Any
 ) -> None:
@@ -179,7 +185,7 @@ def add_joint(
             block[movers[j, i], movers[j, k]] += rows[k, 0] * u + rows[k, 1] * v + rows[k, 2] * w
 
 
-@kernel()
+@_inner
 def _habits(t: Any, pose: Any, prior: Any, gradient: Any, block: Any) -> Any:
     """Add the limits and the Gaussian prior of frame t's pose; returns their cost."""
     low, high, weight, means, precisions = prior
@@ -202,7 +208,7 @@ def _habits(t: Any, pose: Any, prior: Any, gradient: Any, block: Any) -> Any:
     return cost
 
 
-@kernel()
+@_inner
 def _add_row(miss: Any, row: Any, loss: Any, scale: Any, gradient: Any, block: Any) -> Any:
     """Add one residual with its derivative row (P,); returns its cost."""
     rho, pull, curvature = robustly(miss, loss, scale)
@@ -214,7 +220,7 @@ def _add_row(miss: Any, row: Any, loss: Any, scale: Any, gradient: Any, block: A
     return rho
 
 
-@kernel()
+@_inner
 def _stance(pose: Any, stance: Any, chain: Any, positions: Any, axes: Any, rows: Any, gradient: Any, block: Any) -> Any:
     """Add balance and the height of the lower foot, see `balance_residual` and `ground_residual`; returns their
     cost."""
@@ -264,11 +270,26 @@ def _stance(pose: Any, stance: Any, chain: Any, positions: Any, axes: Any, rows:
     if np.isfinite(ground[0]):
         foot = 1 if left[2] <= right[2] else 2
         miss = (min(left[2], right[2]) - ground[0]) * ground[1]
-        cost += _add_row(miss, ground[1] * moved[foot, 2], HUBER, 2.0, gradient, block)
+        for p in range(n):
+            left_row[p] = ground[1] * moved[foot, 2, p]
+        cost += _add_row(miss, left_row, HUBER, 2.0, gradient, block)
     return cost
 
 
-@kernel()
+@_inner
+def _clear(gradient: Any, block: Any, pulls: Any, stiffness: Any) -> None:
+    for p in range(len(gradient)):
+        gradient[p] = 0.0
+        for q in range(len(gradient)):
+            block[p, q] = 0.0
+    for j in range(len(pulls)):
+        for a in range(3):
+            pulls[j, a] = 0.0
+            for b in range(3):
+                stiffness[j, a, b] = 0.0
+
+
+@_inner
 def _frame(
     t: Any, pose: Any, terms: Any, room: Any,
     gradient: Any, block: Any,
@@ -277,7 +298,7 @@ def _frame(
     (J, 3, 3), positions (J, 3), axes (P, 3), m (J, 3), M (J, 3, 3), rows (m, 3), which are overwritten."""
     chain, marks, loss, aims, prior, stance = terms
     rotations, positions, axes, pulls, stiffness, rows = room
-    gradient[:], block[:], pulls[:], stiffness[:] = 0.0, 0.0, 0.0, 0.0
+    _clear(gradient, block, pulls, stiffness)
     _kinematics(pose, chain, rotations, positions, axes)
     cost = _keypoints(t, marks, loss, positions, pulls, stiffness)
     cost += _aims(t, aims, positions, pulls, stiffness)
@@ -340,10 +361,11 @@ def fill_band(blocks: Any, between: Any, bends: Any, weights: Any, cells: Any) -
     the second differences: bends (n, 3), how each frame meets itself, the next and the one after, times weights (P,)
     of each degree of freedom."""
     n, size = len(blocks), len(weights)
-    cells[:] = 0.0
     for t in range(n):
         for q in range(size):
             column = t * size + q
+            for k in range(2 * size + 1):
+                cells[k, column] = 0.0
             for p in range(q, size):
                 cells[p - q, column] = blocks[t, p, q]
             cells[0, column] += bends[t, 0] * weights[q]
@@ -355,7 +377,7 @@ def fill_band(blocks: Any, between: Any, bends: Any, weights: Any, cells: Any) -
                 cells[2 * size, column] = bends[t, 2] * weights[q]
 
 
-@kernel()
+@_inner
 def _solved(matrix: Any, damping: Any, right: Any, root: Any, x: Any) -> Any:
     """Solve (A + diag(damping)) x = right by Cholesky's factor, of a lower triangle A (n, n); False where that is not
     positive definite."""
@@ -384,7 +406,7 @@ def _solved(matrix: Any, damping: Any, right: Any, root: Any, x: Any) -> Any:
     return True
 
 
-@kernel()
+@_inner
 def _pulled(
     t: Any, pose: Any, near: Any, pull: Any, terms: Any,
     room: Any, gradient: Any, block: Any, trust: Any,
@@ -399,41 +421,42 @@ def _pulled(
     return cost
 
 
-@kernel()
-def fit_one(
-    t: Any, pose: Any, near: Any, pull: Any, terms: Any,
-    room: Any, max_iterations: Any, tolerance: Any,
-) -> Any:  # fmt: skip
+@_inner
+def fit_one(t: Any, pose: Any, near: Any, pull: Any, terms: Any, room: Any, max_iterations: Any, tolerance: Any) -> Any:
     """Move `pose` (P,) to a minimum of frame t's cost by Levenberg and Marquardt's method, as `solver.minimise` does;
     return that cost."""
     n = len(pose)
-    gradient, block, trust = np.empty(n), np.empty((n, n)), np.empty(n)
-    gradient_there, block_there, trust_there = np.empty(n), np.empty((n, n)), np.empty(n)
-    root, step, damping, growth, iterations = np.empty((n, n)), np.empty(n), _FIRST_DAMPING, 2.0, 0
-    cost = _pulled(t, pose, near, pull, terms, room, gradient, block, trust)
-    while iterations < max_iterations and damping < _LARGEST_DAMPING and np.any(gradient != 0.0):
-        added = damping * np.maximum(trust, 1e-9 * trust.max())
-        if not _solved(block, added, -gradient, root, step):
-            damping, growth = damping * growth, 2.0 * growth
+    gradients, blocks, trusts = np.empty((2, n)), np.empty((2, n, n)), np.empty((2, n))  # here and there
+    root, step, damping, moved = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
+    factor, growth, iterations, now = _FIRST_DAMPING, 2.0, 0, 0
+    cost = _pulled(t, pose, near, pull, terms, room, gradients[0], blocks[0], trusts[0])
+    while iterations < max_iterations and factor < _LARGEST_DAMPING:
+        gradient, largest, steep = gradients[now], 0.0, 0.0
+        for p in range(n):
+            largest, steep = max(largest, trusts[now, p]), max(steep, abs(gradient[p]))
+        if steep == 0.0:
+            break
+        for p in range(n):
+            damping[p] = factor * max(trusts[now, p], 1e-9 * largest)
+        if not _solved(blocks[now], damping, gradient, root, step):
+            factor, growth = factor * growth, 2.0 * growth
             continue
-        promised = 0.5 * np.sum(step * (added * step - gradient))
+        promised = 0.0
+        for p in range(n):
+            promised += 0.5 * step[p] * (damping[p] * step[p] + gradient[p])
+            moved[p] = pose[p] - step[p]
         if promised <= tolerance * cost:
             break
-        moved = pose + step
-        there = _pulled(
-            t, moved, near, pull, terms, room,
-            gradient_there, block_there, trust_there,
-        )  # fmt: skip
+        there = _pulled(t, moved, near, pull, terms, room, gradients[1 - now], blocks[1 - now], trusts[1 - now])
         iterations += 1
         gain = (cost - there) / promised
         if gain > 0.0:
-            pose[:], cost = moved, there
-            gradient, gradient_there = gradient_there, gradient
-            block, block_there = block_there, block
-            trust, trust_there = trust_there, trust
-            damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
+            for p in range(n):
+                pose[p] = moved[p]
+            cost, now = there, 1 - now
+            factor, growth = factor * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
         else:
-            damping, growth = damping * growth, 2.0 * growth
+            factor, growth = factor * growth, 2.0 * growth
     return cost
 
 
@@ -448,11 +471,10 @@ def fit_frames(
         np.empty((n_joints, 3, 3)), np.empty((n_joints, 3)), np.empty((n, 3)), np.empty((n_joints, 3)),
         np.empty((n_joints, 3, 3)), np.empty((terms[0][4].shape[1], 3)),
     )  # fmt: skip
+    near = np.empty(n)
     for t in range(len(poses)):
-        if follow and t > 0:
-            poses[t] = poses[t - 1]
-        near = poses[t].copy()
-        costs[t] = fit_one(
-            t, poses[t], near, pulls[t], terms, room,
-            max_iterations, tolerance,
-        )  # fmt: skip
+        for p in range(n):
+            if follow and t > 0:
+                poses[t, p] = poses[t - 1, p]
+            near[p] = poses[t, p]
+        costs[t] = fit_one(t, poses[t], near, pulls[t], terms, room, max_iterations, tolerance)
