@@ -90,6 +90,15 @@ class ResidualLikelihood(Protocol):
         """Return the residuals of one frame; none where it shows nothing that the likelihood looks at."""
 
 
+@runtime_checkable
+class KeypointResiduals(ResidualLikelihood, Protocol):
+    """A likelihood whose residuals of keypoints are (projected joint − keypoint) · whitening, as `keypoint_residual`:
+    fits then take those of all frames at once."""
+
+    def whitening(self, weights: FloatArray) -> FloatArray:
+        """Return one over the deviations (M,), 1/px, of keypoints with weights (M,)."""
+
+
 def robust(residual: ResidualFunction, loss: Loss) -> ResidualFunction:
     """Make half its square the loss, so that others beside it keep theirs: √(2 ρ), and its derivative."""
 

@@ -70,6 +70,10 @@ class KeypointLikelihood:
         own = [keypoint_residual(self.body.skeleton, one.camera, one.joints, one.marks, self.sigma_px) for one in seen]
         return stacked(own)
 
+    def whitening(self, weights: FloatArray) -> FloatArray:
+        """Return one over the deviations (M,), 1/px, of keypoints with weights (M,)."""
+        return np.asarray(np.sqrt(weights) / self.sigma_px)
+
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Pick out the joints that were found; poses are all equally likely where there are none."""
         given = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]

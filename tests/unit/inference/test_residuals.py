@@ -6,14 +6,15 @@ from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
 from workbench.core.pose_prior import Postures
+from workbench.inference.least_squares.limb_flips import FLIP_SIGMA_M, LIMBS, stretches, turned
 from workbench.inference.least_squares.residuals import (
     balance_residual,
     centre_of_mass,
+    gaussian_residual,
     ground_residual,
-    posture_residual,
     usual_residual,
 )
-from workbench.inference.least_squares.smooth_fit import FLIP_SIGMA_M, LIMBS, flips
+from workbench.inference.least_squares.smooth_fit import nearest_postures
 
 SKELETON = BODY.skeleton
 STANDING = np.zeros(25)
@@ -26,6 +27,12 @@ POSTURES = Postures(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np
 """Two: one that is narrow, and one whose angles go together."""
 
 
+def posture_residual(pose, covariance, power):
+    """How far poses are off POSTURES, to a power, of which `pose` with this covariance may be."""
+    means, precisions = nearest_postures(POSTURES, pose[None], covariance[None], power)
+    return gaussian_residual(means[0], precisions[0])
+
+
 def posed(**angles):
     pose = STANDING.copy()
     for name, angle in angles.items():
@@ -36,7 +43,7 @@ def posed(**angles):
 @pytest.mark.parametrize(
     "residual", [
         usual_residual(SKELETON), balance_residual(SKELETON), ground_residual(SKELETON, 0.1),
-        posture_residual(POSTURES, STANDING, 0.01 * np.eye(25), 0.3),
+        posture_residual(STANDING, 0.01 * np.eye(25), 0.3),
     ], ids=["usual", "balance", "ground", "postures"],
 )  # fmt: skip
 @pytest.mark.parametrize("seed", range(3))
@@ -53,7 +60,7 @@ def test_a_posture_is_off_those_that_it_may_be_of_and_the_root_is_free():
     near, apart = posed(root_x=2.0), np.linspace(-0.1, 0.3, 21)
     near[4:] = -0.2  # the second part's mean
     moved = near + np.concatenate([np.ones(4), apart])
-    misses, slopes = posture_residual(POSTURES, near, 1e-6 * np.eye(25), 0.25)(moved)
+    misses, slopes = posture_residual(near, 1e-6 * np.eye(25), 0.25)(moved)
     assert not slopes[:, :4].any()
     assert 0.5 * misses @ misses == pytest.approx(0.25 * 0.5 * apart @ np.linalg.solve(WIDE, apart), rel=1e-3)
 
@@ -91,15 +98,16 @@ def test_flips_look_the_same_and_are_at_the_other_depth():
     bent = {"left_hip_flexion": 0.5, "left_knee_flexion": 0.9, "right_hip_flexion": 0.5, "right_knee_flexion": 0.9}
     arms = {"left_elbow_flexion": 0.8, "right_elbow_flexion": 0.8}
     poses = np.repeat(posed(root_heading=-0.6, **bent, **arms)[None], 4, axis=0)
-    flipped = list(flips(SKELETON, CAMERA, poses))
-    assert len(flipped) == 4  # every limb in all frames, as none lies across the view
-    turned = []
-    for limb, flip in zip(LIMBS, flipped, strict=True):
+    whole = stretches(SKELETON, CAMERA, poses)
+    assert [(stretch.first, stretch.last) for stretch in whole] == 4 * [(0, 4)]  # as none lies across the view
+    flipped = []
+    for limb, stretch in zip(LIMBS, whole, strict=True):
         middle, end = (SKELETON.joint(name) for name in limb[1:])
-        before, after = (joints(SKELETON, some)[0] for some in (poses, flip))
+        over = turned(SKELETON, CAMERA, poses, stretch.limb)
+        before, after = (joints(SKELETON, some)[0] for some in (poses, over))
         across = np.linalg.norm(CAMERA.project(after) - CAMERA.project(before), axis=1)[end]
         depths = [CAMERA.to_camera(places)[[middle, end], 2] for places in (before, after)]
         if across * PX_M < FLIP_SIGMA_M:
             assert np.diff(depths[1]) * np.diff(depths[0]) < 0.0
-            turned.append(limb[2])
-    assert {"left_wrist", "right_wrist"} <= set(turned)  # the body's limits forbid some of the others
+            flipped.append(limb[2])
+    assert {"left_wrist", "right_wrist"} <= set(flipped)  # the body's limits forbid some of the others

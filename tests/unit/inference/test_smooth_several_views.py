@@ -13,14 +13,14 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
 from workbench.core.pose_prior import Postures
-from workbench.core.prior import Powers
-from workbench.core.residual import Loss, robust, stacked
+from workbench.core.prior import Powers, Smoothness
+from workbench.core.residual import Loss, robust
 from workbench.inference.initialization.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.residuals import limit_residual, views_residual
-from workbench.inference.least_squares.single_frame import FitData, PoseDecoder
-from workbench.inference.least_squares.smooth_fit import SmoothFit, smooth_problem
+from workbench.inference.least_squares.residual_problem import ResidualProblem
+from workbench.inference.least_squares.residuals import views_residual
+from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 
@@ -97,11 +97,10 @@ def test_one_camera_is_told_by_the_postures_that_people_take_how_limbs_lie_in_de
 def test_the_gradient_of_a_smooth_fit_is_that_of_finite_differences():
     times, poses = swinging(SKELETON, 4)
     seen = observed(SKELETON, frames(SKELETON, times, poses, sigma_px=4.0))
-    limits = limit_residual(SKELETON, 0.05)
-    each = [robust(views_residual(SKELETON, one.keypoints, 3.0), Loss("geman_mcclure", 1.5)) for one in seen]
-    data = FitData([stacked([one, limits]) for one in each], times, Loss("squared", 1.0))
-    problem = smooth_problem(PoseDecoder(SKELETON), data)
-    x = problem.unknowns(poses + 0.03)
+    each = [views_residual(SKELETON, one.keypoints, 3.0) for one in seen]
+    loss, stand = Loss("geman_mcclure", 1.5), np.zeros((4, 2), dtype=bool)
+    problem = ResidualProblem(SKELETON, each, times, loss, Smoothness(), stand)
+    x = (poses + 0.03).ravel()
     x[SKELETON.dof("left_knee_flexion")] = -0.3
     moves = 1e-6 * np.eye(len(x))
     exact = np.array([(problem.expand(x + move).cost - problem.expand(x - move).cost) / 2e-6 for move in moves])

@@ -8,19 +8,16 @@ import numpy as np
 
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
-from workbench.core.observations import Keypoints, observe, person_px
-from workbench.core.prior import PACE_HZ, RECORDED
+from workbench.core.observations import Keypoints, Observed, observe, person_px
+from workbench.core.prior import PACE_HZ, RECORDED, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.single_frame import FitData, PoseDecoder
 from workbench.inference.least_squares.smooth_fit import (
     FAR_LOSS,
-    LEANING_SIGMA_RAD,
-    bounded,
     candidates,
     first_poses,
     fit_smooth,
+    keypoint_problem,
 )
 from workbench.priors.fitted_rest import Trajectory
 from workbench.utils.arrays import FloatArray
@@ -64,9 +61,9 @@ def allowed_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], times
     """Find poses (n ≥ 1, P) in the first of some frames at times (F,), s, that the keypoints of all of them allow, the
     likeliest first: smooth motions within the body's limits, each from another pose of the first frame."""
     sigma_px = START_SIGMA * person_px(seen[0])
-    residuals = [views_residual(skeleton, views, sigma_px, LEANING_SIGMA_RAD) for views in seen]
-    data, starts = bounded(skeleton, FitData(residuals, times_s, FAR_LOSS)), first_poses(skeleton, seen[0], sigma_px)
-    fits = candidates(PoseDecoder(skeleton), data, starts, max_iterations=20)
+    observed = [Observed(np.empty((0, 3)), tuple(views)) for views in seen]
+    problem = keypoint_problem(skeleton, observed, times_s, sigma_px, FAR_LOSS, smoothness=Smoothness())
+    fits = candidates(problem, first_poses(skeleton, seen[0], sigma_px), max_iterations=20)
     return np.array([poses[0] for poses, cost in fits if cost < fits[0][1] + LIKELY])
 
 
@@ -77,9 +74,8 @@ def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Traj
     seen, _ = observe(blind, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
     first, times_s = first_keypoints(seen), np.array([frame.time_s for frame in blind])
     sigma_px = START_SIGMA * person_px(first)
-    residuals = [views_residual(skeleton, frame.keypoints, sigma_px, LEANING_SIGMA_RAD) for frame in seen]
-    data, starts = FitData(residuals, times_s, LOSS, RECORDED), first_poses(skeleton, first, sigma_px)
-    poses, _, _ = fit_smooth(skeleton, seen, data, starts, MAX_ITERATIONS)
+    problem = keypoint_problem(skeleton, seen, times_s, sigma_px, LOSS, smoothness=RECORDED)
+    poses = fit_smooth(problem, seen, first_poses(skeleton, first, sigma_px), MAX_ITERATIONS).poses
     n_cameras = len({keypoints.camera.name for frame in seen for keypoints in frame.keypoints})
     log.info("the whole body's motion fitted to the keypoints of %d cameras", n_cameras)
     return Trajectory(times_s - times_s[0], poses)

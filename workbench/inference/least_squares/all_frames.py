@@ -14,7 +14,7 @@ from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.inference.least_squares.single_frame import Decoder, FitData, MotionDecoder
 from workbench.inference.least_squares.solver import Minimum, Pattern, Quadratic, minimise
-from workbench.inference.least_squares.systematic_errors import Lengths, Shared
+from workbench.inference.least_squares.systematic_errors import Shared
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -166,7 +166,7 @@ def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatA
     return _led(problem, search, lambda t, slopes, pose: slopes @ missed)
 
 
-def misled(problem: FitProblem, search: Minimum, shared: Shared | Lengths) -> FloatArray:
+def misled(problem: FitProblem, search: Minimum, shared: Shared) -> FloatArray:
     """Return how far the states of a fit are off, (T, D, k), for one deviation of each of k displacements of what is
     seen, or causes of it: by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t shifts_t, as in `absorbed`; up to the sign."""
     return _led(problem, search, lambda t, slopes, pose: shared.shifts(t, slopes, pose))

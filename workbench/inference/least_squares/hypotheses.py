@@ -50,7 +50,7 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
     free, own, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
     phases = np.arange(N_PHASES) / N_PHASES
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
-        for root in _upright_roots(decoder.skeleton, seen, pose):
+        for root in upright_roots(decoder.skeleton, seen, pose):
             guess = np.concatenate([root, pose[N_ROOT:]])
             fits.append(fit_frame(free, residual, KEYPOINT_LOSS, guess, free=own, max_iterations=8, tolerance=1e-2))
     kept: list[FloatArray] = []
@@ -68,12 +68,8 @@ def likely_poses(
     """Find the poses (n ≤ most, P) that fit one frame of keypoints best without a motion, the best first: minima found
     from N_HEADINGS headings whose joints are APART_M or more from each other in the mean. prior: over poses, else of no
     lean only; where none holds the angles, the damping of the search does."""
-    upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
-    upright[:N_ROOT] = 0.0
-    fits = [
-        fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
-        for root in _upright_roots(skeleton, seen, upright)
-    ]
+    upright = upright_poses(skeleton, seen, np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean)
+    fits = [fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, pose, prior=prior) for pose in upright]
     fits.sort(key=lambda fit: fit.costs[-1])
     return distinct_poses(skeleton, np.array([fit.x for fit in fits]), most, APART_M)
 
@@ -88,7 +84,15 @@ def distinct_poses(skeleton: Skeleton, poses: FloatArray, most: int, apart_m: fl
     return poses[kept]
 
 
-def _upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
+def upright_poses(skeleton: Skeleton, seen: Sequence[Keypoints], mean: FloatArray) -> FloatArray:
+    """Return poses (N_HEADINGS, P) all around, with the angles of `mean` (P,) and no lean, placed as
+    `upright_roots`."""
+    angles = np.concatenate([np.zeros(N_ROOT), mean[N_ROOT:]])
+    roots = upright_roots(skeleton, seen, angles)
+    return np.hstack([roots, np.tile(angles[N_ROOT:], (len(roots), 1))])
+
+
+def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
     """Return roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the
     image of the view that shows most of them."""
     fullest = max(seen, key=lambda keypoints: len(keypoints.joints))

@@ -13,7 +13,6 @@ import numpy as np
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.core.observations import Keypoints
-from workbench.core.pose_prior import Postures
 from workbench.core.residual import ResidualFunction, keypoint_residual, nothing, stacked
 from workbench.inference.least_squares.single_frame import GaussianPrior
 from workbench.utils.arrays import FloatArray, IntArray
@@ -104,16 +103,13 @@ def usual_residual(skeleton: Skeleton) -> ResidualFunction:
     return lambda pose: (own @ (pose - usual.mean), own)
 
 
-def posture_residual(
-    postures: Postures, pose: FloatArray, covariance: FloatArray, power: float
-) -> ResidualFunction:  # fmt: skip
-    """Measure how far the last A numbers of a pose are off postures that people take, to a power above 0: by the parts
-    of which N(pose (P,), covariance (P, P)) is, as in `Postures.drawn`, which stay those when the pose moves."""
-    own = slice(len(pose) - postures.means.shape[1], None)
-    mean, precision = postures.nearest(pose[own], covariance[own, own], power)
-    slopes = np.zeros((len(mean), len(pose)))
-    slopes[:, own] = np.linalg.cholesky(precision).T
-    return lambda moved: (slopes[:, own] @ (moved[own] - mean), slopes)
+def gaussian_residual(mean: FloatArray, precision: FloatArray) -> ResidualFunction:
+    """Measure how far a pose is off N(mean (P,), precision⁻¹ (P, P)), which says nothing of numbers that have no
+    precision."""
+    own = np.flatnonzero(np.diagonal(precision))
+    slopes = np.zeros((len(own), len(mean)))
+    slopes[:, own] = np.linalg.cholesky(precision[np.ix_(own, own)]).T
+    return lambda pose: (slopes @ (pose - mean), slopes)
 
 
 def balance_residual(skeleton: Skeleton) -> ResidualFunction:

@@ -39,15 +39,15 @@ class Pattern:
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
         return np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
 
-    def fill(self, places: IntArray, values: FloatArray) -> "_Arrowhead":
+    def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
         """Return the matrix whose entries are the sums of the values (...) at their `places` (...)."""
         n_rows, n_columns = self.shape
         cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
-        return _Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
+        return Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
 
 
 @dataclass(frozen=True, eq=False)
-class _Arrowhead:
+class Arrowhead:
     """A symmetric matrix of the pattern `pattern`. cells: its lower triangle as stored there."""
 
     pattern: Pattern
@@ -62,25 +62,25 @@ class _Arrowhead:
         matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.pattern.place(rows[kept], columns[kept])]
         return matrix + np.tril(matrix, -1).T
 
-    def factor(self, damping: FloatArray | float = 0.0) -> "_Factor":
+    def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
         """Return the factors of the matrix with `damping` (n,) added to its diagonal. Raises numpy.linalg.LinAlgError
         when that is not positive definite."""
         n_band, width = self.pattern.n_band, self.pattern.width
         added = np.broadcast_to(damping, self.pattern.shape[1:])
-        band = self.cells[: width + 1, :n_band].copy()
+        band = self.cells[: width + 1, :n_band].copy(order="K")
         band[0] += added[:n_band]
-        root = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
+        root = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         border = self.cells[width + 1 :, :n_band]
         if not self.pattern.n_border:
-            return _Factor(self.pattern, root, border.T, border)
+            return Factor(self.pattern, root, border.T, border)
         reduced = scipy.linalg.cho_solve_banded((root, True), border.T, check_finite=False)
         schur = self.cells[width + 1 :, n_band:] + np.diag(added[n_band:]) - border @ reduced
         corner = np.tril(scipy.linalg.cho_factor(schur, lower=True, check_finite=False)[0])
-        return _Factor(self.pattern, root, reduced, corner)
+        return Factor(self.pattern, root, reduced, corner)
 
 
 @dataclass(frozen=True, eq=False)
-class _Factor:
+class Factor:
     """Cholesky factors. root: (width + 1, n_band) of the band B. reduced: (n_band, n_border) B⁻¹Cᵀ of the border C.
     corner: (n_border, n_border) of the Schur complement D − C B⁻¹ Cᵀ, lower triangular."""
 
@@ -157,7 +157,7 @@ class Quadratic:
 
     cost: float
     gradient: FloatArray
-    normal: _Arrowhead
+    normal: Arrowhead
     trust: FloatArray
 
 
@@ -174,13 +174,14 @@ class Minimum:
 
 def minimise(
     expand: Callable[[FloatArray], Quadratic], x: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4,
-    progress: Callable[[float], None] = lambda cost: None,
+    least_gain: float = 0.0, progress: Callable[[float], None] = lambda cost: None,
 ) -> Minimum:  # fmt: skip
     """Minimise a sum of squares from x (n,).
 
     expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted. The
     damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16). It
-    ends when the model promises to lower the cost by less than `tolerance` of it. progress: called with every cost.
+    ends when the model promises to lower the cost by less than `tolerance` of it, or by less than `least_gain`.
+    progress: called with every cost.
     """
     here = expand(x)
     costs, damping, growth, iterations = [here.cost], FIRST_DAMPING, 2.0, 0
@@ -192,7 +193,7 @@ def minimise(
             damping, growth = damping * growth, 2.0 * growth
             continue
         promised = 0.5 * float(step @ (scale * step - here.gradient))
-        if promised <= tolerance * here.cost:
+        if promised <= max(tolerance * here.cost, least_gain):
             break
         there = expand(x + step)
         iterations += 1
