@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, processes, tracking
+from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, processes, tracking, video_fit
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.measuring import machine
 from workbench.utils.errors import InputError
@@ -30,6 +30,14 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "batch_ms_per_frame": batch.figures,
     "batch_vs_scipy": batch.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
+    "video_fit_100_1": video_fit.figures,
+    "video_fit_400_1": video_fit.figures,
+    "video_fit_3000_1": video_fit.figures,
+    "video_fit_100_4": video_fit.figures,
+    "video_fit_400_4": video_fit.figures,
+    "video_fit_3000_4": video_fit.figures,
+    "video_fit_vs_functions": video_fit.figures,
+    "video_fit_memory_gb": video_fit.figures,
     "recording_share": tracking.recording_figures,
     "several_cues_ms": tracking.cues_figures,
     "memory_1e5_gb": processes.memory_figures,
