@@ -33,9 +33,3 @@ def test_edges_are_learned_once(run, tmp_path):
         code, told, _ = run(folder, *SMALL, own, *(f"likelihood.weights.{cue}=0" for cue in CUES))
         assert code == 0, told
         assert ("learning edges" in told) == (folder == "out")
-
-
-def test_a_cue_that_is_not_in_the_product_is_an_error(run):
-    code, told, _ = run("out", *SMALL, "+likelihood.weights.smell=1")
-    assert code == 2
-    assert "weights must be given for image_motion, background, appearance, edges, silhouette, found" in told

@@ -1,6 +1,5 @@
 """The experiments on points, from their names, at small size and without recordings."""
 
-import numpy as np
 import pytest
 
 from workbench.recording.read.reader import read
@@ -23,12 +22,3 @@ def test_a_fit_follows_the_person_from_an_automatic_start(cache, summary_of, tmp
     found = read(tmp_path / "out" / "run.rrd")
     assert found.poses[1].shape == (20, 25)
     assert "ms_per_frame" not in found.properties["metrics"]  # equal runs must give equal recordings
-
-
-@pytest.mark.parametrize("experiment", ["points_no_model", "points_particle_filter", "points_hybrid"])
-def test_the_baselines_run(cache, summary_of, tmp_path, experiment):
-    small = ("dataset.n_frames=4", "dataset.n_points=60", "inference.n_particles=30")
-    model = () if experiment == "points_no_model" else ("prior.n_components=3",)
-    summary = summary_of(cache, f"experiment={experiment}", *small, *model)
-    assert summary["status"] == "complete"
-    assert np.isfinite(summary["metrics"]["error_abs_mm"])

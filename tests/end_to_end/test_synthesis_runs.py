@@ -9,9 +9,7 @@ from rerun.chunk import RrdReader
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cli.main import main
 from workbench.datasets.blank import Blank
-from workbench.motion.formats.bvh import read_bvh
 from workbench.recording.read.reader import read
 
 BUILTIN = ("prior.motions=builtin", "dataset.motion=builtin")
@@ -51,30 +49,6 @@ def static_strips(path, entity):
     chunks = RrdReader(path).stream().filter(content=entity, is_static=True).to_chunks()
     rows = [row for chunk in chunks for row in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
     return [np.array(strip) for strip in rows[-1]]
-
-
-def test_a_run_with_images_has_no_trails(run):
-    small = ("dataset.n_frames=2", "dataset.width=80", "dataset.height=60", "dataset.person_px=40")
-    code, told, folder = run("out", "inference.n_particles=10", "dataset.focal_px=90", *small)
-    assert code == 0, told
-    assert not RrdReader(folder / "run.rrd").stream().filter(content="/world/estimate/trails/**").to_chunks()
-
-
-@pytest.mark.slow
-def test_what_is_synthesised_can_be_exported(run):
-    folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
-    for suffix in ("bvh", "trc", "csv"):
-        assert main(["export", str(folder / "run.rrd"), "-o", str(folder / f"out.{suffix}")]) == 0
-    places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
-    clip = read_bvh(folder / "out.bvh")
-    for name in ("pelvis", "left_knee", "right_elbow"):
-        assert clip.positions[:, clip.joints.index(name)] == pytest.approx(
-            places[:, JOINT_NAMES.index(name)], abs=1e-4
-        )  # m
-    rows = (folder / "out.trc").read_text().splitlines()[-12:]
-    times = [float(row.split("\t")[1]) for row in rows]
-    assert times == pytest.approx(np.arange(12) / 30.0, abs=1e-3)
-    assert len((folder / "out.csv").read_text().splitlines()) == 13
 
 
 @pytest.mark.parametrize("prior", ["walking", "cyclic", "smooth", "implicit"])

@@ -88,17 +88,3 @@ def test_the_hinges_of_the_bandai_table_are_those_of_the_knees(bandai, side):
     assert along.max() > 0.8  # a swinging leg's knee bends by 60 degrees
     sideways = np.linalg.norm(bends - np.outer(along, BANDAI.lefts[f"{side}_hip"]), axis=1)
     assert sideways.max() < np.deg2rad(2.0)  # the knees are not exactly hinges
-
-
-def test_a_walk_goes_where_the_body_faces(data):
-    motion = load_motion(data / "cmu" / "35" / "35_02.amc")
-    assert (motion.subject, motion.activity, motion.rate_hz) == ("35", "walk", 120.0)
-    way = motion.poses[-1, :2] - motion.poses[0, :2]
-    heading = motion.poses[:, 3].mean()
-    assert np.linalg.norm(way) * motion.rate_hz / len(motion) == pytest.approx(1.3, abs=0.5)  # m/s, a usual walk
-    assert way @ [np.cos(heading), np.sin(heading)] > 0.95 * np.linalg.norm(way)
-    assert np.abs(motion.poses[:, 4:6]).max() < 0.35  # upright within 20 degrees
-    height = joints(person_skeleton(motion.shape), motion.poses)[..., 2]
-    assert height[:, JOINT_NAMES.index("head_centre")].mean() == pytest.approx(1.6, abs=0.15)
-    ankles = height[:, [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")]]
-    assert 0.0 < ankles.min() < 0.15  # the ankle joint of a foot on the ground

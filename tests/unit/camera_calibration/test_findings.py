@@ -7,7 +7,6 @@ import pytest
 from seen_walkers import HEIGHT_M, around, seen_by, walked
 
 from workbench.body.camera import plain_camera
-from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
 
 
@@ -99,7 +98,3 @@ def test_the_place_of_an_upright_person_is_exact():
     feet = np.array([[0.5, 0.2, 0.1], [-1.0, 1.5, 0.1]])
     places = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
     np.testing.assert_allclose(places, feet, atol=1e-9)
-
-
-def test_the_walker_of_these_tests_has_all_joints():
-    assert walked().shape == (20, len(JOINT_NAMES), 3)

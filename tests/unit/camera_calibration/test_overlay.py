@@ -1,7 +1,7 @@
 """Axes and annotations are drawn where the camera projects them."""
 
 import numpy as np
-from seen_walkers import around, seen_by, walked
+from seen_walkers import around, seen_by
 
 from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 
@@ -18,10 +18,3 @@ def test_axes_and_marks_are_drawn_where_they_are_projected():
     u, v = np.round(seen.marks[0, 0, 9, :2]).astype(int)  # the left hip
     around_hip = picture[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
     assert np.abs(around_hip - LEFT).sum(axis=1).min() < 60  # its edges are smoothed
-
-
-def test_what_lies_behind_the_camera_is_left_out():
-    (camera,) = around(1, distance_m=1.0)
-    image = np.full((960, 1280), 90, np.uint8)
-    draw_overlay(camera, image, np.full((15, 3), np.nan), walked()[0] - [0.0, 8.0, 0.0], -3.0)
-    assert (image == 90).all()  # and the image itself is not drawn into

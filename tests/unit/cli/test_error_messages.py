@@ -11,7 +11,6 @@ from hydra.errors import HydraException
 from workbench.cli import run_output
 from workbench.cli.error_messages import message_of, mistyped
 from workbench.evaluation.verdict import Finding, Verdict
-from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra
 
 
@@ -47,14 +46,6 @@ def test_what_is_mistyped_is_named_before_hydra_would_refuse_it(word, wrong, mea
         compose("config", overrides=[word])
 
 
-def test_what_exists_is_not_mistyped():
-    """Nor what is left to Hydra, which knows the keys of components, and options in folders that are named."""
-    words = [f"{group}={name}" for group in ("experiment", "paper", *GROUPS) for name in options(group)]
-    words += ["study=null", "seed=3", "-m", "prior=walking,smooth", "seed=range(5)", "+prior.new=1", "prior.nothing=1"]
-    assert mistyped([*words, "hydra.run.dir=a b", "hydra/launcher=joblib", "prior@prior.base=gait"]) == []
-    assert mistyped(["--config-dir", "mine", "prior=mine"]) == mistyped(["--config-dir=mine", "prior=mine"]) == []
-
-
 @pytest.fixture
 def summary(tmp_path):
     metrics = {"error_abs_mm": 31.0, "error_procrustes_mm": 25.0, "ess_mean": 500.0, "offset_neck_mm": 3.0}
@@ -63,16 +54,6 @@ def summary(tmp_path):
         study=None, cost={"seconds": 2.0, "ms_per_frame": 200.0, "compiling_s": 7.0},
         recording=tmp_path / "a folder" / "run.rrd",
     )  # fmt: skip
-
-
-def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(summary):
-    first, *others = run_output.summary_lines(summary)
-    assert first.startswith("verdict: held")
-    text = "\n".join(others)
-    assert "error_procrustes_mm" in text
-    assert "ess_mean" not in text
-    for number in ("25 mm", "2.0 s", "200 ms", "7.0 s"):
-        assert number in text
 
 
 def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):

@@ -167,10 +167,3 @@ def test_the_command_writes_what_can_be_imported(cmu, tmp_path, capsys):
     assert errors.count("\n") == 2
     assert "35_01.amc, line 1: expected frames, found none" in errors
     assert [motion.name for motion in read_library(output)] == ["07_01", "07_02"]
-
-
-@pytest.mark.parametrize("words", [["-o", "no/out.h5"], ["-o", "."], ["-o", "out.h5", "--rate", "-1"], []])
-def test_wrong_words_are_one_sentence(cmu, tmp_path, monkeypatch, capsys, words):
-    monkeypatch.chdir(tmp_path)
-    assert main(["import", str(cmu), *words]) == 2
-    assert capsys.readouterr().err.count("\n") == 1

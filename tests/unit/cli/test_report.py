@@ -14,10 +14,7 @@ from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.cli import report
-from workbench.core.study import StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.study_recorder import record_study
-from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.results.report.page import escaped
 from workbench.results.report.plots import joint_errors
@@ -139,15 +136,6 @@ def test_the_page_needs_nothing_but_itself(written):
         assert expected in page.text
 
 
-def test_markdown_shows_the_plots_and_tables(written):
-    lines = (written / "report.md").read_text().splitlines()
-    assert lines[0] == "# Report on sweep"
-    assert [f"{name}.png" for name in PLOTS] == sorted(re.findall(r"\]\((.+)\)", "\n".join(lines)))
-    assert "| walking, n\\_particles=100 | 2 | 1 | 10.50 | – | 0.7071 | 10.00 | 11.00 |" in lines
-    assert "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |" in lines
-    assert "- walking, n\\_particles=400: no recording of seed 2, which other groups have" in lines
-
-
 @pytest.mark.slow
 def test_the_same_recordings_give_the_same_report(sweep, written, tmp_path):
     assert report.main([str(sweep), "-o", str(tmp_path)]) == 0
@@ -173,18 +161,6 @@ def test_joint_errors_need_a_truth(run, tmp_path):
     assert joint_errors(read(path)) == {}
     assert report.main([str(path), "-o", str(tmp_path / "out")]) == 0
     assert not list((tmp_path / "out").glob("*.png"))  # no error, so nothing to plot
-
-
-def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
-    labels = {"run_id": "s", "config_yaml": "seed: 0\nstudy: {a: 1}", "provenance": {"experiment": "learn_walk"}}
-    with RecordingFile(tmp_path / "run.rrd", **labels) as recording:
-        record_study(recording, StudyResult({"explained": 0.75}, (), "note"))
-        recording.send_property("cost", {"seconds": 2.0})
-    assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
-    told = capsys.readouterr().out
-    assert "One group, learn_walk" in told
-    assert re.search(r"learn_walk +1 +1 +0\.7500 +– +– +– +–\n", told)
-    assert not list((tmp_path / "out").glob("*.png"))
 
 
 def test_text_of_strangers_stays_text(run, tmp_path, capsys):

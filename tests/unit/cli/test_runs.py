@@ -3,12 +3,9 @@
 import csv
 import json
 import os
-import re
 import shutil
-import signal
 import subprocess
 import sys
-from importlib.util import find_spec
 from io import StringIO
 
 import pytest
@@ -109,27 +106,6 @@ def test_what_cannot_be_met_is_a_sentence(called, words):
     assert len(err.splitlines()) == 1
 
 
-def test_a_long_condition_is_one(called):
-    code, lines, _ = called("list", f"seed={','.join(map(str, range(1, 500)))}")
-    assert (code, len(lines)) == (0, 1 + 8)
-
-
-@pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
-def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(tmp_path, capsys, monkeypatch):
-    def interrupt():
-        raise KeyboardInterrupt
-
-    leave_recorded(tmp_path / "a", "a")
-    leave(tmp_path / "b", status="failed", day=2)
-    monkeypatch.setattr(signal, "pause", interrupt)
-    assert main(["gallery", str(tmp_path), "--serve"]) == 0
-    out, err = capsys.readouterr()
-    url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
-    assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
-    assert f"ssh -N -L {url[2]}:127.0.0.1:{url[2]} " in out
-    assert err.startswith(f"workbench runs: left out: {tmp_path / 'b'}: it has no recording")
-
-
 @pytest.fixture
 def opened(monkeypatch):
     """The recordings that the viewer was given."""
@@ -167,23 +143,8 @@ def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_
     assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
 
 
-def test_a_query_is_reported(tmp_path, capsys):
-    for name in "ab":
-        leave_recorded(tmp_path / name, name, prior=name)
-    assert main(["list", str(tmp_path), "prior=a", "--report"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("1 recordings: ")
-    assert f"{tmp_path}/a/run.rrd: expected a configuration with" in out
-
-
 def test_a_list_loads_neither_rerun_nor_hydra(root):
     command = f"main({['list', str(root), 'prior=smooth']})"
     code = f"import sys; from workbench.cli.runs import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.endswith("\nset()\n")
-
-
-@pytest.mark.parametrize("name", ["list", "diff", "gallery", "restore", "watch", "rm"])
-def test_every_command_explains_itself(name, capsys):
-    assert main([name, "--help"]) == 0
-    assert f"workbench runs {name} " in capsys.readouterr().out

@@ -73,23 +73,6 @@ def test_who_leaves_and_comes_back_is_the_same(caplog):
     assert "left: the person is not found in frames 14 to" in caplog.text
 
 
-def test_a_view_that_drops_out_and_a_joint_that_is_never_found_are_told(caplog):
-    made = scene(1, CROSSING[:1], missing=0.0, lost_joints=0.0)
-    wrist, people = JOINT_NAMES.index("left_wrist"), made.people
-    for name in people:
-        rows = [one.copy() for one in people[name].joints]
-        for t, one in enumerate(rows):
-            one[:, wrist] = np.nan
-            if name == "left" and t >= 12:
-                rows[t] = one[:0]
-        people[name] = People(name, "COCO_17", people[name].frames, tuple(rows))
-    with caplog.at_level(logging.INFO):
-        found = follow(people, made.cameras, RATE_HZ)
-    assert np.isfinite(found.joints[0, :, :, 0]).any(axis=1).all()
-    assert "left: the person is not found in frames 12 to 29; the fit goes on without" in caplog.text
-    assert "never found: left_wrist; where they are" in caplog.text
-
-
 def test_exchanged_sides_are_put_right_and_counted(caplog):
     rng = np.random.default_rng(3)
     right = shown(CAMERAS, walkers(CROSSING[:1], 40), rng)

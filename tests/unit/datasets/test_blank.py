@@ -5,7 +5,6 @@ import pytest
 
 from workbench.datasets.blank import Blank
 from workbench.motion.sources import find_motion
-from workbench.utils.errors import InputError
 
 
 def test_frames_are_empty_and_evenly_spaced():
@@ -27,13 +26,3 @@ def test_the_start_is_the_motions_and_the_lead_in_ends_there():
     assert known.rate_hz == 30.0
     assert np.array_equal(known.shape.as_dict(), motion.shape.as_dict())
     assert motion.name in known.name
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [({"n_frames": 0}, "n_frames"), ({"first_frame": -1}, "first_frame"), ({"rate_hz": 0.0}, "rate_hz"),
-     ({"first_frame": 10**6}, "1000000"), ({"motion": "02_03"}, "paths.data")],
-)  # fmt: skip
-def test_bad_input_is_refused(options, words):
-    with pytest.raises(InputError, match=words):
-        _ = Blank(**options).known

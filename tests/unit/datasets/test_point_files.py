@@ -107,17 +107,6 @@ def test_hdf5_comes_back_in_the_order_of_its_numbers(tmp_path, frames):
         assert np.array_equal(read, points)
 
 
-@quick
-@given(length=st.integers(0, 4000))
-def test_a_cut_hdf5_file_is_refused(tmp_path, length):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["frames/0"] = np.zeros((20, 3))
-    whole = (tmp_path / "a.h5").read_bytes()
-    file = tmp_path / "cut.h5"
-    file.write_bytes(whole[: min(length, len(whole) - 1)])
-    refused(lambda path: list(read_hdf5(path)), file)
-
-
 HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
 
 
@@ -274,15 +263,3 @@ def test_other_sources_are_named(tmp_path):
     (tmp_path / "sub" / "a.ply").mkdir()
     with pytest.raises(InputError, match="expected a file, found a folder"):
         _ = PointFiles(str(tmp_path / "sub")).known
-
-
-@pytest.mark.parametrize(
-    ("parameters", "word"),
-    [({"unit": "inch"}, "inch"), ({"rate_hz": 0.0}, "rate_hz"), ({"most_points": 0}, "most_points"),
-     ({"first_frame": -1}, "first_frame"), ({"n_frames": 0}, "n_frames"), ({"n_frames": 2}, "no frame 1, expected"),
-     ({"first_frame": 3}, "no frame 3, expected one of 0 to 0"), ({"truth": "none", "truth_first": 1}, "truth_first"),
-     ({"seed": -1}, "seed"), ({"start": "soon"}, "soon")],
-)  # fmt: skip
-def test_mistakes_are_named(tmp_path, parameters, word):
-    with pytest.raises(InputError, match=word):
-        _ = PointFiles(str(folder_of(tmp_path, [np.ones((2, 3))])), **parameters).known

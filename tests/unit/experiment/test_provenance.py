@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from workbench.core.keys import keeps_keys, kept
 from workbench.experiment import provenance as module
-from workbench.experiment.provenance import CUT, code_state, described, has_commit, identity, input_files
+from workbench.experiment.provenance import code_state, described, has_commit, identity, input_files
 from workbench.likelihoods.keypoints import Keypoints
 from workbench.priors.smooth import Smooth
 
@@ -53,13 +53,6 @@ def test_the_difference_brings_changed_and_new_code_back(clone, tmp_path_factory
     subprocess.run(["git", "-C", other, "apply"], input=state["difference"], text=True, check=True)
     assert (other / "workbench" / "a.py").read_text() == "two\n"
     assert (other / "conf" / "new.yaml").read_text() == "three\n"
-
-
-def test_a_long_difference_is_cut_and_says_so(clone, monkeypatch):
-    monkeypatch.setattr(module, "MOST_CHANGED", 100)
-    (clone / "workbench" / "a.py").write_text("two\n" * 1000)
-    assert code_state(clone)["difference"].endswith(CUT)
-    assert len(code_state(clone)["difference"]) == 100 + len(CUT)
 
 
 def test_a_folder_inside_somebody_elses_clone_is_none(clone):

@@ -101,13 +101,6 @@ def test_other_skeletons_keep_their_rest_pose():
     np.testing.assert_allclose(joints(skeleton, full_poses(clip)), places_of(clip, skeleton.names), atol=1e-12)
 
 
-def test_clips_of_one_skeleton_have_one_skeleton():
-    one, other = full_skeleton(bandai_like(1)), full_skeleton(bandai_like(2))
-    assert (one.names, one.dof_names) == (other.names, other.dof_names)
-    np.testing.assert_array_equal(one.offsets, other.offsets)
-    np.testing.assert_array_equal(one.dof_axes, other.dof_axes)
-
-
 def test_a_joint_that_travels_is_refused():
     rotations = clips.wandering(clips.TRAVELLER, 0)
     offsets = np.array([offset for _, offset in clips.TRAVELLER.values()])

@@ -10,7 +10,6 @@ from workbench.body.shape import from_height
 from workbench.body.surface import OVERHANG, attach, person_surface, residuals
 from workbench.datasets.rendering.visible import surface_points
 from workbench.motion.full_skeleton import full_body
-from workbench.recording.write import scene
 
 SHAPE = from_height(1.7)
 BODY = full_body(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)), SHAPE)
@@ -37,15 +36,3 @@ def test_points_of_the_limbs_lie_on_the_skin(seed):
     assert np.median(np.abs(away)) < 0.01  # as for the person, along a limb
     # a limb's rounded end is as high as the limb is thin, of which the skin covers the overhang
     assert away.max() < (1.0 - OVERHANG) * BODY.limbs.radii.min(axis=2).max()
-
-
-def test_solids_lie_along_their_limbs():
-    figure, limbs = scene.figure(BODY), BODY.limbs
-    for name in ("Toes_R", "UpperArm_L", "Shoulder_L"):
-        k = limbs.names.index(name)
-        on_it = np.flatnonzero(np.all(figure.axes == limbs.axes[k], axis=(1, 2)) & (figure.carriers == limbs.joints[k]))
-        places = np.linalg.norm(figure.centers[on_it] - limbs.starts[k], axis=1)
-        assert places.min() == pytest.approx(0.0)
-        assert places.max() >= limbs.lengths[k] - 1e-9
-        # along their own z axis the first and the last reach the limb's ends by its thinner half size
-        assert figure.half_sizes[on_it, 2].min() == pytest.approx(limbs.radii[k].min())

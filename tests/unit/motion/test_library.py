@@ -44,14 +44,6 @@ def test_motions_come_back_bit_for_bit(library):
         np.testing.assert_array_equal(found.joint_error_mm, expected.joint_error_mm)
 
 
-def test_the_file_explains_itself_to_other_readers(library):
-    with h5py.File(library) as file:
-        assert file.attrs["format"] == "workbench motion library"
-        assert file.attrs["workbench_version"]
-        assert list(file.attrs["pose_names"])[:4] == ["root_x", "root_y", "root_z", "root_heading"]
-        np.testing.assert_array_equal(file["motions/000001/velocities"], motion("two", 7, seed=1).velocities)
-
-
 def test_a_library_is_replaced_only_by_a_whole_one(library):
     before = library.read_bytes()
     broken = motion("broken")

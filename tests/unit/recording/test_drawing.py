@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from workbench.core.study import Bars, Curves, Scatter
-from workbench.recording.study.drawing import SERIES, draw, picture
+from workbench.recording.study.drawing import draw, picture
 from workbench.recording.study.figures import figure_of, numbers
 
 
@@ -14,34 +14,6 @@ def drawn(figure):
     axes = Figure().add_subplot()
     draw(axes, figure)
     return axes
-
-
-def test_curves_lie_where_their_values_are_and_stop_at_gaps():
-    x, y = np.linspace(2.0, 5.0, 31), np.sin(np.linspace(2.0, 5.0, 31))
-    y[[10, 11, 13]] = np.nan  # 12 stands alone
-    axes = drawn(Curves("f", x, {"a": y}, "x", "y", marks={"m": 3.0}, faint={"b": -y}))
-    (curve,) = [line for line in axes.lines if line.get_color() == SERIES[0]]
-    np.testing.assert_array_equal(curve.get_xydata(), np.column_stack([x, y]))
-    assert curve.get_markevery().tolist() == [12]
-    assert sorted(text.get_text() for text in axes.texts) == ["a", "m 3"]
-    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_xlim()) == ("x", "y", (2.0, 5.0))
-
-
-def test_bars_reach_from_zero_to_their_heights():
-    heights = np.array([1.0, 4.0, 0.0, 2.0])
-    axes = drawn(Bars("h", np.arange(4.0), heights, "x", heights + 1.0))
-    values, edges, _ = axes.patches[0].get_data()
-    assert (values.tolist(), edges.tolist()) == (heights.tolist(), [-0.5, 0.5, 1.5, 2.5, 3.5])
-    assert axes.get_ylim()[0] == 0.0
-    assert axes.lines[0].get_ydata().tolist() == (heights + 1.0).tolist()
-
-
-def test_points_lie_where_their_values_are_and_are_named():
-    points = {"walk": np.array([[0.0, 1.0], [np.nan, 2.0]]), "run": np.array([[3.0, 4.0]])}
-    axes = drawn(Scatter("s", points, "x", "y"))
-    np.testing.assert_array_equal(axes.collections[0].get_offsets().filled(np.nan)[0], [0.0, 1.0])
-    np.testing.assert_array_equal(axes.collections[1].get_offsets(), [[3.0, 4.0]])
-    assert [text.get_text() for text in axes.get_legend().texts] == ["walk", "run"]
 
 
 @pytest.mark.parametrize(

@@ -30,12 +30,6 @@ def test_quantiles_are_the_smallest_values_with_their_share(data):
             assert min(enough) <= value <= min(fewer)  # equal but for rounding of the sums
 
 
-def test_quantiles_of_equal_weights_are_numpys():
-    values = np.random.default_rng(0).normal(size=(1001, 4))
-    found = weighted_quantiles(values, np.full(1001, 1 / 1001), (0.05, 0.95))
-    assert found == pytest.approx(np.quantile(values, (0.05, 0.95), axis=0, method="inverted_cdf"))
-
-
 def drifting(n_frames, seed=0, speed=0.4):
     """Particle sets that wander far out of the first one's range, up in one column and down in the other."""
     rng = np.random.default_rng(seed)

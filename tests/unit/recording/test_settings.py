@@ -18,17 +18,6 @@ def test_numbers_are_told_from_texts():
     assert texts == {"prior.held": "true", "dataset.motion": "35_02", "dataset.view": "[1, 2.5]", "prior": "smooth"}
 
 
-def test_settings_with_dotted_keys_are_the_same():
-    dotted = {"prior.sigma": 1.0e-3, "paths.data": "/my/own", "prior._target_": "x"}
-    assert numbers_and_texts(dotted, {}) == ({"prior.sigma": 1.0e-3}, {})
-
-
-def test_what_is_too_long_is_cut_or_left_out():
-    numbers, texts = numbers_and_texts({"k" * 10_000: 1.0, "text": "t" * 10_000}, {"prior": "p" * 10_000})
-    assert numbers == {}
-    assert {key: len(text) for key, text in texts.items()} == {"text": 300, "prior": 300}
-
-
 def test_leaves_go_into_lists_where_that_is_asked_for():
     nested = {"a": {"b": [1, {"c": 2}]}, "d": {}, "e": []}
     assert dict(leaves(nested)) == {"a.b": [1, {"c": 2}], "e": []}

@@ -4,11 +4,10 @@ import logging
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.study_recorder import eye, grid, pages, record_study
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import InputError
 
@@ -88,25 +87,6 @@ def test_properties_metrics_and_note_come_back(recorded):
         _ = found.poses
 
 
-def test_every_figure_is_drawn_and_only_the_metrics_have_a_frame(recorded):
-    reader = RrdReader(recorded)
-    found = {(chunk.entity_path, name) for chunk in reader.stream() for name in chunk.to_record_batch().schema.names}
-    timed = {chunk.entity_path for chunk in reader.stream() if not chunk.is_static}
-    assert timed == {f"/metrics/{name}" for name in METRICS}
-    assert len(reader.blueprints()) == 1
-    for entity, name in (
-        (r"/figures/first\ page/SNR\ \(left\ hip\)/drawing", "EncodedImage:blob"),
-        (r"/figures/first\ page/one\ point/drawing", "EncodedImage:blob"),
-        ("/figures/c3/drawing", "EncodedImage:blob"),
-        ("/figures/counts/drawing", "EncodedImage:blob"),
-        ("/figures/run/skeletons", "LineStrips3D:strips"),
-        ("/figures/run/trails/1", "LineStrips3D:strips"),
-        ("/figures/one/skeletons", "LineStrips3D:strips"),
-        ("/note", "TextDocument:text"),
-    ):
-        assert (entity, name) in found
-
-
 def fail_in(recording):
     with recording:
         assert read(recording.part).status == "running"  # what a killed process would leave
@@ -127,25 +107,3 @@ def test_two_figures_of_one_name_are_refused(tmp_path):
     one = figures()[3]
     with pytest.raises(ValueError, match="distinct names"):
         record(tmp_path / "run.rrd", [one, one])
-
-
-def test_pages_keep_the_order_and_hold_eight_at_most():
-    names = ["a/1", "a/2", "plain", *[f"b/{k}" for k in range(9)]]
-    found = pages([Bars(name, np.zeros(1), np.zeros(1), "") for name in names])
-    assert [figure.name for _, shown in found for figure in shown] == names
-    assert [(title, len(shown)) for title, shown in found] == [("a", 2), ("figures", 1), ("b", 8), ("b", 1)]
-    assert all(columns * rows >= n and columns <= 4 and rows <= 2 for n in range(1, 9) for columns, rows in [grid(n)])
-
-
-@pytest.mark.parametrize("way_m", [0.0, 0.3, 4.0])
-def test_the_eye_of_skeletons_sees_heads_and_feet(way_m):
-    """Of someone 1.8 m tall, in what the viewer shows: 55° from top to bottom."""
-    upright = np.array([[0.0, 0.0, 0.9], [0.0, 0.0, 1.8], [0.0, 0.2, 0.0]])
-    went = upright + np.linspace(0.0, way_m, 5)[:, None, None] * np.eye(3)[0]
-    seen = eye(Sticks("run", went, np.array([-1, 0, 0]), np.ones(5)))
-    position, target = (np.array(each.as_arrow_array().flatten()) for each in (seen.position, seen.look_target))
-    ahead = (target - position) / np.linalg.norm(target - position)
-    rays = went - position
-    angles = np.degrees(np.arccos(np.sum(rays * ahead, axis=-1) / np.linalg.norm(rays, axis=-1)))
-    upwards = angles[np.argmin(np.abs(went[:, 0, 0] - target[0]))]  # of who is in the middle
-    assert upwards.max() < 27.5

@@ -24,14 +24,6 @@ def run(tmp_path_factory):
     return read(path.parent)  # the folder of a run
 
 
-@pytest.mark.parametrize("name", TABLES)
-def test_columns_are_of_one_length_and_begin_with_the_frame(run, name):
-    table = run.table(name)
-    assert next(iter(table)) == "frame"
-    assert len({len(column) for column in table.values()}) == 1
-    assert len(table["frame"]) >= N
-
-
 def test_poses_and_joints_are_those_of_the_arrays(run):
     poses, joints = run.table("poses"), run.table("joints")
     frames, values = run.poses
@@ -82,8 +74,3 @@ def test_a_library_that_is_not_there_and_a_table_that_is_none_are_named(run, mon
         data_frame("polars", {"frame": [0]})
     with pytest.raises(InputError, match="one of poses, joints, true_joints, bands, metrics, found 'pose'"):
         run.table("pose")
-
-
-def test_a_folder_without_a_recording_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"run\.rrd: no such recording"):
-        read(tmp_path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.recording.study.drawing import spread
-from workbench.results.formatting import number, numeric, table_of, text
+from workbench.results.formatting import number
 
 
 @pytest.mark.parametrize(
@@ -16,14 +16,6 @@ from workbench.results.formatting import number, numeric, table_of, text
 )  # fmt: skip
 def test_four_digits_are_shown(value, expected):
     assert number(value) == expected
-
-
-def test_columns_are_aligned_and_a_path_is_not_cut():
-    table = table_of(("path", "words", "n", "mean"), [("a" * 9, "b\x1b" * 9, 20261122, 1.5), ("c", None, 5, 12.25)])
-    assert numeric(table) == [False, False, True, True]
-    assert text(table, longest=5).splitlines() == [
-        "path       words      n   mean", "aaaaaaaaa  b b …  2026…  1.500", "c                     5  12.25",
-    ]  # fmt: skip
 
 
 def test_labels_move_only_where_they_would_overlap():

@@ -93,14 +93,6 @@ def test_the_jobs_are_those_of_all_combinations(sweep):
     assert read_plan(sweep).jobs == (1, 3)
 
 
-def test_parameters_may_refer_to_the_configuration(sweep):
-    lists = "clips: {strangers: {walk: {a: 0, b: 3}, run: {c: 1}}}"
-    (sweep / "multirun.yaml").write_text(
-        PLAN.replace('"smooth,walking"', "'${each:${clips_of:${clips.strangers}}}'") + lists
-    )
-    assert read_plan(sweep).jobs == (0, 1, 2, 3, 4, 5)
-
-
 def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
     job = tmp_path / "0" / ".hydra"
     job.mkdir(parents=True)

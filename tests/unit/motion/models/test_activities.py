@@ -88,21 +88,6 @@ def test_one_style_serves_all_frames_and_the_phase_goes_round(model):
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)  # no corner where the cycle closes
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"n_components": 0}, "1 to 29"),
-        ({"n_components": 30}, "1 to 29"),
-        ({"variance": 1.0}, "variance"),
-        ({"angles": ["wing"]}, "wing"),
-        ({"angles": []}, "angle"),
-    ],
-)
-def test_wrong_options_are_refused(options, words):
-    with pytest.raises(InputError, match=words):
-        learn_activities(planted()[0], **{"angles": ANGLES, **options})
-
-
 @pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all", "lacks"])
 def test_what_is_no_model_is_refused(tmp_path, model, content):
     path = tmp_path / "m.h5"

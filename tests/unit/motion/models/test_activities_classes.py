@@ -57,16 +57,6 @@ def test_probabilities_are_those_of_gaussians_with_one_covariance():
     np.testing.assert_array_equal(found.labels, np.array(found.activities)[density.argmax(axis=-1)])
 
 
-def test_of_two_activities_the_nearer_mean_of_whitened_examples_wins():
-    model = learn_activities(cycles(), angles=ANGLES, n_components=3)
-    runs = np.array(model.activities) == "run"
-    alpha = np.random.default_rng(2).normal(size=(500, 3))
-    near = [np.linalg.norm(alpha - model.scores[kind].mean(axis=0), axis=1) for kind in (runs, ~runs)]
-    np.testing.assert_array_equal(classify(model, alpha).labels == "run", near[0] < near[1])
-    middle = 0.5 * (model.scores[runs].mean(axis=0) + model.scores[~runs].mean(axis=0))
-    assert classify(model, middle).probabilities == pytest.approx(0.5)
-
-
 def test_coefficients_far_away_and_examples_without_spread_still_have_probabilities():
     scores = np.repeat([[1.0, 0.0], [-1.0, 0.0]], 3, axis=0)
     found = classify(model_of(scores, ["run"] * 3 + ["walk"] * 3), np.array([[1e4, 0.0], [-3.0, 1e4], [0.2, 0.0]]))

@@ -5,7 +5,6 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from workbench.motion.models.cycle_alignment import N_PHASES, align, fit_periodic, periodic_basis
-from workbench.utils.errors import InputError
 
 M = 5
 
@@ -84,14 +83,3 @@ def test_the_regression_spline_is_the_periodic_spline():
     spline = CubicSpline(knots, np.r_[values[:-1], values[0]], bc_type="periodic")
     coefficients = fit_periodic(periodic_basis(knots[:-1], 12), np.ones((12, 1)), values[:-1, None])
     assert periodic_basis(phases, 12) @ coefficients[:, 0] == pytest.approx(spline(phases % 1.0), abs=1e-12)
-
-
-def test_what_does_not_go_together_is_refused():
-    series = np.random.default_rng(0).normal(size=(100, 2))
-    with pytest.raises(InputError, match="same m"):
-        align([series, series[:, :1]], [40, 40])
-    with pytest.raises(InputError, match="one period"):
-        align([series], [40, 40])
-    series[:, 1] = np.nan
-    with pytest.raises(InputError, match="angle 1 has no valid sample"):
-        align([series], [40])

@@ -14,7 +14,6 @@ from workbench.motion.models.windows import (
 )
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
-from workbench.utils.errors import InputError
 
 LENGTH = 10
 
@@ -120,16 +119,6 @@ def test_short_clips_are_named(motions, caplog):
         windows = learn_windows([*motions, short])
     assert "tiny" in caplog.text
     assert len(windows) == len(learn_windows(motions))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"angles": ("left_wing",)}, "left_wing"), ({"angles": ()}, "angles"), ({"length": 0}, "length"),
-     ({"length": 5000}, "at least 4 windows"), ({"rate_hz": 0.0}, "rate")],
-)  # fmt: skip
-def test_bad_input_is_refused(motions, change, message):
-    with pytest.raises(InputError, match=message):
-        learn_windows(motions, **change)
 
 
 def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):

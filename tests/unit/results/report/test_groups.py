@@ -7,7 +7,6 @@ from report_runs import made_up
 from workbench.recording.read.reader import Unreadable
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
-from workbench.results.report.plots import all_series
 
 ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
 
@@ -111,41 +110,6 @@ def test_everything_that_does_not_count_is_named():
     )
     summary = contents(grouping).summary
     assert summary[0] == "9 recordings: 4 complete, 2 failed, 1 cut off or still running, 2 unreadable."
-
-
-def test_chief_metrics_come_first_and_a_study_is_not_ranked():
-    runs = [made_up(alpha=1.0, error_px=2.0, cost={"seconds": 3.0}), made_up("study", study=True, gap_deg=1.0)]
-    grouping = group_runs(runs)
-    assert grouping.metrics == ["error_px", "seconds", "alpha", "gap_deg"]
-    assert grouping.chief_metrics == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
-    assert (grouping.headline, group_runs(runs[1:]).headline) == ("error_px", None)
-    assert list(contents(group_runs(runs[1:])).tables) == ["gap_deg"]
-
-
-def test_best_and_worst_are_the_least_and_the_largest_error():
-    table = contents(group_runs(sweep())).tables["best and worst runs by error_abs_mm"]
-    assert table.to_numpy().tolist()[:2] == [
-        ["smooth, n_particles=200", "best", 300.0, "", 0, "smooth_200_0_complete.rrd"],
-        ["smooth, n_particles=200", "worst", 302.0, "", 2, "smooth_200_2_complete.rrd"],
-    ]
-
-
-def test_different_versions_are_reported():
-    runs = [made_up(seed=0, version="0.1", error_px=1.0), made_up(seed=1, version="0.2", error_px=1.0)]
-    sentence = "The runs are of different versions of the workbench: 0.1, 0.2."
-    assert sentence in contents(group_runs(runs)).summary
-    assert sentence not in contents(group_runs(runs[:1])).summary
-
-
-def test_groups_of_a_series_differ_in_their_particles_only_and_the_best_are_shown():
-    series, n_left_out = all_series(group_runs(sweep()), "error_abs_mm")
-    assert [(line.label, line.groups) for line in series] == [("smooth", [0, 1]), ("walking", [2, 3])]
-    assert n_left_out == 0
-    assert len({line.shade(group) for line in series for group in line.groups}) == 4
-    series, n_left_out = all_series(
-        group_runs([made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]), "error_abs_mm"
-    )
-    assert ([line.label for line in series], n_left_out) == ([f"prior_{k}" for k in range(7)], 2)
 
 
 @pytest.mark.parametrize("runs", [[], [made_up(status="failed")]])

@@ -45,19 +45,6 @@ def test_halves_are_groups_and_what_a_protocol_drew_is_not(sweep):
     assert not any("choose" in problem and "02_01" in problem for problem in problems)  # missing in its own half only
 
 
-def test_tables_divide_runs_by_what_was_shown(sweep):
-    found = contents(group_runs(sweep))
-    divided = [title for title in found.tables if title.startswith("by ")]
-    assert divided == [f"by {word}: means over runs" for word in ("activity", "shown with", "camera at")]
-    table = found.tables[divided[0]].set_index(["group", "activity"])
-    assert (table["n"] == 2).all()
-    assert table["error_abs_mm"]["half=report", "bow"] == 70.0
-    assert table["held"]["half=report", "walk"] == 1.0
-    assert "They are of these halves of the protocol's clips: choose, report." in found.summary
-    others = contents(group_runs([made_up(motion="35_02"), made_up(motion="38_02")]))
-    assert not any(title.startswith("by ") for title in others.tables)
-
-
 def test_doubts_are_judged_over_all_frames_but_the_given_one(sweep):
     title, table = next(each for each in contents(group_runs(sweep)).tables.items() if "doubt" in each[0])
     assert title.endswith("those over 50 mm")

@@ -1,8 +1,6 @@
 """Which keys of configurations tell runs apart, and how groups are called."""
 
-import pytest
-
-from workbench.results.report.variation import flat, label, seeds_of_parts, short_names, shown, what_varied
+from workbench.results.report.variation import flat, label, seeds_of_parts, what_varied
 
 WALKING = {"_target_": "workbench.priors.from_motions.walking", "motions": "builtin", "variance": 0.95}
 SMOOTH = {"_target_": "workbench.priors.smooth.Smooth", "damping": 0.0}
@@ -60,24 +58,3 @@ def test_a_number_brings_no_other_with_it_and_a_key_that_crosses_a_choice_is_its
     assert what_varied(rows).keys == ("inference.n_particles", "dataset.noise")
     rows = [settings(prior, dataset={"view_deg": v}) for prior, v in ((WALKING, 0), (WALKING, 90), (SMOOTH, 0))]
     assert what_varied(rows).keys == ("prior._target_", "dataset.view_deg")
-
-
-def test_names_are_as_short_as_they_can_be():
-    keys = ("likelihood.sigma", "inference.sigma", "prior._target_", "prior.priors.legs._target_", "dataset.noise")
-    assert list(short_names(keys).values()) == ["likelihood.sigma", "inference.sigma", "prior", "legs", "noise"]
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "text"),
-    [
-        ("likelihood._target_", "workbench.likelihoods.image_motion.ImageMotion", "image_motion"),
-        ("prior._target_", "workbench.priors.from_motions.walking", "walking"),
-        ("a", 0.1 + 0.2, "0.3"),
-        ("a", None, "none"),
-        ("a", [0.01, "x", None], "[0.01,x,none]"),
-        ("a", True, "True"),
-        ("a", 5000, "5000"),
-    ],
-)
-def test_values_are_shown_as_they_would_be_written(key, value, text):
-    assert shown(key, value) == text
