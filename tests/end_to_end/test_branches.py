@@ -165,14 +165,6 @@ def test_a_run_that_goes_on_from_another_can_be_gone_on_from(run, long, monkeypa
     assert_same_curves(fourth / "run.rrd", second / "run.rrd", 5)
 
 
-@pytest.mark.slow
-def test_one_without_checkpoints_cannot_and_says_so(run, long):
-    _, _, second = run("second", f"from={long}@5", "recorder.checkpoints=false")
-    done = run("third", f"from={second / 'run.rrd'}@6")
-    assert done.code == 2
-    assert "itself goes on from frame 5" in done.err
-
-
 def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypatch):
     with monkeypatch.context() as patch:
         cut_at(6, patch)

@@ -21,7 +21,6 @@ from workbench.results.check.agreement import Tolerance
 from workbench.results.check.rerun import rerun, tolerances
 from workbench.utils.errors import InputError
 
-FORMAT_1 = Path(__file__).parents[1] / "unit" / "recording" / "recordings" / "format_1.rrd"
 SMALL = (
     "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
     "inference.n_particles=60", "recorder.n_particles_shown=5",
@@ -98,16 +97,6 @@ def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(
     failures = {case.get("name"): case[0].get("message") for case in suite if len(case)}
     assert len(failures) == int(suite.get("failures")) > 0
     assert "first differs in frame 1" in failures["error_abs_mm"]
-
-
-def test_two_recordings_are_compared_without_running(walk, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "rerun", None)
-    other = shutil.copy(walk, tmp_path / "other.rrd")
-    code, told = check(capsys, walk, other, "-v")
-    assert code == 0, told
-    assert told.count(f"{walk} → {other}") == 44
-    code, told = check(capsys, walk, other, "--update")
-    assert (code, "compared without running" in told) == (2, True)
 
 
 def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp_path):
@@ -243,15 +232,6 @@ def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_is_
     assert against.git(clone, "worktree", "list").count("\n") == 1
 
 
-def test_a_recording_of_an_older_format_can_be_read_and_says_why_it_cannot_be_run(capsys, tmp_path):
-    code, told = check(capsys, FORMAT_1, "-v")
-    assert code == 2
-    assert "is no part of the workbench; if an earlier version recorded it" in told
-    other = shutil.copy(FORMAT_1, tmp_path / "other.rrd")
-    code, told = check(capsys, FORMAT_1, other, "-v")
-    assert code == 0, told
-
-
 def test_a_damaged_recording_is_refused_by_name_and_the_others_are_checked(walk, capsys, tmp_path):
     folder = tmp_path / "damaged"
     folder.mkdir()
@@ -341,14 +321,4 @@ def test_measured_tolerances_next_to_a_recording_come_first(settings, tmp_path):
     for wrong in ("[]", '{"tolerances": {"run": 3}}', "{"):
         file.write_text(wrong)
         with pytest.raises(InputError, match=r"tolerances\.json: expected"):
-            tolerances(run, own)
-
-
-def test_tolerances_travel_in_the_recording(settings, tmp_path):
-    run = stored(tmp_path / "run.rrd", changed(settings, {"check": {"default": {"absolute": 7.0, "relative": 0.0}}}))
-    own = own_defaults([])
-    assert str(tolerances(run, own)["default"]) == "± 7"
-    for wrong in ({"default": 3}, {"default": {"absolut": 1.0}}, {"default": {"absolute": "much"}}):
-        run = stored(tmp_path / "run.rrd", changed(settings, {"check": wrong}))
-        with pytest.raises(InputError, match="check: expected absolute and relative"):
             tolerances(run, own)

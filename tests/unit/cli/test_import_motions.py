@@ -90,15 +90,6 @@ def test_a_motion_knows_where_it_comes_from(cmu, tmp_path):
     assert (motion.subject, motion.activity, motion.licence) == ("unknown", "unknown", "unknown")
 
 
-def test_an_index_that_cannot_be_read_is_an_error(cmu):
-    (cmu / "index.csv").write_text("clip,subject\n07_01,07\n")
-    with pytest.raises(InputError, match=r"index\.csv, line 1: expected the columns"):
-        load_motion(cmu / "07" / "07_01.amc")
-    (cmu / "index.csv").write_text("clip,subject,activity,rate_hz\n07_01,07,walk,fast\n")
-    with pytest.raises(InputError, match=r"index\.csv, line 2: expected a table of clips with a rate in Hz: .*'fast'"):
-        cmu_clips(cmu.parent, ["07"])
-
-
 def test_clips_of_subjects(cmu):
     found = cmu_clips(cmu.parent, ["35", "07"])
     assert [path.name for path in found] == ["07_01.amc", "35_01.amc"]  # "walk, then run" is not exactly "walk"

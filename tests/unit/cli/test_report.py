@@ -151,18 +151,6 @@ def test_joint_errors_are_distances_after_the_first_frame(sweep, run):
     np.testing.assert_allclose(list(found.values()), expected, atol=1e-3)  # positions are kept to float32, in metres
 
 
-def test_joint_errors_need_a_truth(run, tmp_path):
-    blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run]
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="blind", config_yaml=config("walking", 9, 0), provenance={}) as recording:
-        for step in blind:
-            recording.log(step, {})
-        recording.set_result({"ess_mean": 1.0})
-    assert joint_errors(read(path)) == {}
-    assert report.main([str(path), "-o", str(tmp_path / "out")]) == 0
-    assert not list((tmp_path / "out").glob("*.png"))  # no error, so nothing to plot
-
-
 def test_text_of_strangers_stays_text(run, tmp_path, capsys):
     for name in ("<script>alert(1)</script>", "a|b`*\x1b[2J"):
         folder = tmp_path / "in" / str(len(name))

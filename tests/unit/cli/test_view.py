@@ -160,13 +160,3 @@ def test_nothing_to_open_is_one_sentence(place, shown, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     assert view.main([str(tmp_path / place)]) == 2
     assert (capsys.readouterr().err.count("\n"), shown.calls) == (1, 0)
-
-
-def test_a_viewer_that_is_missing_or_fails_is_reported(sweep, shown, tmp_path, monkeypatch, capsys):
-    shown.code = 7
-    assert view.main([str(sweep / "0")]) == 1
-    assert "the viewer ended with exit code 7" in capsys.readouterr().err
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    assert view.main([str(sweep)]) == 2
-    assert "expected the viewer's program rerun" in capsys.readouterr().err
-    assert shown.calls == 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.datasets.rendering.surroundings import Board, passing_board
+from workbench.datasets.rendering.surroundings import passing_board
 from workbench.datasets.synthetic import Synthetic
 
 
@@ -22,15 +22,6 @@ def test_it_passes_once_and_is_beside_the_person_before_and_after(seed):
     assert not hides[0]
     assert not hides[-1]
     assert 0.5 * 270 <= board.picture.shape[0] <= 1.1 * 270 + 1
-
-
-def test_what_is_outside_the_image_is_cut_off():
-    board = Board(np.arange(12.0).reshape(3, 4), np.array([[-1, -2], [8, 9], [20, 20]]))
-    image = np.full((10, 10), -1.0)
-    assert np.array_equal(board.cover(image, 0)[:2, :2], [[6.0, 7.0], [10.0, 11.0]])
-    assert np.array_equal(board.cover(image, 1)[8:, 9:], [[0.0], [4.0]])
-    assert np.array_equal(board.cover(image, 2), image)
-    assert (board.cover(image, 0)[2:] == -1.0).all()
 
 
 def test_a_scene_with_it_differs_only_where_it_is():

@@ -93,13 +93,6 @@ def angle(name):
     return BODY.skeleton.dof(name)
 
 
-def test_one_particle_or_a_start_without_spread_has_pictures_too(priors):
-    for prior, n in ((priors["walk"], 1), (priors["arm"], 1), (Smooth(start_pose=0.0), 30)):
-        favourites = posterior(prior, steps(prior, n)).favourites
-        assert len(favourites) == 4
-        assert {*favourites} <= {*Posterior(prior.space, BODY.skeleton, None, N_BINS).names}
-
-
 def uneven(n_particles):
     """A step with Gaussian root_x and uneven weights: its band, values and weights."""
     prior = Smooth()

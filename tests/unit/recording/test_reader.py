@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import rerun as rr
 import rerun_cli
-from recorded import record
 from recording_steps import BODY, SCALE, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.recording.read.crash_probe import open_sound_runs
-from workbench.recording.read.reader import find_recordings, read
+from workbench.recording.read.reader import read
 from workbench.recording.write.file import FORMAT, RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
@@ -70,13 +69,6 @@ def test_names_and_shapes(recorded):
     assert run.marginals.names[:5] == ("c1", "c2", "c3", "c4", "c5")
     assert run.marginals.units[5:7] == ("cycle", "cycle/s")
     assert (run.marginals.low < run.marginals.high).all()
-
-
-def test_a_run_without_a_frame(tmp_path):
-    found = read(record(tmp_path / "run.rrd", []))
-    assert found.poses[1].shape == (0, 25)
-    assert found.joints.positions.shape == found.true_joints.positions.shape == (0, len(BODY.skeleton.names), 3)
-    assert (found.metric_names, found.marginals) == ((), None)
 
 
 def test_no_such_file_and_a_folder_without_a_recording(tmp_path):
@@ -152,12 +144,6 @@ def test_all_are_found_sorted_and_one_that_cannot_be_read_does_not_stop_the_othe
     assert [str(run.path.relative_to(folder)) for run in runs] == ["a/0/run.rrd", "a/1/run.rrd.part", "b/run.rrd"]
     assert [problem.path.name for problem in problems] == ["junk.rrd"]
     assert "junk.rrd: expected a whole Rerun recording" in problems[0].reason
-
-
-def test_a_folder_without_recordings_and_a_place_that_is_not_there(tmp_path):
-    assert open_sound_runs(tmp_path) == ([], [])
-    with pytest.raises(InputError, match="nowhere: expected a recording or a folder"):
-        find_recordings(tmp_path / "nowhere")
 
 
 def test_joints_are_those_of_the_poses_and_of_the_truth(recorded, run):

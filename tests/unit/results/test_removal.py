@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 from run_folders import leave, leave_sweep
@@ -141,8 +140,3 @@ def test_a_run_may_begin_where_one_is_being_deleted_and_nothing_is_left(root, fo
     remove(folder, STARTED)
     assert sorted(os.listdir(root / "sweep")) == ["0", "1"]
     assert list(read_runs(folder)["seed"]) == [7]
-
-
-def test_the_size_of_a_recording_is_its_own(root):
-    Path(root / "a.rrd").write_bytes(b"0" * 10)
-    assert size_of(root / "a.rrd") == 10

@@ -8,7 +8,6 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.studies.gap_errors import ImputeGaps
 from workbench.studies.learning import LearnWalk
 from workbench.studies.walk_cycles import AlignCycles, PeriodSnr, fold
-from workbench.utils.errors import InputError
 
 
 def rng():
@@ -110,9 +109,3 @@ def test_imputation_is_ranked_as_measured(imputed):
     for suffix in ("", "_markers"):
         assert metrics[f"rmse_deg_20{suffix}"] < metrics[f"rmse_deg_20_paper{suffix}"]
         assert metrics[f"rmse_deg_20_periodic{suffix}"] < metrics[f"rmse_deg_20_linear{suffix}"]
-
-
-@pytest.mark.parametrize("fractions", [(), (0.0,), (0.2, 1.0)])
-def test_fractions_out_of_range_are_refused(fractions):
-    with pytest.raises(InputError, match="fractions"):
-        ImputeGaps(fractions=fractions).run(rng())

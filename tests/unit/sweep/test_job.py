@@ -120,12 +120,6 @@ def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
     assert runs.found == []
 
 
-def test_a_metric_that_the_run_has_not_is_a_sentence(tmp_path, runs):
-    runs.acts = [completes]
-    with locked(tmp_path), pytest.raises(InputError, match=r"sweep\.metric: expected one of .*error_abs_mm"):
-        act(tmp_path, metric="error")
-
-
 @pytest.fixture
 def aside(tmp_path):
     """A sweep's folder with a complete run that was set aside, and the folders of two jobs."""

@@ -100,23 +100,6 @@ def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
     assert read_plan(tmp_path).jobs == tuple(range(7))
 
 
-def test_jobs_that_end_are_lines_until_all_have_ended(sweep, capsys, monkeypatch):
-    changes = [(1, "running", 1.0), (1, "complete", 12.345), (2, "failed", 1.0), (3, "complete", 9.0)]
-
-    def go_on(_):
-        job, status, error = changes.pop(0)
-        (sweep / str(job)).mkdir(exist_ok=True)
-        (sweep / str(job) / "summary.json").write_text(json.dumps(summary(status=status, error=error)))
-
-    monkeypatch.setattr(module, "PERIOD_S", 0.01)
-    monkeypatch.setattr(module, "sleep", go_on)
-    monkeypatch.setattr(module.Progress, "not_ended", lambda progress: changes)
-    with locked(sweep):
-        assert watch(sweep) == 1
-    rows = {line.split()[0]: line.split()[1:3] for line in capsys.readouterr().out.splitlines()[2:6]}
-    assert rows == {"0": ["complete", "40"], "1": ["complete", "12.35"], "2": ["failed", "-"], "3": ["complete", "9"]}
-
-
 def test_what_an_earlier_attempt_left_does_not_count(sweep, capsys):
     leave(sweep / "1", seed=1, status="failed")
     os.utime(sweep / "1" / "summary.json", (1e9 - 1, 1e9 - 1))

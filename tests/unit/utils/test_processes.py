@@ -26,11 +26,6 @@ def test_a_command_that_takes_too_long_is_killed():
     assert time.monotonic() - began < 30.0
 
 
-def test_a_command_that_is_not_there_is_an_os_error():
-    with pytest.raises(OSError, match="no-such-program"):
-        run(["no-such-program"])
-
-
 def test_a_module_is_not_taken_from_the_current_folder(tmp_path):
     (tmp_path / "platform.py").write_text("print('of the current folder')")
     assert b"current folder" not in run(module("platform"), stdout=CAPTURED, stderr=CAPTURED, cwd=tmp_path).stdout

@@ -88,9 +88,3 @@ def test_tests_of_the_lock_do_not_refuse_a_run_that_begins(tmp_path):
         over.set()
         for reader in readers:
             reader.join()
-
-
-def test_a_folder_that_cannot_be_locked_is_a_sentence(tmp_path):
-    assert not is_locked(tmp_path / "none")
-    with pytest.raises(InputError, match="cannot be locked: No such file or directory"), locked(tmp_path / "none"):
-        pass

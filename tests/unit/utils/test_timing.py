@@ -1,7 +1,6 @@
 """A clock that stands still while kernels are compiled."""
 
 import logging
-from threading import Event, Thread
 from time import perf_counter
 
 import numba
@@ -37,28 +36,3 @@ def test_kernels_are_counted_with_their_helpers_as_one_and_once(caplog, quiet):
     with caplog.at_level(logging.INFO), compiling(quiet):
         assert kernel(2) == 6
     assert caplog.messages == []
-
-
-def test_what_another_thread_compiles_meanwhile_counts_for_itself(caplog):
-    """Kernels that were begun before anyone listened, and end while another compiles, upset no count."""
-    from numba.core import event as events
-
-    begun, listening = Event(), Event()
-
-    def elsewhere():
-        with events.trigger_event("numba:compile", data={"dispatcher": kernel}):
-            begun.set()
-            listening.wait(10.0)
-
-    @numba.njit
-    def kernel(x):
-        return 2 * x
-
-    other = Thread(target=elsewhere)
-    other.start()
-    assert begun.wait(10.0)
-    with caplog.at_level(logging.INFO), compiling():
-        listening.set()
-        other.join()
-        assert kernel(1) == 2
-    assert [message.startswith("compiled 1 kernels in ") for message in caplog.messages] == [True]
