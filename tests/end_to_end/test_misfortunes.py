@@ -73,25 +73,6 @@ def test_of_two_runs_at_once_in_one_folder_one_ends_well_and_the_other_is_told(t
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == well
 
 
-@pytest.mark.slow
-def test_a_full_cache_is_gone_on_without(tmp_path, cache):
-    """Neither the images nor the learned model of the run find a place in it."""
-    (tmp_path / "cache").mkdir()
-    (tmp_path / "cache" / "models").touch()
-    (tmp_path / "cache" / "scenes").touch()
-    with started(tmp_path / "out", WORKBENCH_CACHE=str(tmp_path / "cache")) as process:
-        told = process.communicate(timeout=120)[0]
-    assert process.returncode == 0, told
-    assert told.count("cannot be written: ") == told.count("the run goes on, and the next one makes it again") == 2
-    with started(tmp_path / "other", WORKBENCH_CACHE=str(cache)) as process:
-        process.communicate(timeout=120)
-    numbers = [json.loads((tmp_path / name / "summary.json").read_text())["metrics"] for name in ("out", "other")]
-    timeless = [
-        {k: v for k, v in each.items() if k not in ("seconds", "ms_per_frame", "compiling_s")} for each in numbers
-    ]
-    assert timeless[0] == timeless[1]
-
-
 def limited_to(n_bytes):
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
 
@@ -111,19 +92,6 @@ def test_a_recording_that_may_not_grow_ends_the_run_with_what_fits(tmp_path, cac
 
 
 @pytest.mark.slow
-def test_kernels_that_cannot_be_kept_are_compiled_for_the_run(tmp_path):
-    """Of one small kernel, in a folder whose files may not grow."""
-    (tmp_path / "kernel.py").write_text(KERNEL)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    command = [sys.executable, str(tmp_path / "kernel.py")]
-    done = subprocess.run(
-        command, env=environment, preexec_fn=limited_to(100), capture_output=True, text=True, timeout=120, check=False
-    )
-    assert (done.returncode, done.stdout) == (0, "3 7\n"), done.stderr
-    assert done.stderr == f"compiled kernels cannot be cached in {tmp_path / 'kernels' / 'workbench'}: File too large\n"
-
-
-@pytest.mark.slow
 def test_runs_that_a_signal_ends_at_any_time_lose_nothing(tmp_path):
     """One of each signal; $WORKBENCH_CASES of them instead, where that says how many."""
     script, cases = sys.modules[main.__module__].__file__, os.environ.get("WORKBENCH_CASES", "4")
@@ -134,15 +102,3 @@ def test_runs_that_a_signal_ends_at_any_time_lose_nothing(tmp_path):
     told = json.loads(done.stdout.splitlines()[-1])
     assert (told["flaws"], told["first"], told["next_is_equal"]) == (0, [], True), told
     assert told["most_lost"] <= MOST_LOST
-
-
-KERNEL = """
-from workbench.utils.kernel_cache import kernel
-@kernel()
-def one(x):
-    return x + 1
-@kernel()
-def two(x):
-    return x + 3
-print(one(2), two(4))
-"""

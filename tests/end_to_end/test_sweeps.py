@@ -13,7 +13,6 @@ import numpy as np
 import psutil
 import pytest
 
-from workbench.cli.main import main
 from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
 from workbench.sweep.job import read_summary
@@ -147,19 +146,6 @@ def test_a_sweep_that_cannot_start_says_why_in_one_sentence(tmp_path, sweep, ove
     assert words in told.strip().splitlines()[-1]
     assert not status
     assert "Traceback" not in told
-
-
-@pytest.mark.slow
-def test_a_second_launcher_is_refused_the_sweep(tmp_path, sweep):
-    command, environment, folder = many(tmp_path, ())
-    with started(command, environment, folder) as process:
-        wait_for(lambda: is_locked(folder / "0"), lambda: process.poll() is None)
-        code, told, _ = sweep("seed=0,1", *TINY, f"sweep.resume={folder}")
-        process.kill()
-    assert code == 2
-    assert f"process {process.pid} on " in told
-    wait_for(lambda: not is_locked(folder), lambda: True)
-    assert main(["runs", "watch", str(folder)]) == 1
 
 
 def wait_for(what, going_on, seconds=600.0):

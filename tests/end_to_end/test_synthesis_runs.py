@@ -72,26 +72,3 @@ def test_the_same_seed_gives_the_same_bits(run):
     assert (poses["a"] == poses["b"]).all()
     assert (poses["a"] == poses["d"]).all()
     assert not (poses["a"] == poses["c"]).all()
-
-
-def test_temperature_runs_without_data(run):
-    options = ("study.betas=[0.01,1]", "study.n_probes=3", "study.n_draws=3")
-    code, told, folder = run("out", "experiment=temperature", "prior.motions=builtin", *options)
-    assert code == 0, told
-    metrics = metrics_of(folder)
-    assert {"tv_sign_tree", "tv_search", "visited_pct"} <= metrics.keys()
-    assert metrics["tv_search"] < metrics["tv_sign_tree"]
-    assert "fig. 3" in read_note(folder)
-
-
-def test_coefficient_histograms_run_without_data(run):
-    code, told, folder = run("out", "experiment=coefficient_histograms", "prior.motions=builtin", "study.n_draws=100")
-    assert code == 0, told
-    metrics = metrics_of(folder)
-    assert {"tv_c3_sign_tree", "tv_c3_search", "tv_sampling"} <= metrics.keys()
-    assert "fig. 4" in read_note(folder)
-
-
-def read_note(folder):
-    (chunk,) = RrdReader(folder / "run.rrd").stream().filter(content="/note").to_chunks()
-    return chunk.to_record_batch().column("TextDocument:text").to_pylist()[0][0]

@@ -1,4 +1,4 @@
-"""A right calibration fits, and each wrong one is reported."""
+"""A right calibration fits, each wrong one is reported, and both are drawn where the camera projects them."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ from seen_walkers import HEIGHT_M, around, seen_by, walked
 
 from workbench.body.camera import plain_camera
 from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
+from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 
 
 def turned(camera, degrees):
@@ -98,3 +99,17 @@ def test_the_place_of_an_upright_person_is_exact():
     feet = np.array([[0.5, 0.2, 0.1], [-1.0, 1.5, 0.1]])
     places = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
     np.testing.assert_allclose(places, feet, atol=1e-9)
+
+
+def test_axes_and_marks_are_drawn_where_they_are_projected():
+    camera = around(3)[0]  # from aside, so that no axis hides another
+    seen = seen_by([camera], sigma_px=0.0)
+    picture = draw_overlay(camera, seen.images[0], seen.marks[0, 0], np.full((15, 3), np.nan), 0.0)
+    assert picture.shape == (960, 1280, 3)
+    for way, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
+        u, v = np.round(camera.project(way)).astype(int)
+        near = picture[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3)
+        assert (near == colour).all(axis=1).any(), colour
+    u, v = np.round(seen.marks[0, 0, 9, :2]).astype(int)  # the left hip
+    around_hip = picture[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
+    assert np.abs(around_hip - LEFT).sum(axis=1).min() < 60  # its edges are smoothed

@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import shutil
 import subprocess
 import sys
 from io import StringIO
@@ -12,9 +11,8 @@ import pytest
 from run_folders import leave, leave_sweep
 from small_recordings import leave_recorded
 
-from workbench.cli import runs, view
+from workbench.cli import view
 from workbench.cli.runs import main
-from workbench.results import query
 from workbench.utils.run_lock import locked
 
 
@@ -123,24 +121,6 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
         opened.clear()
     assert main(["list", str(tmp_path), "--view", "0"]) == 0
     assert len(opened) == 3
-
-
-def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_left_out(
-    tmp_path, monkeypatch, capsys, opened
-):
-    for name in "abc":
-        leave_recorded(tmp_path / name, name)
-    os.replace(tmp_path / "b" / "run.rrd", tmp_path / "b" / "run.rrd.part")
-
-    def meanwhile(found):
-        os.replace(tmp_path / "b" / "run.rrd.part", tmp_path / "b" / "run.rrd")
-        shutil.rmtree(tmp_path / "c")
-        return query.best_first(found)
-
-    monkeypatch.setattr(runs, "best_first", meanwhile)
-    assert main(["list", str(tmp_path), "--view", "0"]) == 0
-    assert sorted(opened) == [str(tmp_path / "a" / "run.rrd"), str(tmp_path / "b" / "run.rrd")]
-    assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
 
 
 def test_a_list_loads_neither_rerun_nor_hydra(root):

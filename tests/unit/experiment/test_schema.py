@@ -179,14 +179,6 @@ def test_the_command_line_wins_over_the_paper():
     assert (config["prior"]["n_components"], config["prior"]["transition"]) == (3, "A")
 
 
-def test_a_paper_is_said_last_and_an_experiment_says_it_after_the_one_it_begins_with():
-    steady = composed("experiment=points_walk_steady", "paper=literal")["inference"]["problem"]
-    assert (steady["frames_per_style"], steady["plain"]) == (None, True)  # one from each of two files
-    alone = composed("experiment=walk_prior_only", "paper=literal")
-    assert alone["prior"]["sigma_rotation"] == [0.03, 0.005, 0.005]
-    assert alone["prior"]["transition"] == "A"
-
-
 def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_writes_it():
     prior = composed("experiment=arm_smooth_300", "prior=implicit", "paper=literal")["prior"]
     assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 1.0)

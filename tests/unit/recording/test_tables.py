@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
-from workbench.recording.read.chunks import Curve
-from workbench.recording.read.frame_tables import TABLES, aligned, bands_of, data_frame
+from workbench.recording.read.frame_tables import TABLES, data_frame
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
@@ -43,19 +42,6 @@ def test_bands_are_the_recorded_curves(run):
         np.testing.assert_array_equal(table[edge][table["parameter"] == "root_x"], recorded.values[:, 0])
     assert np.all(bands.low[:, k] <= bands.high[:, k])
     assert np.isnan(bands.truth[:, bands.names.index("c1")]).all()  # nobody knows a true coefficient
-
-
-def test_what_was_not_measured_in_a_frame_is_nan():
-    late = Curve(np.array([1, 2]), np.array([[5.0], [6.0]]))
-    _, table = aligned({"a": Curve(np.array([0, 1, 2]), np.ones((3, 1))), "b": late})
-    np.testing.assert_array_equal(table["b"], [np.nan, 5.0, 6.0])
-    whole = Curve(np.array([0, 1, 2]), np.array([[1.0], [2.0], [3.0]]))
-    bands = bands_of({"posterior/parameters/x/truth": late, "posterior/parameters/x/low": whole, "metrics/a": late})
-    assert bands.names == ("x",)
-    np.testing.assert_array_equal(bands.truth[:, 0], [np.nan, 5.0, 6.0])
-    np.testing.assert_array_equal(bands.low[:, 0], [1.0, 2.0, 3.0])
-    assert np.isnan(bands.high).all()
-    assert len(bands_of({}).frames) == len(aligned({})[0]) == 0
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])

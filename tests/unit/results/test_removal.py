@@ -35,20 +35,6 @@ def test_a_removed_run_is_gone_and_the_others_are_there(root, folder):
     assert os.listdir(root / "sweep") == ["0"]
 
 
-def test_a_run_that_another_command_removes_too_is_gone(folder, monkeypatch):
-    whole = shutil.rmtree
-
-    def other(path, **_):
-        monkeypatch.undo()
-        whole(path)
-        raise FileNotFoundError(2, "No such file or directory", str(path))
-
-    monkeypatch.setattr(shutil, "rmtree", other)
-    remove(folder, STARTED)
-    assert os.listdir(folder.parent) == ["0"]
-    assert size_of(folder) == 0
-
-
 def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root, folder):
     for k in range(3):  # each in the place of the one before
         (folder / "summary.json").unlink()

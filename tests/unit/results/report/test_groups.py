@@ -1,12 +1,16 @@
-"""Runs in groups, their statistics, and what is said about those that do not count."""
+"""Runs in groups: which keys tell them apart, their statistics over seeds and people, and what does not count."""
 
 import numpy as np
 import pytest
+import yaml
 from report_runs import made_up
 
-from workbench.recording.read.reader import Unreadable
+from workbench.recording.read.chunks import Curve
+from workbench.recording.read.reader import Run, Unreadable
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
+from workbench.results.report.people import keys_of_people, person_of
+from workbench.results.report.variation import flat, label, seeds_of_parts, what_varied
 
 ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
 
@@ -116,3 +120,122 @@ def test_everything_that_does_not_count_is_named():
 def test_nothing_complete_is_no_error(runs):
     found = contents(group_runs(runs))
     assert (found.tables, found.others) == ({}, {})
+
+
+CLIPS = {
+    "02_01": ("report", "walk"), "dataset-1_bow_tired_001": ("report", "bow"),
+    "05_01": ("choose", "walk"), "dataset-1_bow_happy_001": ("choose", "bow"),
+}  # fmt: skip
+
+
+def run(motion, seed, view_deg, error):
+    """A run of a protocol whose doubt is 1 + seed mm in every frame."""
+    half, activity = CLIPS[motion]
+    made = made_up(seed=seed, motion=motion, error_abs_mm=error, held=float(error < 100.0))
+    settings = made.settings
+    settings["dataset"] |= {"view_deg": view_deg, "occluder": seed == 1, "first_frame": seed}
+    settings["protocol"] = {"half": half, "activity": activity, "shown": "a board" if seed == 1 else "nothing"}
+    properties = {**made.properties, "config": {"TextDocument:text": yaml.safe_dump(settings)}}
+    series = {"doubt_arms_mm": [0.0, *[1.0 + seed] * 3], "missed_arms_mm": [500.0, error, error, error]}
+    curves = {name: Curve(np.arange(4), np.array(values)[:, None]) for name, values in series.items()}
+    return Run(made.path, properties, curves)
+
+
+@pytest.fixture
+def protocol_runs():
+    errors = iter(range(20, 200, 20))
+    return [run(motion, seed, 90.0 * seed, float(next(errors))) for motion in CLIPS for seed in range(2)]
+
+
+def test_halves_are_groups_and_what_a_protocol_drew_is_not(protocol_runs):
+    grouping = group_runs(protocol_runs)
+    assert list(grouping.labels["group"]) == ["half=choose", "half=report"]
+    assert list(grouping.runs["group"]) == [0] * 4 + [1] * 4
+    assert grouping.problems == ()
+    problems = group_runs([*protocol_runs[1:], run("02_01", 2, 0.0, 30.0)]).problems
+    assert not any("choose" in problem and "02_01" in problem for problem in problems)  # missing in its own half only
+
+
+def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
+    title, table = next(each for each in contents(group_runs(protocol_runs)).tables.items() if "doubt" in each[0])
+    assert title.endswith("those over 50 mm")
+    row = table.iloc[0]
+    assert tuple(row[["group", "joints", "frames"]]) == ("half=choose", "arms", 12)
+    errors, doubts = np.array([100.0, 120.0, 140.0, 160.0]).repeat(3), np.array([1.0, 2.0, 1.0, 2.0]).repeat(3)
+    expected = np.corrcoef(np.argsort(np.argsort(errors)) // 3, doubts)[0, 1]
+    assert row["Spearman"] == pytest.approx(expected)
+    assert np.isnan(row["AUC"])  # all are large
+
+
+def test_a_motion_of_an_unknown_person_is_told_apart():
+    assert keys_of_people([{"dataset.motion": "35_02"}, {"dataset.motion": "monday.bvh"}]) == set()
+    keys = {"dataset.motion", "prior.base.leave_out"}
+    rows = [{"dataset.motion": name, "prior.base.leave_out": [], "seed": 1} for name in ("35_02", "02_01")]
+    assert keys_of_people(rows) == keys
+
+
+@pytest.mark.parametrize(
+    ("settings", "who"),
+    [
+        ({"dataset": {"motion": "35_02", "seed": 3}}, "35"),
+        ({"dataset": {"motion": ["35_02", "32_02", "35_15"]}}, "35 and 32"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}}, "bandai-1"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"half": "report"}}, "bandai-tired"),
+        ({"dataset": {"motion": "builtin", "seed": 3}}, "generated 3"),
+        ({"dataset": {"source": "demo.mp4"}}, ""),
+        ({"dataset": None}, ""),
+    ],
+)
+def test_whom_a_run_shows(settings, who):
+    assert person_of(settings) == who
+
+
+WALKING = {"_target_": "workbench.priors.from_motions.walking", "motions": "builtin", "variance": 0.95}
+SMOOTH = {"_target_": "workbench.priors.smooth.Smooth", "damping": 0.0}
+
+
+def settings(prior=WALKING, n=500, experiment="custom", **more):
+    return flat({"prior": prior, "inference": {"n_particles": n}, "seed": 0, **more}, experiment)
+
+
+def test_a_choice_and_a_number_are_what_varied():
+    # every key of either prior differs too, but follows the choice
+    found = what_varied([settings(prior, n) for prior in (WALKING, SMOOTH) for n in (500, 5000)])
+    assert (found.keys, found.following) == (("prior._target_", "inference.n_particles"), ())
+    assert label(found.keys, settings(SMOOTH, 500)) == "smooth, n_particles=500"
+    assert label(found.keys, settings(WALKING, 5000)) == "walking, n_particles=5000"
+
+
+def test_a_key_of_one_choice_only_is_left_out_of_the_others_label():
+    tuned = [WALKING, {**WALKING, "variance": 0.8}, SMOOTH]
+    found = what_varied([settings(prior) for prior in tuned])
+    assert found.keys == ("prior._target_", "prior.variance")
+    assert [label(found.keys, settings(prior)) for prior in tuned] == [
+        "walking, variance=0.95", "walking, variance=0.8", "smooth",
+    ]  # fmt: skip
+
+
+def test_what_cannot_change_the_numbers_is_no_difference():
+    def places(name):
+        paths = {"data": f"/{name}", "cache": f"/{name}"}
+        return {"paths": paths, "threads": len(name), "recorder": {"live": name == "a"}, "dataset": paths, "seed": name}
+
+    assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
+    assert flat({"recorder.live": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table
+
+
+def test_a_parts_seed_repeats_only_where_it_is_the_runs_own():
+    own = [settings(dataset={"seed": seed}, likelihood={"seed": 0}) for seed in (0, 1)]
+    assert seeds_of_parts(own, [0, 1]) == {"dataset.seed"}
+    assert seeds_of_parts(own, [0, 2]) == set()
+
+
+def test_what_an_experiment_or_a_motion_brings_with_it_follows():
+    found = what_varied([settings(n=n, experiment=name) for name, n in (("walk_straight", 500), ("walk_circle", 900))])
+    assert (found.keys, found.following) == (("experiment",), ("inference.n_particles",))
+    motions = [
+        settings({**WALKING, "leave_out": [motion]}, dataset={"motion": motion, "view_deg": view})
+        for motion, view in (("35_02", 30.0), ("07_01", 60.0), ("16_15", 30.0))
+    ]
+    found = what_varied(motions)
+    assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_deg"))
