@@ -76,20 +76,6 @@ def test_files_of_two_cameras_are_tracked_in_one_go(run, tmp_path):
     assert metrics["error_abs_mm"] < 40.0
 
 
-def test_an_arm_is_tracked_by_one_camera_while_the_rest_follows_both(run, tmp_path):
-    scene(tmp_path)
-    code, told, folder = run(
-        "out", *files_of(tmp_path), "prior=following", "prior.base.parameters=[right_arm]", "likelihood=keypoints",
-        "likelihood.which=[front]", "inference=particle_filter", "inference.n_particles=300",
-        "+prior.base.sigma_velocity.shoulder=2.5",  # rad/s, which the arm begins with at once
-    )  # fmt: skip
-    assert code == 0, told
-    assert "fitted to the keypoints of 2 cameras" in told
-    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
-    assert metrics["held"] == 1.0
-    assert "offset_right_wrist_mm" not in metrics  # the clip is shorter than what that takes
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*are stretched")
 def test_the_arm_of_the_balancing_man_is_tracked(run, data):

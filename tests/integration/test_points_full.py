@@ -49,12 +49,7 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
     ("overrides", "sentence"),
     [
         (("prior.skeleton=person",), "dataset=points needs every joint of a motion file's skeleton of the prior"),
-        (("dataset.skeleton=person",), "prior=activity needs every joint of a motion file's skeleton of the dataset"),
-        (("body=height", "body.height_m=1.7"), "choose body=dataset"),
         (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
-        (("prior.angles=[lower_body]",), "prior: skeleton=full models every joint angle"),
-        (("dataset.skeleton=whole",), "dataset: skeleton must be one of person, full, found 'whole'"),
-        (("prior.skeleton=whole",), "prior: skeleton must be person or full, found 'whole'"),
         (
             ("dataset.motion=[dataset-2_walk_normal_001,dataset-1_run_active_001]", "prior.leave_out=[]"),
             "shows one motion",

@@ -17,7 +17,6 @@ from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
-SYNTHESIS = ("experiment=synthesize_run", "prior.motions=builtin", "dataset.motion=builtin", "dataset.n_frames=12")
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
@@ -132,32 +131,3 @@ def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data
     prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02", "learn.leave_out=[35_02]")
     metrics = summary_of(tmp_path, *prior, "body=file", f"body.file={clips[1]}", *SMALL)["metrics"]
     assert metrics["error_abs_mm"] < 200  # three frames after the true start, and the file's body is the right one
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["dataset.motion=35_02"], "paths.data"),
-        (["prior.motions=cmu"], "paths.data"),
-        (["prior.motions=everything"], "everything"),
-        (["dataset.n_frames=100000"], "100000"),
-        (["experiment=walk_video", "paths.data=nowhere"], "nowhere"),
-        (["body=height", "body.height_m=180"], "180"),
-        (["body=height", "body.height_m=1.8", "body.lengths={thig: 0.4}"], "thig"),
-        (["likelihood.exponent=total"], "total"),
-        (["experiment=impute_gaps", "study.fraction=[0.2]"], "fraction"),
-        (["experiment=impute_gaps", "study.fractions=[1.5]"], "1.5"),
-        (["experiment=learn_walk_run", "study.activities=[swim]"], "swim"),
-        (["experiment=learn_walk_run", "study.most_per_clip=0"], "1 cycle"),
-        ([*SYNTHESIS, "inference.look_ahead=5000"], "5000"),
-        ([*SYNTHESIS, "dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    done = run("out", *overrides)
-    assert done.code == 2, done.err
-    *there, sentence = done.err.strip().splitlines()
-    assert words in sentence
-    assert sentence.startswith("workbench: ")
-    assert "Traceback" not in done.out + done.err
-    assert not there or there[0] == "there are:"  # of an option or a key that there is none of

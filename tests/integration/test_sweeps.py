@@ -160,7 +160,6 @@ def wait_for(what, going_on, seconds=600.0):
 
 MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(2)", *LONGER)
 JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
-SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2")
 
 
 def many(folder, launcher):
@@ -200,19 +199,6 @@ def test_a_killed_worker_of_joblib_costs_the_jobs_at_work_and_no_others(tmp_path
     again = {job for job in after if after[job]["started"] != before[job]["started"]}
     assert again == {job for job in before if before[job]["status"] == "running"}
     assert all(summary["status"] == "complete" for summary in after.values())
-
-
-@pytest.mark.slow
-def test_submitit_runs_a_sweep_and_names_what_fails(tmp_path):
-    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
-    command = [sys.executable, "-m", "workbench", "run", "-m", *SUBMITIT, "seed=0,-1,1", *TINY]
-    environment, sweep = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}, tmp_path / "sweep"
-    with started(command, environment, sweep) as process:
-        pass
-    told = sweep.with_name("output.txt").read_text()
-    assert process.returncode == 1, told
-    assert [summary["status"] for _, summary in sorted(summaries(sweep).items())] == ["complete", "failed", "complete"]
-    assert "1 of 3 jobs are not complete" in told
 
 
 @pytest.mark.slow

@@ -51,18 +51,6 @@ def static_strips(path, entity):
     return [np.array(strip) for strip in rows[-1]]
 
 
-@pytest.mark.parametrize("prior", ["walking", "cyclic", "smooth", "implicit"])
-def test_any_prior_can_be_synthesised_from(run, prior):
-    parts = ("experiment=custom", "dataset=blank", f"prior={prior}", "likelihood=uniform", "inference=synthesis")
-    options = ("prior.motions=builtin",) if prior == "implicit" else ()
-    code, told, folder = run("out", *parts, *options, SHORT)
-    assert code == 0, told
-    metrics = metrics_of(folder)
-    assert ("same_activity" in metrics) == (prior == "implicit")
-    assert 0.0 < metrics["jump_deg_mean"] <= metrics["jump_deg_p99"] < 90.0
-    assert read(folder / "run.rrd").poses[1].shape == (12, 25)
-
-
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(run):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from sound_files import BVH
 
 from workbench.cli.main import main
 from workbench.motion.library import read_library
@@ -106,9 +107,9 @@ def test_clips_of_subjects(cmu):
 
 def test_a_bad_clip_costs_only_itself(cmu):
     (cmu / "07" / "07_01.amc").write_text(amc_text()[:-20])
-    (cmu / "35" / "other.bvh").write_text(UNKNOWN_BVH)
+    (cmu / "35" / "other.bvh").write_text(BVH)
     motions, reports = import_sources([cmu, cmu / "none.bvh"], rate_hz=30.0)
-    assert [(motion.name, motion.rate_hz, len(motion)) for motion in motions] == [
+    assert [(each.name, each.rate_hz, len(each)) for each in motions] == [
         ("07_02", 30.0, 5),
         ("35_01", 30.0, 3),
     ]
@@ -121,19 +122,6 @@ def test_a_bad_clip_costs_only_itself(cmu):
     assert "two frames or more at 1 Hz" in reports[0]
     with pytest.raises(InputError, match="import: expected a rate of"):
         import_sources([cmu], rate_hz=0.0)
-
-
-UNKNOWN_BVH = """HIERARCHY
-ROOT body
-{
-OFFSET 0 0 0
-CHANNELS 3 Xrotation Yrotation Zrotation
-}
-MOTION
-Frames: 1
-Frame Time: 0.1
-0 0 0
-"""
 
 
 def test_the_command_writes_a_library_and_a_table(cmu, tmp_path, capsys):

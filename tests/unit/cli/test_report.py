@@ -94,19 +94,6 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_the_terminal_says_what_is_there_and_what_is_not(sweep, capsys):
-    assert report.main([str(sweep)]) == 0
-    told = capsys.readouterr().out
-    assert "11 recordings: 8 complete, 1 interrupted, 1 cut off or still running, 1 unreadable." in told
-    assert "4 groups by prior, n_particles" in told
-    assert f"walking, n_particles=100, seed 2: interrupted, not counted ({sweep}/walking_100_2/run.rrd.part)" in told
-    assert f"smooth, n_particles=400, seed 2: cut off or still running, not counted ({sweep}/killed.rrd.part)" in told
-    assert "walking, n_particles=400: no recording of seed 2, which other groups have" in told
-    assert f"{sweep}/junk.rrd: expected a whole Rerun recording" in told
-    assert re.search(r"walking, n_particles=100 +2 +1 +10\.50 +– +0\.7071 +10\.00 +11\.00\n", told)
-    assert re.search(rf"smooth, n_particles=400 +worst +17\.00 +1 +{sweep}/smooth_400_1/run\.rrd\n", told)
-
-
 def test_tables_hold_the_numbers_in_full(written):
     expected = [*(f"{name}.png" for name in PLOTS), "report.csv", "report.html", "report.md", "runs.csv"]
     assert sorted(path.name for path in written.iterdir()) == sorted(expected)

@@ -35,17 +35,6 @@ def called(root, capsys):
     return command
 
 
-def test_the_newest_come_first_with_what_varied(called, root):
-    code, lines, _ = called("list")
-    assert code == 0
-    header = ["path", "started", "status", "experiment", "varied", "seed", "error_abs_mm", "coverage_90"]
-    assert lines[0].split() == header
-    assert lines[1].split() == [str(root / "lost"), "2026-11-28T15:00:00", "failed", "walk_straight", "implicit,",
-                                "n_particles=500", "0", "400.0", "0.9000"]  # fmt: skip
-    assert len(lines) == 14
-    assert called("list", "--sweeps")[1][1].split()[-4:] == ["12", "12", "error_abs_mm", "10.00"]
-
-
 def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
     words = ("prior=smooth", "error_abs_mm<14", "--sort", "-error_abs_mm", "--columns", "n_particles,seed")
     code, lines, _ = called("list", *words)

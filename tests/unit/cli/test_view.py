@@ -153,10 +153,3 @@ def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, caps
     assert len(told) == 3
     for name in ("same.rrd", "junk.rrd", "odd.rrd"):
         assert sum(str(tmp_path / name) in line for line in told) == 1
-
-
-@pytest.mark.parametrize("place", ["empty", "missing"])
-def test_nothing_to_open_is_one_sentence(place, shown, tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    assert view.main([str(tmp_path / place)]) == 2
-    assert (capsys.readouterr().err.count("\n"), shown.calls) == (1, 0)

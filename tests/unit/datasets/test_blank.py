@@ -15,16 +15,6 @@ from workbench.motion.sources import find_motion
 from workbench.utils.errors import InputError
 
 
-def test_frames_are_empty_and_evenly_spaced():
-    blank = Blank(n_frames=5, rate_hz=20.0)
-    frames = list(blank.frames())
-    assert blank.known.n_frames == len(frames) == 5
-    assert [frame.index for frame in frames] == [0, 1, 2, 3, 4]
-    assert [frame.time_s for frame in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
-    assert all(frame.views == () and frame.truth is None for frame in frames)
-    assert [frame.index for frame in blank.frames()] == [0, 1, 2, 3, 4]  # more than once
-
-
 def test_the_start_is_the_motions_and_the_lead_in_ends_there():
     motion = find_motion("builtin", data=None, rate_hz=30.0)
     known = Blank(first_frame=7).known

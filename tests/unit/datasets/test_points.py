@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
-from workbench.datasets.points import Points, with_depth_noise
+from workbench.datasets.points import Points
 from workbench.datasets.rendering.surroundings import BOX_M, WALL_M
 from workbench.datasets.rendering.visible import first_depth
 
@@ -26,20 +25,6 @@ def off_surface(dataset, i, points):
     return depth - first_depth(dataset.take.body, dataset.take.motion.poses[i], dataset.view_camera, points)
 
 
-def test_frames_carry_points_and_truth_and_no_views():
-    dataset = scene(first_frame=5)
-    frames = list(dataset.frames())
-    assert [frame.index for frame in frames] == [5, 6, 7]
-    assert frames[1].time_s == pytest.approx(6 / 14.0)
-    for frame in frames:
-        assert frame.views == ()
-        assert frame.points.shape == (200, 3)
-        assert frame.truth.pose.shape == (25,)
-        assert frame.truth.joints.shape == (15, 3)
-        assert frame.truth.activity == "walk"
-    assert dataset.known.name == "points of walker_of_seed_0_straight"
-
-
 def test_without_errors_all_points_lie_on_what_the_camera_sees():
     dataset = scene(sigma_m=0.0, outliers=0.0)
     for i, points in enumerate(clouds(dataset)):
@@ -57,17 +42,6 @@ def test_errors_and_outliers_are_as_large_and_as_many_as_asked_for():
     depth = dataset.view_camera.to_camera(points[near])[:, 2] / 4.0
     sigma = off_surface(dataset, 0, points[near]) / depth**2
     assert np.quantile(sigma, 0.84) - np.quantile(sigma, 0.16) == pytest.approx(2 * 0.02, rel=0.1)
-
-
-@pytest.mark.parametrize("depth_m", [2.0, 4.0, 8.0])
-def test_depth_errs_by_its_square_along_the_line_of_sight(depth_m):
-    """As a stereo pair's: z = f b / d, so that a disparity's constant error moves z by z² / (f b)."""
-    camera, n = plain_camera(640, 480, 500.0, (1.0, -2.0, 1.5), (1.5, 3.0, 1.0)), 20_000
-    seen = np.tile([0.2 * depth_m, -0.1 * depth_m, depth_m], (n, 1))
-    points = (seen - camera.translation) @ camera.rotation
-    found = camera.to_camera(with_depth_noise(points, camera, 0.02, np.random.default_rng(0)))
-    assert (found[:, 2] - depth_m).std() == pytest.approx(0.02 * (depth_m / 4.0) ** 2, rel=5 / np.sqrt(2 * n))
-    np.testing.assert_allclose(found[:, :2] / found[:, 2:], seen[:, :2] / seen[:, 2:], rtol=1e-9)
 
 
 def test_the_order_of_points_tells_nothing():
@@ -135,12 +109,3 @@ def test_clutter_is_floor_wall_and_bins_in_the_box_and_not_in_front_of_the_perso
         assert wall.any()
         assert depth.max() <= around.wall_m + 1e-9
     assert around.wall_m > camera.to_camera(dataset.take.motion.poses[:, :3])[:, 2].max() + WALL_M - 1e-9
-
-
-def test_what_is_offered_of_the_start():
-    auto, given = scene(), scene(start="given")
-    assert (auto.known.start_pose, auto.known.phase_ends) == (None, None)
-    assert np.array_equal(given.known.start_pose, given.take.rough_start(0))
-    assert np.abs(given.known.start_pose - given.take.motion.poses[0]).max() > 0.0
-    first, last = given.known.phase_ends
-    assert last - first == pytest.approx(2 / 14 * 0.92, rel=0.25)  # a stride takes 0.92⁻¹ s, give or take a few %

@@ -62,32 +62,6 @@ def test_the_empty_scene_is_the_nearest_that_was_seen_of_it():
     assert np.array_equal(empty_disparity(pairs), [[2.0, np.nan, np.nan]], equal_nan=True)
 
 
-def test_both_cameras_see_one_room(dataset):
-    """Grey levels of the right image are those of the left where the same point of wall or floor is seen."""
-    left, right = dataset.cameras
-    place = room(dataset.take, left, np.random.default_rng(0))
-    flat = replace(
-        place, wall=cv2.GaussianBlur(place.wall, (0, 0), 8.0), floor=cv2.GaussianBlur(place.floor, (0, 0), 8.0)
-    )
-    views = [empty_view(flat, camera) for camera in (left, right)]
-    rng = np.random.default_rng(1)
-    wall = place.origin + rng.uniform(-1.5, 1.5, (300, 1)) * place.right + rng.uniform(0.1, 2.0, (300, 1)) * [0, 0, 1]
-    floor = (
-        place.origin + rng.uniform(-1.0, 1.0, (300, 1)) * place.right - rng.uniform(0.1, 2.0, (300, 1)) * place.forward
-    )
-    for points in (wall, floor):
-        seen = []
-        for camera, view in zip((left, right), views, strict=True):
-            pixels = camera.project(points).astype(np.float32)
-            seen.append(
-                cv2.remap(view.astype(np.float32), pixels[:, 0], pixels[:, 1], cv2.INTER_LINEAR, borderValue=-1)
-            )
-        both = (seen[0] > 0) & (seen[1] > 0)
-        assert both.sum() > 100
-        assert np.abs(seen[0] - seen[1])[both].mean() < 1.0  # grey levels, of a texture blurred over 8 cm
-    assert np.std(views[0]) > 5.0
-
-
 @pytest.mark.parametrize("surface", ["wall", "floor"])
 def test_the_rooms_pictures_are_seen_where_they_are(dataset, surface):
     """A white spot of 11 × 11 texels, 40 cm to the right and 60 cm up the wall, or out on the floor."""

@@ -39,11 +39,6 @@ def test_frames_carry_pictures_and_truth():
     assert np.array_equal(dataset.known.start_pose, frames[0].truth.pose)
 
 
-def test_first_frame_counts_at_the_datasets_rate():
-    later, whole = scene(first_frame=4), scene(n_frames=7)
-    assert np.array_equal(later.known.start_pose, list(whole.frames())[4].truth.pose)
-
-
 def test_the_person_is_where_the_truth_says():
     """A bright person before a flat wall: what differs from the wall surrounds the projected joints, and only them."""
     dataset = scene(noise=0.0, clutter=0.0, n_frames=2)

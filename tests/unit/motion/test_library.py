@@ -82,15 +82,9 @@ def change(file, place, value=None):
 BAD = {  # what: (place, its new value, what the sentence says)
     "another format": ("@format", "walking model", "found 'walking model'"),
     "a later version": ("@format_version", 2, "of version 1"),
-    "no motions": ("motions", None, "at least one motion"),
-    "a motion is no group": ("motions/000001", np.zeros(3), "motion 000001 is not a group"),
-    "a name that is a number": ("motions/000001@name", 5, "lacks the text 'name'"),
     "rate nought": ("motions/000001@rate_hz", 0.0, "a positive rate_hz"),
-    "no poses": ("motions/000001/poses", None, "lacks the dataset 'poses'"),
     "poses of 24": ("motions/000001/poses", np.zeros((7, 24)), "poses must be F × 25 float64, found (7, 24)"),
     "a pose that is no number": ("motions/000001/poses", np.full((7, 25), np.nan), "poses holds numbers"),
-    "fewer velocities": ("motions/000001/velocities", np.zeros((6, 25)), "velocities must be 7 × 25"),
-    "no shape": ("motions/000001/shape", None, "lacks the group 'shape'"),
     "a flat neck": ("motions/000001/shape@neck", [0.0, 0.5], "length 'neck'"),
 }  # fmt: skip
 

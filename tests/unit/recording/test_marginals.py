@@ -56,20 +56,6 @@ def test_marginals_are_the_histograms_on_their_axes(n_bins):
             )  # kept in single precision
 
 
-def test_no_visible_mass_is_cut_off_and_axes_are_not_mostly_empty():
-    marginals = Marginals(2, 64)
-    frames = list(drifting(25))
-    for values, weights in frames:
-        marginals.add(values, weights)
-    low, high, log_mass = marginals.picture()
-    for k in range(2):
-        for values, weights in frames:
-            outside = (values[:, k] < low[k]) | (values[:, k] > high[k])
-            assert weights[outside].sum() <= 256 * FLOOR  # every fine bin outside holds less than the floor
-        used = np.flatnonzero((log_mass[k] > LOWEST_LOG_MASS).any(axis=1))
-        assert used[-1] - used[0] + 1 > 32  # an axis merges whole fine bins: more than half of it is used
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.data())
 def test_whatever_comes_every_frame_keeps_its_mass(data):

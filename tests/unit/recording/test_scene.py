@@ -1,7 +1,6 @@
 """What is drawn of a body: bones once each, solids where the limbs are, overlays where the camera sees them."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,12 +26,6 @@ def shown(rows):
     return {path: row.fields for path, row in rows}
 
 
-def test_chains_cover_every_bone_once():
-    chains = scene.figure(BODY).chains
-    drawn = [(a, b) for chain in chains for a, b in pairwise(chain) if a != b]
-    assert sorted(drawn) == sorted(map(tuple, BODY.skeleton.bones))
-
-
 def test_solids_move_with_their_joints():
     pose = random_pose()
     body = shown(scene.estimate(scene.figure(BODY), pose))["world/estimate/body"]
@@ -55,18 +48,6 @@ def test_overlays_lie_where_the_undistorted_camera_sees_the_joints():
     chains = scene.figure(BODY).chains
     (drawn,) = shown(images.overlay(picture, "estimate", positions, chains)).values()
     assert drawn["strips"] == pytest.approx(camera.project(positions)[0][chains], abs=1e-3)  # float32
-
-
-def test_what_is_behind_the_camera_is_not_drawn():
-    camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
-    pose = random_pose()
-    pose[1] = -9.0
-    positions = joints(BODY.skeleton, np.stack([pose, random_pose()]))
-    shades = np.array([[10, 20, 30], [40, 50, 60]], dtype=np.uint8)
-    chains = scene.figure(BODY).chains
-    (drawn,) = shown(images.overlay(images.picture(camera), "particles", positions, chains, shades)).values()
-    assert len(drawn["strips"]) == len(drawn["colors"]) == len(chains)
-    assert {tuple(colour) for colour in drawn["colors"].tolist()} == {(40, 50, 60)}
 
 
 def test_straightened_pixels_undo_the_lens():

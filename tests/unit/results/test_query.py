@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from run_folders import leave, leave_sweep
 
-from workbench.recording.study.drawing import spread
 from workbench.results.formatting import number
 from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps, values_of
 from workbench.results.table import read_runs
@@ -90,10 +89,3 @@ def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
 )  # fmt: skip
 def test_four_digits_are_shown(value, expected):
     assert number(value) == expected
-
-
-def test_labels_move_only_where_they_would_overlap():
-    assert spread([0.0, 20.0, 100.0], 13.0).tolist() == [0.0, 20.0, 100.0]
-    # three within a gap are centred on their mean, the fourth stays
-    np.testing.assert_allclose(spread([10.0, 11.0, 12.0, 90.0], 13.0), [-2.0, 11.0, 24.0, 90.0])
-    assert spread([], 13.0).tolist() == []

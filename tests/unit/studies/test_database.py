@@ -12,6 +12,8 @@ from workbench.priors.implicit_search import exact_log_prob
 from workbench.priors.implicit_tree import log_proposal, sign_tree, total_variation
 from workbench.priors.smooth import Smooth
 from workbench.studies.database import CoefficientHistograms, Temperature, left_out_probes
+from workbench.studies.gap_errors import ImputeGaps
+from workbench.studies.tree_balance import TreeBalance
 from workbench.utils.errors import InputError
 
 
@@ -104,16 +106,17 @@ def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
     assert histograms.metrics["tv_sampling"] == pytest.approx(np.mean(simulated), rel=0.05)
 
 
-def test_bad_input_is_refused(prior, motions):
-    with pytest.raises(InputError, match="implicit"):
-        Temperature(Smooth()).run(rng())
-    with pytest.raises(InputError, match="nobody"):
-        Temperature(prior, clip="nobody").run(rng())
-    with pytest.raises(InputError, match="between 10 and"):
-        Temperature(prior, clip=prior.windows.clips[0], frame=3).run(rng())
-    with pytest.raises(InputError, match="two clips"):
-        CoefficientHistograms(Implicit(learn_windows(motions[:1]))).run(rng())
-    with pytest.raises(InputError, match="temperatures"):
-        Temperature(prior, betas=(0.1, 0.0))
-    with pytest.raises(InputError, match="components"):
-        CoefficientHistograms(prior, components=(0,))
+@pytest.mark.parametrize(
+    ("study", "words"),
+    [
+        (lambda prior: Temperature(Smooth()), "implicit"), (lambda prior: TreeBalance(Smooth()), "implicit"),
+        (lambda prior: Temperature(prior, clip="nobody"), "nobody"),
+        (lambda prior: Temperature(prior, clip=prior.windows.clips[0], frame=3), "between 10 and"),
+        (lambda prior: Temperature(prior, betas=(0.1, 0.0)), "temperatures"),
+        (lambda prior: CoefficientHistograms(prior, components=(0,)), "components"),
+        *((lambda prior, each=each: ImputeGaps(fractions=each), "fractions") for each in ((), (0.0,), (0.2, 1.0))),
+    ],
+)  # fmt: skip
+def test_bad_input_of_a_study_is_refused(prior, study, words):
+    with pytest.raises(InputError, match=words):
+        study(prior).run(rng())

@@ -7,14 +7,12 @@ from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_tree import sign_tree
-from workbench.priors.smooth import Smooth
 from workbench.studies.tree_balance import (
     TreeBalance,
     balance,
     by_size,
     node_sizes,
 )
-from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +62,5 @@ def test_recorded_motion_fills_fewer_leaves_than_independent_components(result, 
     assert metrics["empty_pct_gaussian"] == pytest.approx(100.0 * (1.0 - 0.5**b) ** n, rel=0.1)
 
 
-def test_the_same_rng_gives_the_same_numbers_and_another_prior_is_refused(result, prior):
+def test_the_same_rng_gives_the_same_numbers(result, prior):
     assert TreeBalance(prior).run(np.random.default_rng(0)).metrics == result.metrics
-    with pytest.raises(InputError, match="implicit"):
-        TreeBalance(Smooth()).run(np.random.default_rng(0))

@@ -100,13 +100,6 @@ def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
     assert read_plan(tmp_path).jobs == tuple(range(7))
 
 
-def test_what_an_earlier_attempt_left_does_not_count(sweep, capsys):
-    leave(sweep / "1", seed=1, status="failed")
-    os.utime(sweep / "1" / "summary.json", (1e9 - 1, 1e9 - 1))
-    assert watch(sweep, period_s=0.01) == 1
-    assert f"{sweep / '1'}: never begun" in capsys.readouterr().out
-
-
 def looks(sweep, monkeypatch):
     """Watch for three looks at most; what the command returns, None where it would go on."""
     left = iter(range(3))

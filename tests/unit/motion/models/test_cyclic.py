@@ -7,7 +7,7 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.imputation import remove_blocks, with_gaps
+from workbench.motion.models.imputation import remove_blocks
 from workbench.motion.models.walking import learn_cyclic, learn_walking
 from workbench.motion.pose_sequence import Motion
 from workbench.studies.gap_errors import remove_markers
@@ -51,14 +51,6 @@ def test_without_gaps_it_is_the_walking_model_of_paper_a():
     overlap = (a.components[:, :, 1:] * b.components[:, :, 1:]).sum()
     assert abs(overlap) == pytest.approx(1.0, abs=0.02)
     assert b.scales == pytest.approx(a.scales, rel=0.15)  # the two weigh clips by different numbers of cycles
-
-
-def test_gaps_change_the_model_little():
-    full = learn_cyclic(walks(), q=1)
-    rng = np.random.default_rng(3)
-    gappy = learn_cyclic([with_gaps(motion, 0.2, rng) for motion in walks()], q=1)
-    assert np.abs(gappy.mean - full.mean)[:, 1:].max() < 0.05
-    assert abs((gappy.components[:, :, 1:] * full.components[:, :, 1:]).sum()) == pytest.approx(1.0, abs=0.05)
 
 
 def test_phase_zero_has_the_left_thigh_ahead():
