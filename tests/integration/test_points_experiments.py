@@ -52,6 +52,7 @@ SMALL += ("dataset.person_px=80", "dataset.focal_px=175", "likelihood=product")
 CUES = ("image_motion", "background", "appearance")
 
 
+@pytest.mark.slow
 def test_the_shares_of_the_cues_are_recorded_frame_by_frame(run):
     switched_off = "likelihood.weights.edges=0"  # so that nothing has to be learned from rendered people
     code, told, folder = run("out", *SMALL, switched_off)

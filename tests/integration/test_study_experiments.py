@@ -17,6 +17,7 @@ METRICS = {
     "temperature": {"tv_sign_tree", "tv_search", "visited_pct"},
     "coefficient_histograms": {"tv_c3_sign_tree", "tv_c3_search", "tv_sampling"},
 }
+FAST = ("align_cycles", "temperature")
 SMALL = {
     "impute_gaps": ["study.fractions=[0.2]"],
     "temperature": ["prior.motions=builtin", "study.betas=[0.01,1]", "study.n_probes=3", "study.n_draws=3"],
@@ -24,7 +25,10 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("experiment", sorted(METRICS))
+CASES = [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in METRICS]
+
+
+@pytest.mark.parametrize("experiment", CASES)
 def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
     code, told, folder = run("out", f"experiment={experiment}", *SMALL.get(experiment, []))
     assert code == 0, told

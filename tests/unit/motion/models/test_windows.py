@@ -125,7 +125,7 @@ def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
     kept = windows.clip_of != 1
     whole = Implicit(windows, beta=2.0, epsilon=1e-6)
     some = whole.only(kept)
-    probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 20000, axis=0)  # of the first clip
+    probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 5000, axis=0)  # of the first clip
     from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))
     assert 1 not in some.windows.clip_of[from_some]
     assert 1 in windows.clip_of[from_whole]
