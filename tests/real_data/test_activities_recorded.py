@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.body.skeleton import N_ROOT
-from workbench.motion.formats.bvh import read_bvh
-from workbench.motion.full_skeleton import full_poses, full_skeleton
 from workbench.motion.models.activities import accuracy_left_out, learn_activities, mean_rates_hz
-from workbench.motion.models.activity_cycles import activity_cycles, cut, joined
-from workbench.motion.pose_sequence import SHORTEST_RUN_S, gait_events
-from workbench.motion.retarget import retarget
+from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.sources import find_clip, load_motion
 
 CLIPS = (
@@ -55,20 +50,3 @@ def test_the_paper_s_part_of_the_variance_takes_few_components(cycles):
     model = learn_activities(cycles, n_components=5)
     again = model.angles_at(model.scores[:, None], np.arange(64) / 64)
     assert np.degrees(np.sqrt(np.mean((again - cycles.curves) ** 2))) < 0.5 * mean_error
-
-
-def test_every_joint_of_a_file_can_be_modelled(data):
-    parts = []
-    for activity in ("walk", "run"):
-        clip = read_bvh(find_clip(data, f"dataset-2_{activity}_normal_001"))
-        events = gait_events(retarget(clip), SHORTEST_RUN_S)
-        labels = {"activity": activity, "source": clip.name}
-        parts.append(cut(full_skeleton(clip), full_poses(clip), events, rate_hz=clip.rate_hz, **labels))
-        assert parts[-1].angles == full_skeleton(clip).dof_names[N_ROOT:]
-    cycles = joined(parts)
-    model = learn_activities(cycles, angles=cycles.angles, n_components=len(cycles) - 1)
-    assert len(model.angles) == 60
-    again = model.angles_at(model.scores[:, None], np.arange(64) / 64)
-    assert again == pytest.approx(cycles.curves, abs=1e-9)
-    steps = np.abs(np.diff(cycles.curves, axis=1, append=cycles.curves[:, :1]))
-    assert np.degrees(steps.max()) < 25.0  # a 64th of a cycle, 12 ms: joints of runners turn by at most 2000° a second

@@ -8,8 +8,6 @@ from scipy.signal import find_peaks
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.datasets.synthetic import Synthetic
-from workbench.datasets.video import Video
 from workbench.motion.sources import load_motion
 from workbench.motion.synthetic.gait import average_subject
 
@@ -61,31 +59,3 @@ def test_the_average_knee_fits_recorded_knees_but_for_a_constant(recorded_cycle)
     rms, offset = misfit(recorded_cycle, "left_knee_flexion", remove_mean=True)
     assert rms < 8.0
     assert offset == pytest.approx(-11.0, abs=3.0)
-
-
-def test_a_recorded_clip_is_rendered_where_it_is(data):
-    small = {"n_frames": 3, "width": 160, "height": 120, "person_px": 70.0, "focal_px": 175.0}
-    dataset = Synthetic(motion="35_02", data=str(data), noise=0.0, clutter=0.0, exact=True, **small)
-    for frame in dataset.frames():
-        rows, columns = np.nonzero(frame.views[0].image != 125)
-        pixels = dataset.view_camera.project(frame.truth.joints)
-        for axis, seen in enumerate((columns, rows)):  # the outline is within 15 cm, 6 px, of the outermost joints
-            assert seen.min() == pytest.approx(pixels[:, axis].min(), abs=7.0)
-            assert seen.max() == pytest.approx(pixels[:, axis].max(), abs=7.0)
-
-
-def test_the_demonstration_video(data):
-    folder = data / "sports2d_walk"
-    files = {key: str(folder / "keypoints.csv") for key in ("start_marks", "eval_marks")}
-    dataset = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), None, 64, 8, 0.5, **files)
-    frames = list(dataset.frames())
-    assert dataset.known.rate_hz == pytest.approx(30.0)
-    assert [frame.index for frame in frames] == list(range(64, 72))
-    assert frames[0].views[0].image.shape == (497, 884, 3)
-    assert np.isfinite(dataset.known.start_marks.keypoints[0, :, 0]).sum() == 14
-    marked = [frame for frame in frames if frame.truth is not None]
-    assert [frame.index for frame in marked] == [64, 70]
-    # Between the two she walks to the left, away from where she was: the marked knee is on her, not on what was there.
-    knee = JOINT_NAMES.index("left_knee")
-    before, after = (frame.truth.marks[knee] for frame in marked)
-    assert after[0] < before[0] - 3.0

@@ -1,11 +1,8 @@
 """Points and splices of recorded walks and runs."""
 
-import warnings
-
 import numpy as np
 import pytest
 
-from workbench.datasets.points import Points
 from workbench.datasets.rendering.sequence import Scene, find_take
 
 
@@ -28,13 +25,3 @@ def test_recorded_walks_pass_into_runs(data, clips):
     first, last = take.phase_ends
     # 27 frames of 1/14 s, at the 0.8 to 1.6 strides a second of walkers and runners
     assert 27 / 14 * 0.7 < last - first < 27 / 14 * 1.6
-
-
-def test_points_of_a_recorded_walk_lie_about_its_joints(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        dataset = Points(motion="35_02", data=str(data), outliers=0.0, sigma_m=0.0, exact=True)
-    for frame in dataset.frames():
-        limbs = np.linalg.norm(frame.points[:, None] - frame.truth.joints, axis=2).min(axis=1)
-        assert limbs.max() < 0.3  # half a thigh, half a torso
-        assert len(frame.points) == 400

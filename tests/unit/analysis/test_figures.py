@@ -2,7 +2,6 @@
 
 import importlib
 import os
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -138,26 +137,6 @@ def seven_steps(with_points):
             frame = replace(step.frame, views=(), points=points, truth=truth)
             step = replace(step, frame=frame, attachment=np.zeros(30, dtype=np.int64), activity="walk")
         yield step
-
-
-def rows_with_figures():
-    """(paper, numbers of figures, experiments) of every row of the documents' table that names published figures."""
-    table = (ROOT / ".docs" / "experiments.md").read_text(encoding="utf-8").partition("## The papers")[0]
-    for row in table.splitlines():
-        if figures := re.search(r"\((?:paper )?([ABCD]), figs?\. ([^)]+)\)", row):
-            numbers = [int(number) for number in re.findall(r"\d+", figures[2])]
-            yield figures[1].lower(), numbers, EXPERIMENTS & set(re.findall(r"\w+", row))
-
-
-def test_every_published_figure_of_the_experiment_table_has_a_script():
-    rows = list(rows_with_figures())
-    assert len(rows) >= 15
-    for paper, numbers, experiments in rows:
-        used = {
-            n: [script(name).EXPERIMENTS for name in SCRIPTS if name.startswith(f"{paper}_fig{n}_")] for n in numbers
-        }
-        assert all(experiments & set().union(*found) for found in used.values()), (paper, used)
-        assert experiments <= {name for found in used.values() for names in found for name in names}, (paper, used)
 
 
 def reading_of(run, papers):

@@ -10,7 +10,6 @@ from analysis.figures import kept_runs, left_out, pairs, people, replicates, sen
 from analysis.figures.recordings import Source
 from workbench.datasets.synthetic import Synthetic
 from workbench.experiment.config.requirements import first_conflict
-from workbench.utils.errors import InputError
 
 ROWS = {"one": ("walk_straight", ("prior=walking",)), "other": ("walk_circle", ())}
 
@@ -83,12 +82,6 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
     assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
     replicates.replicates("walk_straight", "ours", source, n_seeds=3)
     assert seen[4:] == [("ours", 2, 1002)]
-
-
-@pytest.mark.parametrize(("experiment", "paper"), [("learn_walk", "ours"), ("walk_best", "literal")])
-def test_what_has_no_replicates_is_refused(experiment, paper, tmp_path):
-    with pytest.raises(InputError, match=experiment):
-        replicates.replicates(experiment, paper, Source(tmp_path, None, quick=True))
 
 
 @pytest.mark.slow

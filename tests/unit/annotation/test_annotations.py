@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.annotation.annotations import Annotations, parse_annotation
+from workbench.annotation.annotations import Annotations
 from workbench.datasets.files.joint_annotations import read_marks
 from workbench.utils.errors import InputError
 
@@ -75,17 +75,3 @@ def test_a_file_of_another_video_is_refused(tmp_path):
         Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
     with pytest.raises(InputError, match="cannot be read"):
         Annotations(tmp_path, 9, (640, 480))
-
-
-@pytest.mark.parametrize(
-    "values", [
-        None, [], {}, {"frame": 0}, {"frame": "0", "joint": "neck", "u": 1, "v": 1, "visible": True},
-        {"frame": True, "joint": "neck", "u": 1, "v": 1, "visible": True},
-        {"frame": 0, "joint": "neck", "u": 1, "v": None, "visible": True},
-        {"frame": 0, "joint": "neck", "u": float("nan"), "v": 1, "visible": True},
-        {"frame": 0, "joint": "neck", "u": 1, "v": 1, "visible": 1},
-    ],
-)  # fmt: skip
-def test_other_values_are_refused(values):
-    with pytest.raises(InputError, match="expected"):
-        parse_annotation(values)

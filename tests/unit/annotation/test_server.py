@@ -115,10 +115,3 @@ def test_it_listens_on_this_machine_only(server):
 def test_a_port_in_use_is_refused(server):
     with pytest.raises(InputError, match="cannot be used"):
         Server(server.frames, server.annotations, server.server_port)
-
-
-def test_a_source_without_frames_is_refused(tmp_path):
-    with pytest.raises(InputError, match="expected images"):
-        Frames(tmp_path)
-    with pytest.raises(InputError, match="no such video"):
-        Frames(tmp_path / "none.mp4")

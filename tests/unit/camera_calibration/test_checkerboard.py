@@ -66,10 +66,6 @@ def test_the_first_corner_is_the_same_whichever_way_up_the_board_is_held():
     np.testing.assert_allclose(turned, upright[::-1], atol=0.6)
 
 
-def test_an_image_without_a_board_shows_none():
-    assert find_corners(np.full((120, 160, 3), 90, np.uint8), BOARD) is None
-
-
 def test_a_lens_is_recovered_from_rendered_boards():
     seen = BoardDetections("film", (640, 480), 10, dict(enumerate(found())))
     calibrated = calibrate_lens("one", seen, BOARD)

@@ -1,4 +1,4 @@
-"""A right calibration fits, and each wrong one is reported."""
+"""A right calibration fits, each wrong one is reported, and both are drawn where the camera projects them."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 from seen_walkers import HEIGHT_M, around, seen_by, walked
 
 from workbench.body.camera import plain_camera
-from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
+from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 
 
 def turned(camera, degrees):
@@ -101,5 +101,15 @@ def test_the_place_of_an_upright_person_is_exact():
     np.testing.assert_allclose(places, feet, atol=1e-9)
 
 
-def test_the_walker_of_these_tests_has_all_joints():
-    assert walked().shape == (20, len(JOINT_NAMES), 3)
+def test_axes_and_marks_are_drawn_where_they_are_projected():
+    camera = around(3)[0]  # from aside, so that no axis hides another
+    seen = seen_by([camera], sigma_px=0.0)
+    picture = draw_overlay(camera, seen.images[0], seen.marks[0, 0], np.full((15, 3), np.nan), 0.0)
+    assert picture.shape == (960, 1280, 3)
+    for way, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
+        u, v = np.round(camera.project(way)).astype(int)
+        near = picture[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3)
+        assert (near == colour).all(axis=1).any(), colour
+    u, v = np.round(seen.marks[0, 0, 9, :2]).astype(int)  # the left hip
+    around_hip = picture[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
+    assert np.abs(around_hip - LEFT).sum(axis=1).min() < 60  # its edges are smoothed

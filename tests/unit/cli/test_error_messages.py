@@ -1,4 +1,4 @@
-"""What is meant by a wrong option or key, and the summary of a run in the terminal."""
+"""What is meant by a wrong option or key, arguments that are quoted for Hydra, and the line to paste."""
 
 import sys
 from dataclasses import make_dataclass
@@ -6,12 +6,15 @@ from types import SimpleNamespace
 
 import pytest
 from hydra import compose, initialize_config_module
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from workbench.cli import run_output
 from workbench.cli.error_messages import message_of, mistyped
+from workbench.cli.hydra_quoting import quoted, unquoted
 from workbench.evaluation.verdict import Finding, Verdict
-from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra
 
 
@@ -47,14 +50,6 @@ def test_what_is_mistyped_is_named_before_hydra_would_refuse_it(word, wrong, mea
         compose("config", overrides=[word])
 
 
-def test_what_exists_is_not_mistyped():
-    """Nor what is left to Hydra, which knows the keys of components, and options in folders that are named."""
-    words = [f"{group}={name}" for group in ("experiment", "paper", *GROUPS) for name in options(group)]
-    words += ["study=null", "seed=3", "-m", "prior=walking,smooth", "seed=range(5)", "+prior.new=1", "prior.nothing=1"]
-    assert mistyped([*words, "hydra.run.dir=a b", "hydra/launcher=joblib", "prior@prior.base=gait"]) == []
-    assert mistyped(["--config-dir", "mine", "prior=mine"]) == mistyped(["--config-dir=mine", "prior=mine"]) == []
-
-
 @pytest.fixture
 def summary(tmp_path):
     metrics = {"error_abs_mm": 31.0, "error_procrustes_mm": 25.0, "ess_mean": 500.0, "offset_neck_mm": 3.0}
@@ -63,16 +58,6 @@ def summary(tmp_path):
         study=None, cost={"seconds": 2.0, "ms_per_frame": 200.0, "compiling_s": 7.0},
         recording=tmp_path / "a folder" / "run.rrd",
     )  # fmt: skip
-
-
-def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(summary):
-    first, *others = run_output.summary_lines(summary)
-    assert first.startswith("verdict: held")
-    text = "\n".join(others)
-    assert "error_procrustes_mm" in text
-    assert "ess_mean" not in text
-    for number in ("25 mm", "2.0 s", "200 ms", "7.0 s"):
-        assert number in text
 
 
 def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
@@ -89,3 +74,38 @@ def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
         monkeypatch.setenv("PATH", str(path))
         monkeypatch.chdir(tmp_path / place)
         assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
+
+
+def value_of(argument):
+    return OverridesParser.create().parse_override(argument).value()
+
+
+SIGNS = st.characters(codec="utf-8", exclude_categories=("Cc", "Zl", "Zp"), exclude_characters="\\")
+
+
+@settings(max_examples=25)
+@given(st.text(SIGNS, min_size=1))
+def test_any_name_of_a_folder_reaches_hydra_as_it_is(name):
+    if "${" not in name:
+        assert value_of(quoted(f"hydra.run.dir=runs/{name}/x")) == f"runs/{name}/x"
+
+
+@pytest.mark.parametrize("value", ["times_lost>0", "Läufe/日本.bvh", "a#b", "<3"])
+def test_what_can_be_meant_in_one_way_only_is_quoted(value):
+    assert quoted(f"any.key={value}") == f"any.key='{value}'"
+
+
+@pytest.mark.parametrize(
+    "argument",
+    ["sweep.stop_when='times_lost>0'", "seed=1,2", "seed=range(5)", "seed=[1", "x={a: ü}", "prior=a,ü", "x=a b", "x=",
+     "hydra.run.dir='Läufe'", "hydra.run.dir=${now:%Y}", "-m", "--cfg=job", "from"],
+)  # fmt: skip
+def test_the_rest_stays_as_it_is(argument):
+    assert quoted(argument) == argument
+
+
+@pytest.mark.parametrize(
+    ("value", "plain"), [("'Läufe'", "Läufe"), ('"a b"', "a b"), ("it's", "it's"), ("'", "'"), ("", "")]
+)
+def test_quotes_are_taken_off_again(value, plain):
+    assert unquoted(f"from={value}") == f"from={plain}"

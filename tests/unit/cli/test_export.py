@@ -9,12 +9,9 @@ import pytest
 from recording_steps import BODY, SPACE, steps
 
 from workbench.body.kinematics import joints
-from workbench.cli.export import estimated_track, true_track
 from workbench.cli.main import main
 from workbench.motion.formats.bvh import read_bvh
-from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
-from workbench.utils.errors import InputError
 
 N = 12  # more than one flush, and a rest
 
@@ -144,25 +141,3 @@ def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, caps
         assert sentence in printed.err
         assert (printed.out, printed.err.count("\n")) == ("", 1)
     assert output.read_text() == "keep me"
-
-
-def test_another_body_or_shape_is_refused(recorded):
-    original = read(recorded)
-    shape = dict(original.properties["shape"])
-    assert estimated_track(original).poses.shape == (N, 25)
-    for wrong, sentence in (
-        ({"body": {"joints": ["pelvis"], "pose": ["root_x"]}}, "joints and pose numbers of this version's body"),
-        ({"shape": {}}, "lacks the length 'neck'"),
-        ({"shape": {**shape, "thigh": np.nan}}, "lacks the length 'thigh'"),
-        ({"shape": {**shape, "calf": -0.4}}, "calf must be a positive length"),
-    ):
-        for track in (estimated_track, true_track):
-            with pytest.raises(InputError, match=sentence):
-                track(replace(original, properties={**original.properties, **wrong}))
-
-
-@pytest.mark.parametrize("poses", [np.full((3, 25), np.nan), np.zeros((3, 24))])
-def test_poses_that_are_none_are_refused(recorded, monkeypatch, poses):
-    monkeypatch.setattr("workbench.cli.export.timed", lambda *_: (np.arange(3), np.arange(3) / 30.0, poses))
-    with pytest.raises(InputError, match="expected poses of 25 finite numbers"):
-        estimated_track(read(recorded))

@@ -21,7 +21,10 @@ RUNS = (
     "+prior.new_key=3", "++inference.what=1", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x",
     "--seed 3", "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "parts=[no_such_package]", "parts=no_such_package",
     "study=nothing", "inference=hybrid likelihood=image_motion", "likelihood=keypoints", "dataset=blank",
-    "dataset=points likelihood=image_motion", "inference=least_squares", "--experimental-rerun=x.pickle",
+    "dataset=points likelihood=image_motion", "inference=least_squares", "prior.motions=everything",
+    "dataset.n_frames=100000", "body=height body.height_m=180", "likelihood.exponent=total", "prior.motions=cmu",
+    "experiment=impute_gaps study.fractions=[1.5]", "experiment=learn_walk_run study.activities=[swim]",
+    "--experimental-rerun=x.pickle",
 )  # fmt: skip
 OTHERS = (
     "rnu", "reports", "walk", "view", "view nowhere.rrd", "view .", "report nowhere", "report --no-such-option .",

@@ -14,10 +14,7 @@ from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.cli import report
-from workbench.core.study import StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.study_recorder import record_study
-from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.results.report.page import escaped
 from workbench.results.report.plots import joint_errors
@@ -97,19 +94,6 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_the_terminal_says_what_is_there_and_what_is_not(sweep, capsys):
-    assert report.main([str(sweep)]) == 0
-    told = capsys.readouterr().out
-    assert "11 recordings: 8 complete, 1 interrupted, 1 cut off or still running, 1 unreadable." in told
-    assert "4 groups by prior, n_particles" in told
-    assert f"walking, n_particles=100, seed 2: interrupted, not counted ({sweep}/walking_100_2/run.rrd.part)" in told
-    assert f"smooth, n_particles=400, seed 2: cut off or still running, not counted ({sweep}/killed.rrd.part)" in told
-    assert "walking, n_particles=400: no recording of seed 2, which other groups have" in told
-    assert f"{sweep}/junk.rrd: expected a whole Rerun recording" in told
-    assert re.search(r"walking, n_particles=100 +2 +1 +10\.50 +– +0\.7071 +10\.00 +11\.00\n", told)
-    assert re.search(rf"smooth, n_particles=400 +worst +17\.00 +1 +{sweep}/smooth_400_1/run\.rrd\n", told)
-
-
 def test_tables_hold_the_numbers_in_full(written):
     expected = [*(f"{name}.png" for name in PLOTS), "report.csv", "report.html", "report.md", "runs.csv"]
     assert sorted(path.name for path in written.iterdir()) == sorted(expected)
@@ -139,15 +123,6 @@ def test_the_page_needs_nothing_but_itself(written):
         assert expected in page.text
 
 
-def test_markdown_shows_the_plots_and_tables(written):
-    lines = (written / "report.md").read_text().splitlines()
-    assert lines[0] == "# Report on sweep"
-    assert [f"{name}.png" for name in PLOTS] == sorted(re.findall(r"\]\((.+)\)", "\n".join(lines)))
-    assert "| walking, n\\_particles=100 | 2 | 1 | 10.50 | – | 0.7071 | 10.00 | 11.00 |" in lines
-    assert "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |" in lines
-    assert "- walking, n\\_particles=400: no recording of seed 2, which other groups have" in lines
-
-
 @pytest.mark.slow
 def test_the_same_recordings_give_the_same_report(sweep, written, tmp_path):
     assert report.main([str(sweep), "-o", str(tmp_path)]) == 0
@@ -161,30 +136,6 @@ def test_joint_errors_are_distances_after_the_first_frame(sweep, run):
     expected = 1e3 * np.linalg.norm(apart, axis=2).mean(axis=0)
     assert tuple(found) == BODY.skeleton.names
     np.testing.assert_allclose(list(found.values()), expected, atol=1e-3)  # positions are kept to float32, in metres
-
-
-def test_joint_errors_need_a_truth(run, tmp_path):
-    blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run]
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="blind", config_yaml=config("walking", 9, 0), provenance={}) as recording:
-        for step in blind:
-            recording.log(step, {})
-        recording.set_result({"ess_mean": 1.0})
-    assert joint_errors(read(path)) == {}
-    assert report.main([str(path), "-o", str(tmp_path / "out")]) == 0
-    assert not list((tmp_path / "out").glob("*.png"))  # no error, so nothing to plot
-
-
-def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
-    labels = {"run_id": "s", "config_yaml": "seed: 0\nstudy: {a: 1}", "provenance": {"experiment": "learn_walk"}}
-    with RecordingFile(tmp_path / "run.rrd", **labels) as recording:
-        record_study(recording, StudyResult({"explained": 0.75}, (), "note"))
-        recording.send_property("cost", {"seconds": 2.0})
-    assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
-    told = capsys.readouterr().out
-    assert "One group, learn_walk" in told
-    assert re.search(r"learn_walk +1 +1 +0\.7500 +– +– +– +–\n", told)
-    assert not list((tmp_path / "out").glob("*.png"))
 
 
 def test_text_of_strangers_stays_text(run, tmp_path, capsys):

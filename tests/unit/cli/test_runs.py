@@ -3,21 +3,16 @@
 import csv
 import json
 import os
-import re
-import shutil
-import signal
 import subprocess
 import sys
-from importlib.util import find_spec
 from io import StringIO
 
 import pytest
 from run_folders import leave, leave_sweep
 from small_recordings import leave_recorded
 
-from workbench.cli import runs, view
+from workbench.cli import view
 from workbench.cli.runs import main
-from workbench.results import query
 from workbench.utils.run_lock import locked
 
 
@@ -38,17 +33,6 @@ def called(root, capsys):
         return code, out.splitlines(), err
 
     return command
-
-
-def test_the_newest_come_first_with_what_varied(called, root):
-    code, lines, _ = called("list")
-    assert code == 0
-    header = ["path", "started", "status", "experiment", "varied", "seed", "error_abs_mm", "coverage_90"]
-    assert lines[0].split() == header
-    assert lines[1].split() == [str(root / "lost"), "2026-11-28T15:00:00", "failed", "walk_straight", "implicit,",
-                                "n_particles=500", "0", "400.0", "0.9000"]  # fmt: skip
-    assert len(lines) == 14
-    assert called("list", "--sweeps")[1][1].split()[-4:] == ["12", "12", "error_abs_mm", "10.00"]
 
 
 def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
@@ -109,27 +93,6 @@ def test_what_cannot_be_met_is_a_sentence(called, words):
     assert len(err.splitlines()) == 1
 
 
-def test_a_long_condition_is_one(called):
-    code, lines, _ = called("list", f"seed={','.join(map(str, range(1, 500)))}")
-    assert (code, len(lines)) == (0, 1 + 8)
-
-
-@pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
-def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(tmp_path, capsys, monkeypatch):
-    def interrupt():
-        raise KeyboardInterrupt
-
-    leave_recorded(tmp_path / "a", "a")
-    leave(tmp_path / "b", status="failed", day=2)
-    monkeypatch.setattr(signal, "pause", interrupt)
-    assert main(["gallery", str(tmp_path), "--serve"]) == 0
-    out, err = capsys.readouterr()
-    url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
-    assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
-    assert f"ssh -N -L {url[2]}:127.0.0.1:{url[2]} " in out
-    assert err.startswith(f"workbench runs: left out: {tmp_path / 'b'}: it has no recording")
-
-
 @pytest.fixture
 def opened(monkeypatch):
     """The recordings that the viewer was given."""
@@ -149,41 +112,8 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
     assert len(opened) == 3
 
 
-def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_left_out(
-    tmp_path, monkeypatch, capsys, opened
-):
-    for name in "abc":
-        leave_recorded(tmp_path / name, name)
-    os.replace(tmp_path / "b" / "run.rrd", tmp_path / "b" / "run.rrd.part")
-
-    def meanwhile(found):
-        os.replace(tmp_path / "b" / "run.rrd.part", tmp_path / "b" / "run.rrd")
-        shutil.rmtree(tmp_path / "c")
-        return query.best_first(found)
-
-    monkeypatch.setattr(runs, "best_first", meanwhile)
-    assert main(["list", str(tmp_path), "--view", "0"]) == 0
-    assert sorted(opened) == [str(tmp_path / "a" / "run.rrd"), str(tmp_path / "b" / "run.rrd")]
-    assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
-
-
-def test_a_query_is_reported(tmp_path, capsys):
-    for name in "ab":
-        leave_recorded(tmp_path / name, name, prior=name)
-    assert main(["list", str(tmp_path), "prior=a", "--report"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("1 recordings: ")
-    assert f"{tmp_path}/a/run.rrd: expected a configuration with" in out
-
-
 def test_a_list_loads_neither_rerun_nor_hydra(root):
     command = f"main({['list', str(root), 'prior=smooth']})"
     code = f"import sys; from workbench.cli.runs import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.endswith("\nset()\n")
-
-
-@pytest.mark.parametrize("name", ["list", "diff", "gallery", "restore", "watch", "rm"])
-def test_every_command_explains_itself(name, capsys):
-    assert main([name, "--help"]) == 0
-    assert f"workbench runs {name} " in capsys.readouterr().out

@@ -18,8 +18,6 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
-from workbench.recording.read.chunks import curves, static_values
-from workbench.recording.side_by_side import write_overlaid
 from workbench.recording.write.recorder import Recorder
 
 N_FRAMES = 2
@@ -94,21 +92,6 @@ def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
     assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only
 
 
-def test_a_sweep_opens_with_all_curves_in_one_colour_for_each_of_what_varied_and_a_table(sweep, tmp_path):
-    runs, _ = view.open_sound_runs(sweep)
-    write_overlaid(tmp_path / "all.rrd", runs, view.names(runs), view.labels(runs))
-    chunks = list(RrdReader(tmp_path / "all.rrd").stream())
-    drawn = curves(chunks)
-    assert [drawn[f"error_abs_mm/runs/{k}"].values[:, 0].tolist() for k in range(4)] == [[1.0] * N_FRAMES] * 4
-    static = static_values(chunks)
-    colours = [static[f"error_abs_mm/runs/{k}"]["SeriesLines:colors"].as_py() for k in range(4)]
-    assert colours[0] == colours[1] != colours[2] == colours[3]
-    head, _, *rows = static["outcomes"]["TextDocument:text"][0].as_py().splitlines()
-    assert head == "| run | colour | verdict |"
-    assert rows[0] == "| n_particles=20, seed=0 | orange | complete |"
-    assert rows[3] == "| n_particles=30, seed=1, failed | light blue | failed |"
-
-
 def test_several_files_are_piped_one_after_the_other_of_one_cut_off_what_is_whole(sweep, tmp_path):
     program = tmp_path / "viewer"
     program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/said\ncat > {tmp_path}/got\nexit 3\n')
@@ -159,13 +142,6 @@ def test_two_recordings_are_shown_side_by_side_in_the_order_given(sweep, tmp_pat
     assert {"/a/metrics/error_abs_mm", "/b/metrics/error_abs_mm", "/a/world/camera/image"} <= entities
 
 
-def test_two_runs_of_a_folder_are_no_comparison(sweep, shown, tmp_path):
-    for k in (0, 1):
-        shutil.copytree(sweep / str(k), tmp_path / str(k))
-    assert view.main([str(tmp_path)]) == 0
-    assert shown.files[:2] == [tmp_path / str(k) / "run.rrd" for k in (0, 1)]
-
-
 def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, capsys):
     good = Path(shutil.copy(sweep / "0" / "run.rrd", tmp_path / "a.rrd"))
     shutil.copy(good, tmp_path / "same.rrd")
@@ -177,25 +153,3 @@ def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, caps
     assert len(told) == 3
     for name in ("same.rrd", "junk.rrd", "odd.rrd"):
         assert sum(str(tmp_path / name) in line for line in told) == 1
-
-
-@pytest.mark.parametrize("place", ["empty", "missing"])
-def test_nothing_to_open_is_one_sentence(place, shown, tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    assert view.main([str(tmp_path / place)]) == 2
-    assert (capsys.readouterr().err.count("\n"), shown.calls) == (1, 0)
-
-
-def test_a_viewer_that_is_missing_or_fails_is_reported(sweep, shown, tmp_path, monkeypatch, capsys):
-    shown.code = 7
-    assert view.main([str(sweep / "0")]) == 1
-    assert "the viewer ended with exit code 7" in capsys.readouterr().err
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    assert view.main([str(sweep)]) == 2
-    assert "expected the viewer's program rerun" in capsys.readouterr().err
-    assert shown.calls == 1
-
-
-def test_runs_of_one_name_get_their_place(sweep):
-    run = view.open_sound_runs(sweep / "0")[0][0]
-    assert view.names([run, run]) == [f"walk ({run.path})"] * 2

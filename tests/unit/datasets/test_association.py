@@ -1,4 +1,4 @@
-"""Who is who: people cross, are hidden, leave and come back, and every frame's joints are still one person's."""
+"""Who is who: people cross, are hidden, leave and come back; left and right are put right again."""
 
 import logging
 
@@ -8,7 +8,11 @@ from crowd_scenes import CAMERAS, RATE_HZ, crowd, shown, walkers, whose
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.association.assignment import Tracks
+from workbench.datasets.association.detections import DetectorView
+from workbench.datasets.association.left_right import PARTS, _cheapest, _cost, exchanged_sides, undone
 from workbench.datasets.association.target_selection import follow
+from workbench.datasets.association.track_stitching import stitched, without_short
 from workbench.motion.formats.openpose import People, read_openpose
 from workbench.utils.errors import InputError
 
@@ -73,23 +77,6 @@ def test_who_leaves_and_comes_back_is_the_same(caplog):
     assert "left: the person is not found in frames 14 to" in caplog.text
 
 
-def test_a_view_that_drops_out_and_a_joint_that_is_never_found_are_told(caplog):
-    made = scene(1, CROSSING[:1], missing=0.0, lost_joints=0.0)
-    wrist, people = JOINT_NAMES.index("left_wrist"), made.people
-    for name in people:
-        rows = [one.copy() for one in people[name].joints]
-        for t, one in enumerate(rows):
-            one[:, wrist] = np.nan
-            if name == "left" and t >= 12:
-                rows[t] = one[:0]
-        people[name] = People(name, "COCO_17", people[name].frames, tuple(rows))
-    with caplog.at_level(logging.INFO):
-        found = follow(people, made.cameras, RATE_HZ)
-    assert np.isfinite(found.joints[0, :, :, 0]).any(axis=1).all()
-    assert "left: the person is not found in frames 12 to 29; the fit goes on without" in caplog.text
-    assert "never found: left_wrist; where they are" in caplog.text
-
-
 def test_exchanged_sides_are_put_right_and_counted(caplog):
     rng = np.random.default_rng(3)
     right = shown(CAMERAS, walkers(CROSSING[:1], 40), rng)
@@ -121,42 +108,18 @@ def test_by_one_camera_people_are_followed_in_the_image(tmp_path):
     np.testing.assert_allclose(follow(people, None, RATE_HZ).joints[0, 0, head, 0], 400.0)  # the surest
 
 
-def test_the_same_people_in_another_order_are_the_same():
-    made = scene(5)
-    turned = {
-        name: People(name, "COCO_17", people.frames, tuple(rows[::-1] for rows in people.joints))
-        for name, people in made.people.items()
-    }
-    one, other = follow(made.people, made.cameras, RATE_HZ), follow(turned, made.cameras, RATE_HZ)
-    np.testing.assert_array_equal(one.joints, other.joints)
+def test_neither_the_order_of_people_nor_empty_ones_among_them_matter():
+    made, nothing = scene(5), np.full((1, 15, 3), np.nan)  # as OpenPose writes them, at any place among the others
 
+    def changed(change):
+        return {n: People(n, "COCO_17", p.frames, tuple(map(change, p.joints))) for n, p in made.people.items()}
 
-def test_empty_people_are_nobody():
-    """As OpenPose writes them, at any place among the others."""
-    made = scene(6)
-    nothing = np.full((1, 15, 3), np.nan)
-    padded = {
-        name: People(name, "COCO_17", people.frames, tuple(np.concatenate([nothing, rows]) for rows in people.joints))
-        for name, people in made.people.items()
-    }
     plain = follow(made.people, made.cameras, RATE_HZ)
-    np.testing.assert_array_equal(follow(padded, made.cameras, RATE_HZ).joints, plain.joints)
+    padded = changed(lambda rows: np.concatenate([nothing, rows]))
+    for people in (changed(lambda rows: rows[::-1]), padded):
+        np.testing.assert_array_equal(follow(people, made.cameras, RATE_HZ).joints, plain.joints)
     with pytest.raises(InputError, match="person 0 in frame 0 cannot be followed"):
         follow(padded, made.cameras, RATE_HZ, 0)
-
-
-def test_who_is_seen_by_one_camera_at_first_is_followed_from_there():
-    made = scene(7, missing=0.0)
-    for name in ("left", "back"):
-        rows = list(made.people[name].joints)
-        for t in range(8):
-            keep = made.owners[name][t] == 0
-            rows[t], made.owners[name][t] = rows[t][keep], made.owners[name][t][keep]
-        made.people[name] = People(name, "COCO_17", made.people[name].frames, tuple(rows))
-    found = followed(made, 1)
-    owner, _ = whose(made, found)
-    assert set(owner.ravel().tolist()) == {-1, 1}
-    assert (owner[0] == 1).all()
 
 
 def test_people_whose_rays_do_not_meet_are_refused():
@@ -170,3 +133,83 @@ def test_people_whose_rays_do_not_meet_are_refused():
     alone = {**made.people, "front": People("front", "COCO_17", np.array([0]), (np.empty((0, 15, 3)),))}
     with pytest.raises(InputError, match="front: no person 0: nobody is found in the frames used"):
         follow(alone, made.cameras, RATE_HZ, {"front": 0})
+
+
+def tracks(*spans, n_frames=90):
+    """Of people who stand, (body (J, 3), first frame, last frame), each a track of its own."""
+    assigned, joints = [{} for _ in range(n_frames)], [{} for _ in range(n_frames)]
+    for number, (body, first, last) in enumerate(spans):
+        for t in range(first, last + 1):
+            assigned[t][0, number] = number
+            joints[t][number] = body
+    return Tracks(tuple(assigned), tuple(joints), np.full(n_frames, np.inf)), np.arange(n_frames) / RATE_HZ
+
+
+def who(*spans):
+    """Whose the tracks turn out to be, None for nobody's."""
+    tracked, times_s = tracks(*spans)
+    found = stitched(without_short(tracked), times_s)
+    return [found[first].get((0, number)) for number, (_, first, _) in enumerate(spans)]
+
+
+SMALL, _, TALL = (one[0] for one in walkers([((0.0, 0.0), (1.0, 0.0))] * 3, 1))  # 1.65 m and 1.85 m
+
+
+def test_who_comes_back_nearby_is_the_same_and_who_comes_far_off_at_once_is_not():
+    assert who((SMALL, 0, 30), (SMALL + 0.3, 60, 80)) == [0, 0]
+    assert who((SMALL, 0, 30), (SMALL + np.array([5.0, 0.0, 0.0]), 40, 80)) == [0, 1]
+
+
+def test_of_two_who_left_each_comes_back_as_themselves():
+    aside = np.array([0.4, 0.0, 0.0])
+    spans = ((SMALL, 0, 30), (TALL + aside, 0, 30), (TALL + 0.5 * aside, 60, 80), (SMALL + 0.5 * aside, 60, 80))
+    assert who(*spans) == [0, 1, 1, 0]
+
+
+def test_who_is_there_at_the_same_time_is_somebody_else():
+    assert who((SMALL, 0, 60), (SMALL + 0.2, 40, 80)) == [0, 1]
+
+
+def test_who_is_hardly_seen_is_nobody():
+    assert who((SMALL, 0, 60), (SMALL + 1.0, 20, 21)) == [0, None]
+    assert who((SMALL, 3, 3)) == [0]
+
+
+WALK = (((-0.8, -0.2), (1.6, 0.0)),)
+ALL = np.ones(15, dtype=bool)
+
+
+def seen(names, n_frames=40, seed=0):
+    """Eyes and (V, T, J, 3) of a walker."""
+    found = shown({name: CAMERAS[name] for name in names}, walkers(WALK, n_frames), np.random.default_rng(seed))
+    eyes = [
+        DetectorView(CAMERAS[name] if len(names) > 1 else None, ALL, 1.0 if len(names) > 1 else 300.0) for name in names
+    ]
+    return eyes, np.array([found[name][0] for name in names])
+
+
+@pytest.mark.parametrize("names", [["left"], ["front", "left"], list(CAMERAS)])
+def test_nothing_is_exchanged_where_nothing_was(names):
+    eyes, joints = seen(names)
+    assert not exchanged_sides(eyes, joints, RATE_HZ).any()
+
+
+@pytest.mark.parametrize("names", [["left"], ["front", "left"], list(CAMERAS)])
+@pytest.mark.parametrize("frames", [slice(7, 8), slice(12, 20), slice(0, 5), slice(36, 40)])  # arms apart
+def test_what_was_exchanged_is_found(names, frames):
+    eyes, joints = seen(names)
+    swapped = np.zeros((len(names), 40, len(PARTS)), dtype=bool)
+    swapped[0, frames] = True
+    swapped[-1, 25:28, 1] = True
+    found = exchanged_sides(eyes, undone(joints, swapped), RATE_HZ)
+    np.testing.assert_array_equal(found, swapped)
+    np.testing.assert_array_equal(undone(undone(joints, swapped), found), joints)
+
+
+def test_the_path_is_the_cheapest_of_all():
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        costs = 3.0 * rng.random((6, 2, 2, 2))
+        paths = [np.array([bool(number >> t & 1) for t in range(6)]) for number in range(64)]
+        best = min(paths, key=lambda path: _cost(costs, path))
+        np.testing.assert_array_equal(_cheapest(costs), best)

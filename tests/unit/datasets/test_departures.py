@@ -15,7 +15,6 @@ from workbench.datasets.rendering.subject import height_of, subject_of
 from workbench.datasets.rendering.visible import first_depth
 from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
-from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 3, "width": 160, "height": 120, "focal_px": 175.0}
 MADE = {
@@ -109,19 +108,6 @@ def test_clothes_move_smoothly_and_as_far_as_asked():
     assert slid[:, clothed].std(axis=0) == pytest.approx(0.005, rel=0.1)
 
 
-def test_the_pictures_are_drawn_from_limbs_that_go_on_in_each_other():
-    subject = subject_of(person(from_height(1.7)), USUAL, 2)
-    limbs = subject.at(0.5).limbs
-    for name in ("left_thigh", "right_forearm", "torso"):
-        whole = subject.body.limbs.names.index(name)
-        rows = np.flatnonzero(subject.whole == whole)
-        assert len(rows) > 1
-        assert np.array_equal(limbs.ends[rows[:-1]], limbs.starts[rows[1:]])
-        assert limbs.radii[rows[:-1], 1] == pytest.approx(limbs.radii[rows[1:], 0])
-        assert limbs.starts[rows[0]] == pytest.approx(subject.body.limbs.starts[whole])
-        assert limbs.ends[rows[-1]] == pytest.approx(subject.body.limbs.ends[whole])
-
-
 def test_a_calibration_is_off_by_just_what_is_asked_and_otherwise_with_every_seed():
     camera = Synthetic(**SMALL, person_px=70.0, exact=True).view_camera
     seen = camera.position + 5.0 * camera.rotation[2]
@@ -170,30 +156,9 @@ def test_any_skeleton_departs_bone_by_bone_with_its_limbs_and_stands_as_tall():
     assert subject.body.limbs.ends == pytest.approx(other.offsets[far])
 
 
-@pytest.mark.parametrize("departures", [{"height": 0.1}, {"radii": -0.1}, {"camera": 2.0}, {"clothes_m": np.nan}])
-def test_mistakes_are_named(departures):
-    with pytest.raises(InputError, match=r"departures must be sizes from 0 on, .* by names of lengths, radii, .*found"):
-        Synthetic(departures=departures)
-
-
 def test_who_is_shown_has_feet_of_their_own_whatever_a_tracker_is_told():
     told, plain = MADE["synthetic"](feet=True), MADE["synthetic"]()
     assert len(told.known.body.limbs) == 15
     assert plain.known.body is None
     assert told._key() == plain._key()
     assert np.array_equal(images(told), images(plain))
-
-
-def test_who_is_shown_exactly_has_the_feet_that_are_told():
-    told, plain = MADE["synthetic"](feet=True, exact=True), MADE["synthetic"](exact=True)
-    assert told._key() != plain._key()
-    assert told._subject.body is told.known.body
-    differ = np.flatnonzero((images(told) != images(plain)).any(axis=(0, 2)))
-    ankles = told.view_camera.project(next(told.frames()).truth.joints)[-1]
-    assert differ.max() > ankles[1]
-
-
-def test_other_bones_have_feet_where_those_told_have():
-    told = MADE["synthetic"](feet=True, **only(lengths=0.03))
-    assert told._subject.body.limbs.names == told.known.body.limbs.names
-    assert not np.allclose(told._subject.body.limbs.ends, told.known.body.limbs.ends)

@@ -136,11 +136,6 @@ def test_what_does_not_fit_together_is_refused(scene, given, said):
         _ = dataset(scene, **given).known
 
 
-def test_a_truth_of_another_time_is_refused(scene):
-    with pytest.raises(InputError, match="expected markers in some of the 5 frames used, found none"):
-        _ = dataset(scene, truth=str(scene / "truth.trc"), truth_first=50).known
-
-
 def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(scene, tmp_path):
     for width, refused in ((397, False), (380, True)):
         folder = tmp_path / str(width)

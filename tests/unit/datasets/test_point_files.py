@@ -107,17 +107,6 @@ def test_hdf5_comes_back_in_the_order_of_its_numbers(tmp_path, frames):
         assert np.array_equal(read, points)
 
 
-@quick
-@given(length=st.integers(0, 4000))
-def test_a_cut_hdf5_file_is_refused(tmp_path, length):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["frames/0"] = np.zeros((20, 3))
-    whole = (tmp_path / "a.h5").read_bytes()
-    file = tmp_path / "cut.h5"
-    file.write_bytes(whole[: min(length, len(whole) - 1)])
-    refused(lambda path: list(read_hdf5(path)), file)
-
-
 HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
 
 
@@ -127,20 +116,12 @@ HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
         ("a.ply", HEAD + "1 2 3\n4 5\n", ["line 10", "3 numbers (x, y, z)", "'4 5'"]),
         ("a.ply", HEAD + "1 2 3\n4 nan 6\n", ["line 10", "finite number for y", "'nan'"]),
         ("a.ply", HEAD + "1 2 3\n", ["2 rows", "1 lines"]),
-        ("a.ply", HEAD + "1 2 3\n1 2 3\n1 2 3\n", ["2 rows", "3 lines"]),
-        ("a.ply", HEAD.replace("vertex 2", "vertex 0"), ["expected points, found none"]),
-        ("a.ply", HEAD.replace("double z", "double w"), ["x, y, w"]),
         ("a.ply", HEAD.replace("double z", "list uchar int z"), ["line 7", "list uchar int z"]),
         ("a.ply", HEAD.replace("ascii 1.0", "ascii 2.0"), ["line 2", "ascii 2.0"]),
-        ("a.ply", HEAD.replace("element vertex 2", "element face 2"), ["line 4", "element face 2"]),
-        ("a.ply", "solid\n", ["header"]),
         ("a.csv", "", ["line 1", "columns x, y and z"]),
-        ("a.csv", "1,2,3\n4,5,6\n", ["line 1", "1, 2, 3"]),
         ("a.csv", "x,y,z\n", ["found none"]),
         ("a.csv", "x,y,z\n1,2,3\n1,2\n", ["line 3", "'1,2'"]),
-        ("a.csv", "x,y,z\n1,2,3\n\n1,2,3\n", ["line 3"]),
         ("a.csv", "x,y,z\n1,2,3\n1,inf,3\n", ["line 3", "y", "'inf'"]),
-        ("a.csv", "x,y,z\n1,2,1_0\n", ["line 2", "z", "'1_0'"]),
         ("a.csv", "x,y,z,x\n1,2,3,4\n", ["line 1"]),
     ],
 )
@@ -274,15 +255,3 @@ def test_other_sources_are_named(tmp_path):
     (tmp_path / "sub" / "a.ply").mkdir()
     with pytest.raises(InputError, match="expected a file, found a folder"):
         _ = PointFiles(str(tmp_path / "sub")).known
-
-
-@pytest.mark.parametrize(
-    ("parameters", "word"),
-    [({"unit": "inch"}, "inch"), ({"rate_hz": 0.0}, "rate_hz"), ({"most_points": 0}, "most_points"),
-     ({"first_frame": -1}, "first_frame"), ({"n_frames": 0}, "n_frames"), ({"n_frames": 2}, "no frame 1, expected"),
-     ({"first_frame": 3}, "no frame 3, expected one of 0 to 0"), ({"truth": "none", "truth_first": 1}, "truth_first"),
-     ({"seed": -1}, "seed"), ({"start": "soon"}, "soon")],
-)  # fmt: skip
-def test_mistakes_are_named(tmp_path, parameters, word):
-    with pytest.raises(InputError, match=word):
-        _ = PointFiles(str(folder_of(tmp_path, [np.ones((2, 3))])), **parameters).known

@@ -1,15 +1,11 @@
 """Simulated points: what the parameters promise, the same bits from the same seed, and mistakes."""
 
-import warnings
-
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
-from workbench.datasets.points import Points, with_depth_noise
+from workbench.datasets.points import Points
 from workbench.datasets.rendering.surroundings import BOX_M, WALL_M
 from workbench.datasets.rendering.visible import first_depth
-from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 3, "n_points": 200}
 
@@ -29,20 +25,6 @@ def off_surface(dataset, i, points):
     return depth - first_depth(dataset.take.body, dataset.take.motion.poses[i], dataset.view_camera, points)
 
 
-def test_frames_carry_points_and_truth_and_no_views():
-    dataset = scene(first_frame=5)
-    frames = list(dataset.frames())
-    assert [frame.index for frame in frames] == [5, 6, 7]
-    assert frames[1].time_s == pytest.approx(6 / 14.0)
-    for frame in frames:
-        assert frame.views == ()
-        assert frame.points.shape == (200, 3)
-        assert frame.truth.pose.shape == (25,)
-        assert frame.truth.joints.shape == (15, 3)
-        assert frame.truth.activity == "walk"
-    assert dataset.known.name == "points of walker_of_seed_0_straight"
-
-
 def test_without_errors_all_points_lie_on_what_the_camera_sees():
     dataset = scene(sigma_m=0.0, outliers=0.0)
     for i, points in enumerate(clouds(dataset)):
@@ -60,17 +42,6 @@ def test_errors_and_outliers_are_as_large_and_as_many_as_asked_for():
     depth = dataset.view_camera.to_camera(points[near])[:, 2] / 4.0
     sigma = off_surface(dataset, 0, points[near]) / depth**2
     assert np.quantile(sigma, 0.84) - np.quantile(sigma, 0.16) == pytest.approx(2 * 0.02, rel=0.1)
-
-
-@pytest.mark.parametrize("depth_m", [2.0, 4.0, 8.0])
-def test_depth_errs_by_its_square_along_the_line_of_sight(depth_m):
-    """As a stereo pair's: z = f b / d, so that a disparity's constant error moves z by z² / (f b)."""
-    camera, n = plain_camera(640, 480, 500.0, (1.0, -2.0, 1.5), (1.5, 3.0, 1.0)), 20_000
-    seen = np.tile([0.2 * depth_m, -0.1 * depth_m, depth_m], (n, 1))
-    points = (seen - camera.translation) @ camera.rotation
-    found = camera.to_camera(with_depth_noise(points, camera, 0.02, np.random.default_rng(0)))
-    assert (found[:, 2] - depth_m).std() == pytest.approx(0.02 * (depth_m / 4.0) ** 2, rel=5 / np.sqrt(2 * n))
-    np.testing.assert_allclose(found[:, :2] / found[:, 2:], seen[:, :2] / seen[:, 2:], rtol=1e-9)
 
 
 def test_the_order_of_points_tells_nothing():
@@ -138,62 +109,3 @@ def test_clutter_is_floor_wall_and_bins_in_the_box_and_not_in_front_of_the_perso
         assert wall.any()
         assert depth.max() <= around.wall_m + 1e-9
     assert around.wall_m > camera.to_camera(dataset.take.motion.poses[:, :3])[:, 2].max() + WALL_M - 1e-9
-
-
-def test_images_show_the_person_where_the_truth_is():
-    dataset = scene(images=True, n_frames=2)
-    for frame in dataset.frames():
-        (view,) = frame.views
-        assert view.image.shape == (480, 640)
-        assert view.image.dtype == np.uint8
-        assert np.isfinite(view.camera.project(frame.points)).all()
-    images = [frame.views[0].image.astype(int) for frame in dataset.frames()]
-    rows, columns = np.nonzero(np.abs(images[1] - images[0]) > 30)  # beyond 5 deviations of the noise of two images
-    pixels = dataset.view_camera.project(dataset.take.places.reshape(-1, 3))
-    inside = (columns > pixels[:, 0].min() - 30) & (columns < pixels[:, 0].max() + 30)
-    assert len(rows) > 100
-    assert inside.mean() > 0.99
-
-
-def test_what_is_offered_of_the_start():
-    auto, given = scene(), scene(start="given")
-    assert (auto.known.start_pose, auto.known.phase_ends) == (None, None)
-    assert np.array_equal(given.known.start_pose, given.take.rough_start(0))
-    assert np.abs(given.known.start_pose - given.take.motion.poses[0]).max() > 0.0
-    first, last = given.known.phase_ends
-    assert last - first == pytest.approx(2 / 14 * 0.92, rel=0.25)  # a stride takes 0.92⁻¹ s, give or take a few %
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"n_frames": 1}, ["n_frames", "2", "1"]),
-        ({"n_frames": 5000}, ["lasts 60.0"]),
-        ({"first_frame": -1}, ["first_frame"]),
-        ({"n_points": 0}, ["n_points"]),
-        ({"sigma_m": -0.1}, ["sigma_m"]),
-        ({"sigma_m": float("nan")}, ["sigma_m"]),
-        ({"outliers": 1.0}, ["outliers", "1.0"]),
-        ({"outliers": -0.1}, ["outliers"]),
-        ({"clutter": -1}, ["clutter"]),
-        ({"bar_m": -1.0}, ["bar_m"]),
-        ({"distance_m": 0.5}, ["distance_m"]),
-        ({"rate_hz": 0.0}, ["rate_hz"]),
-        ({"view_deg": float("inf")}, ["view_deg"]),
-        ({"focal_px": 0.0}, ["focal_px"]),
-        ({"seed": -1}, ["seed"]),
-        ({"start": "soon"}, ["auto, given", "soon"]),
-        ({"motion": "builtin_arm", "start": "given"}, ["no gait cycle", "start=auto"]),
-        ({"motion": []}, ["at least one motion"]),
-        ({"motion": "nobody"}, ["nobody"]),
-        ({"motion": ["builtin", "35_02"]}, ["35_02"]),
-        ({"motion": 3502}, ["3502"]),
-    ],
-)
-def test_mistakes_are_named(parameters, words):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        with pytest.raises(InputError) as caught:
-            _ = scene(**parameters).known
-    assert all(word in str(caught.value) for word in words), str(caught.value)
-    assert "\n" not in str(caught.value)

@@ -199,12 +199,3 @@ def test_clothes_background_and_noise_have_the_strength_they_claim():
     # rounding adds a variance of 1/12; the standard error of σ is σ / √(2 n) = 0.0094
     assert noisy.std() == pytest.approx(np.sqrt(16.0 + 1.0 / 12.0), abs=4 * 0.0094)
     assert noisy.mean() == pytest.approx(100.0, abs=4 * 4.0 / 300.0)
-
-
-def test_supersampling_blends_the_edges():
-    body, camera = ball((0.0, 0.0, 0.0), 0.5), plain_camera(101, 101, 150.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
-    scene = render.RenderedScene(body, camera, flat(body, np.array([200.0])), np.full((101, 101), 10.0))
-    image = render.render(scene, STANDING)
-    centre, edge = image[50, 50], image[50, 20:30]
-    assert image[0, 0] == 10.0
-    assert ((edge > 11.0) & (edge < 0.8 * centre)).any()

@@ -7,10 +7,9 @@ import pytest
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.datasets.rendering.concatenation import gait_phases, splice
-from workbench.datasets.rendering.sequence import Scene, find_take, given_start
+from workbench.datasets.rendering.sequence import Scene, find_take
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
-from workbench.utils.errors import InputError
 
 RATE = 60.0
 WALK = walker(average_subject(), 6.0, RATE)
@@ -109,20 +108,6 @@ def test_three_motions_and_motions_without_cycles():
     assert np.isfinite(joined.motion.poses).all()
 
 
-@pytest.mark.parametrize(
-    ("motions", "n", "words"),
-    [
-        ([WALK], 400, ["lasts 6.02 s", "at least 6.67 s"]),
-        ([WALK, WALK], 800, ["lasts 6.02 s"]),
-        ([WALK] * 3, 5, ["6 frames"]),
-    ],
-)
-def test_too_little_of_a_motion_is_said(motions, n, words):
-    with pytest.raises(InputError) as caught:
-        splice(motions, n)
-    assert all(word in str(caught.value) for word in words), str(caught.value)
-
-
 def test_a_take_is_the_motion_at_its_rate_with_its_truth():
     take = find_take(Scene(motion="builtin", n_frames=20, first_frame=3))
     assert np.array_equal(take.motion.poses, find_motion("builtin", data=None, rate_hz=56.0).poses[12:89:4])
@@ -148,14 +133,3 @@ def test_the_rough_start_is_as_far_off_as_it_says_and_the_same_every_time():
     # 4 standard errors of a σ from 1200 numbers; angles at their limits are left out
     assert errors[:, :3].std() == pytest.approx(0.03, rel=4 / np.sqrt(2400))
     assert errors[:, 3:6].std() == pytest.approx(0.05, rel=4 / np.sqrt(2400))
-
-
-def test_a_start_that_cannot_be_given_is_refused():
-    arm = find_take(Scene(motion="builtin_arm", n_frames=20))
-    assert given_start("points", "auto", arm, 0) == (None, None)
-    with pytest.raises(InputError, match="'builtin arm' has no gait cycle; use start=auto"):
-        given_start("points", "given", arm, 0)
-    with pytest.raises(InputError, match="needs the truth"):
-        given_start("points", "given", None, 0)
-    with pytest.raises(InputError, match="auto, given, found 'now'"):
-        given_start("points", "now", arm, 0)

@@ -11,8 +11,7 @@ from workbench.body.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
 from workbench.datasets.rendering.surroundings import empty_view, room
 from workbench.datasets.rendering.visible import surface_points
-from workbench.datasets.stereo import N_EMPTY, Stereo, disparities, empty_disparity, nearer_points
-from workbench.utils.errors import InputError
+from workbench.datasets.stereo import Stereo, disparities, empty_disparity, nearer_points
 
 SMALL = {"n_frames": 2, "width": 320, "height": 240, "focal_px": 350.0, "baseline_m": 0.4, "n_points": 300}
 
@@ -61,32 +60,6 @@ def test_what_is_nearer_than_the_empty_scene_becomes_points_at_its_depth():
 def test_the_empty_scene_is_the_nearest_that_was_seen_of_it():
     pairs = np.array([[[1.0, np.nan, 3.0]], [[2.0, np.nan, np.nan]], [[1.5, 4.0, np.nan]]])
     assert np.array_equal(empty_disparity(pairs), [[2.0, np.nan, np.nan]], equal_nan=True)
-
-
-def test_both_cameras_see_one_room(dataset):
-    """Grey levels of the right image are those of the left where the same point of wall or floor is seen."""
-    left, right = dataset.cameras
-    place = room(dataset.take, left, np.random.default_rng(0))
-    flat = replace(
-        place, wall=cv2.GaussianBlur(place.wall, (0, 0), 8.0), floor=cv2.GaussianBlur(place.floor, (0, 0), 8.0)
-    )
-    views = [empty_view(flat, camera) for camera in (left, right)]
-    rng = np.random.default_rng(1)
-    wall = place.origin + rng.uniform(-1.5, 1.5, (300, 1)) * place.right + rng.uniform(0.1, 2.0, (300, 1)) * [0, 0, 1]
-    floor = (
-        place.origin + rng.uniform(-1.0, 1.0, (300, 1)) * place.right - rng.uniform(0.1, 2.0, (300, 1)) * place.forward
-    )
-    for points in (wall, floor):
-        seen = []
-        for camera, view in zip((left, right), views, strict=True):
-            pixels = camera.project(points).astype(np.float32)
-            seen.append(
-                cv2.remap(view.astype(np.float32), pixels[:, 0], pixels[:, 1], cv2.INTER_LINEAR, borderValue=-1)
-            )
-        both = (seen[0] > 0) & (seen[1] > 0)
-        assert both.sum() > 100
-        assert np.abs(seen[0] - seen[1])[both].mean() < 1.0  # grey levels, of a texture blurred over 8 cm
-    assert np.std(views[0]) > 5.0
 
 
 @pytest.mark.parametrize("surface", ["wall", "floor"])
@@ -154,37 +127,3 @@ def test_the_cache_gives_the_same_bits_without_rendering(dataset, tmp_path, monk
             warnings.simplefilter("ignore", UserWarning)
             with pytest.raises(AssertionError, match="rendered again"):
                 next(replace(kept, **change).frames())
-
-
-def test_the_empty_room_is_rendered_too(dataset):
-    assert dataset._images.shape == (2 + N_EMPTY, 2, 240, 320)
-    empty = dataset._images[2:].astype(int)
-    # the difference of two images' noise of σ 4 has a mean size of 4 √2 √(2/π) = 4.5
-    assert np.abs(empty[1:] - empty[0]).mean() == pytest.approx(4.5, abs=0.1)
-
-
-def test_what_is_offered_of_the_start(dataset):
-    assert (dataset.known.start_pose, dataset.known.phase_ends) == (None, None)
-    given = replace(dataset, start="given")
-    assert np.array_equal(given.known.start_pose, given.take.rough_start(0))
-    assert given.known.phase_ends == given.take.phase_ends
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"baseline_m": 0.0}, ["baseline_m", "0.0"]),
-        ({"baseline_m": 3.0}, ["disparities up to", "baseline_m"]),
-        ({"rate_hz": -1.0}, ["rate_hz"]),
-        ({"n_points": 0}, ["n_points"]),
-        ({"noise": float("nan")}, ["noise"]),
-        ({"view_deg": float("nan")}, ["view_deg"]),
-        ({"start": "soon"}, ["soon"]),
-        ({"motion": "builtin_arm", "start": "given"}, ["stereo:", "no gait cycle"]),
-        ({"n_frames": 5000}, ["lasts"]),
-    ],
-)
-def test_mistakes_are_named(parameters, words):
-    with pytest.raises(InputError) as caught:
-        _ = Stereo(**{**SMALL, **parameters}).known
-    assert all(word in str(caught.value) for word in words), str(caught.value)

@@ -130,11 +130,6 @@ def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
     assert view.camera.project(point) == pytest.approx(neck)
 
 
-def test_a_camera_can_be_chosen_by_name(scene):
-    assert video(scene).known.cameras[0].name == "left"
-    assert video(scene, which="right").known.cameras[0].name == "right"
-
-
 def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
     path = scene / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, (WIDTH, HEIGHT))

@@ -48,13 +48,6 @@ def test_what_is_said_in_todays_words_stays(settings):
         assert in_todays_words(PATH, settings) == settings
 
 
-def test_a_last_frame_that_was_not_said_is_gone_without_a_word():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = in_todays_words(PATH, {"dataset": {"_target_": VIDEO, "last_frame": None, "n_frames": None}})
-    assert found == {"dataset": {"_target_": VIDEO, "n_frames": None}}
-
-
 PRODUCT = {"_target_": "workbench.likelihoods.product.Product", "weights": {"edges": 0.5}}
 WRAPPED = {"likelihood": {"_target_": "my.Wrapped", "device": "tpu"}, "terms": [1, 2]}
 

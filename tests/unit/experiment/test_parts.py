@@ -1,7 +1,6 @@
 """Parts of one's own: a package that a person names joins, and nothing else is ever imported."""
 
 import importlib
-import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -11,7 +10,6 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from workbench.cli.components import listing
-from workbench.cli.main import main
 from workbench.experiment.config import options as parts
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.schema import prepare_hydra
@@ -186,14 +184,6 @@ def test_a_recording_adds_nothing_to_what_may_be_built(package):
 
 
 @pytest.mark.parametrize(
-    "target", ["os.system", "builtins.eval", "workbench.cli.main.main", "workbench.utils.errors.X"]
-)
-def test_a_recording_builds_options_only(target):
-    with pytest.raises(InputError, match=f"{target}' is no part of the workbench"):
-        runnable(run_of(target=target), [], own())
-
-
-@pytest.mark.parametrize(
     ("argument", "found"),
     [("seed=3", []), ("parts=[my_parts]", ["my_parts"]), ("+parts=[a, b.c]", ["a", "b.c"]), ("parts=[]", []),
      ("parts=my_parts", None), ("parts=[a],[b]", None), ("parts=", None), ("parts=[a;b]", None)],
@@ -212,32 +202,3 @@ def test_a_package_that_is_not_there_or_has_no_options_is_refused(package):
     with pytest.raises(InputError, match=r"expected options in .*conf"):
         parts.name_parts(["email"])
     assert parts.packages() == ("workbench",)
-
-
-def test_an_option_is_described_with_its_class_its_keys_and_their_defaults(package, capsys):
-    assert main(["components", "parts=[my_parts]", "prior.still"]) == 0
-    told = capsys.readouterr().out
-    assert "my_parts.mine.Still: Every parameter stays where it is, give or take." in told
-    assert "sigma: 0.25  per second" in told
-    assert main(["components", "prior.jitter"]) == 0
-    assert "keep: 0.9" in capsys.readouterr().out
-    assert main(["components", "prior.no_such"]) == 2
-    assert "no_such" in capsys.readouterr().err
-
-
-def test_a_list_of_options_imports_none_of_them():
-    """In a process of its own, whose modules are those of the command."""
-    code = "import sys; from workbench.cli.main import main; code = main(['components']); "
-    code += "assert code == 0; print(sorted({'numba', 'scipy', 'cv2', 'rerun', 'h5py', 'numpy'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert "schema" not in done.stdout
-    assert all(f"  {name} " in done.stdout for name in parts.options("prior"))
-
-
-@pytest.mark.parametrize("words", ["seed=1", "--config-dir=my -m", "-cd my", "--config-dir my seed=1"])
-def test_the_folder_of_options_is_read_off_a_commands_arguments(words, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(parts, "_config_dirs", [])
-    parts.name_config_dir(words.split())
-    assert parts._config_dirs == ([tmp_path / "my"] if "my" in words else [])

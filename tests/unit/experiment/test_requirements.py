@@ -84,9 +84,3 @@ def test_absent_recordings_are_named_with_where_they_come_from(experiment, folde
     assert found.endswith(f"paths.data should hold {folder}/: {SOURCES[folder]}")
     (tmp_path / folder).mkdir()
     assert first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {}) is None
-
-
-def test_a_folder_of_unknown_origin_is_named_without_a_source(tmp_path):
-    files = f"dataset.camera={tmp_path}/mine/c.toml", f"dataset.source={tmp_path}/mine/x.mp4"
-    found = first_missing(composed("dataset=video", *files, f"paths.data={tmp_path}"), {})
-    assert found.endswith("paths.data should hold mine/")

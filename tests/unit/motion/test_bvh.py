@@ -15,7 +15,6 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.motion.formats.bvh import bvh_text, read_bvh
-from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.8))
 LEAVES = {"head_centre": "neck_end", **{f"{side}_{leaf}": f"{side}_{parent}_end" for side in ("left", "right")
@@ -47,33 +46,6 @@ def channels(text):
             names += [(joint, word) for word in words[2:]]
     rows = np.array([row.split() for row in motion.splitlines()[3:]], dtype=float)
     return dict(zip(names, rows.T, strict=True))
-
-
-def test_channels_by_hand():
-    # The file's y is up, its z is the world's x, ahead, and its x the world's y, to the left.
-    turned = pose(root_x=1.0, root_y=2.0, root_z=3.0, root_heading=np.pi / 2, neck_nod=0.1)
-    # Abduction lifts the left arm about the axis ahead and the right arm about the one behind.
-    arms = pose(left_shoulder_abduction=np.pi / 6, right_shoulder_abduction=np.pi / 6, left_elbow_flexion=np.pi / 4)
-    found = channels(bvh_text(SKELETON, np.stack([turned, arms]), 30.0))
-    expected = {
-        ("pelvis", "Xposition"): (200.0, 0.0), ("pelvis", "Yposition"): (300.0, 0.0),
-        ("pelvis", "Zposition"): (100.0, 0.0), ("pelvis", "Yrotation"): (90.0, 0.0),
-        ("neck", "Xrotation"): (np.rad2deg(0.1), 0.0),
-        ("left_shoulder", "Zrotation"): (0.0, 30.0), ("right_shoulder", "Zrotation"): (0.0, -30.0),
-        ("left_elbow", "Xrotation"): (0.0, -45.0),
-    }  # fmt: skip
-    for channel, values in found.items():
-        assert values == pytest.approx(expected.get(channel, (0.0, 0.0)), abs=1e-6), channel
-    assert expected.keys() <= found.keys()
-
-
-def test_channels_of_a_joint_are_in_the_order_of_its_turns():
-    names = list(channels(bvh_text(SKELETON, np.zeros((1, 25)), 30.0)))
-    order = {joint: "".join(name[0] for found, name in names if found == joint and "rot" in name) for joint, _ in names}
-    assert order["pelvis"] == order["neck"] == "YXZ"  # the world's z y x: heading, pitch, roll
-    assert order["left_shoulder"] == "ZXY"  # abduction, flexion, twist
-    assert order["right_hip"] == "XZY"  # flexion, abduction, twist
-    assert order["left_knee"] == "XYZ"  # flexion, and two that stay zero
 
 
 def test_another_program_finds_the_same_joints(tmp_path):
@@ -130,12 +102,6 @@ def test_what_bvh_cannot_hold_is_refused():
 def test_frame_time_is_read_to_its_digits(tmp_path, frame_time, rate_hz):
     (tmp_path / "r.bvh").write_text(BVH.replace("0.0333333", frame_time))
     assert read_bvh(tmp_path / "r.bvh").rate_hz == pytest.approx(rate_hz, rel=1e-12)
-
-
-def test_unit_is_cm_or_m(tmp_path):
-    (tmp_path / "good.bvh").write_text(BVH)
-    with pytest.raises(InputError, match="one of cm, m, found 'inch'"):
-        read_bvh(tmp_path / "good.bvh", unit="inch")
 
 
 singular = st.sampled_from([0.0, -0.0, np.pi / 2, -np.pi / 2, np.pi, 1e-9])

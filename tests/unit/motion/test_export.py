@@ -14,27 +14,12 @@ from workbench.motion.formats.motion_export import Track, csv_text, frame_rate, 
 from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))
-BY_HAND = (
-    "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
-    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
-    "50\t50\t2\t2\tmm\t50\t1\t2\n"
-    "Frame#\tTime\tknee\t\t\tankle\n"
-    "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
-    "\n"
-    "1\t0.000000000\t2000.0000\t3000.0000\t1000.0000\t-0.5000\t0.2500\t0.1250\n"
-    "2\t0.020000000\t0.0000\t0.0000\t0.0000\tnan\tnan\tnan\n"
-)
 
 
 def track(n=7):
     rng = np.random.default_rng(5)
     poses = rng.uniform(-1.0, 1.0, (n, 25))
     return Track(SKELETON, 40 + np.arange(n), 1.5 + np.arange(n) / 25.0, joints(SKELETON, poses), poses)
-
-
-def test_by_hand():
-    positions = np.array([[[1.0, 2.0, 3.0], [0.000125, -0.0005, 0.00025]], [[0.0] * 3, [np.nan] * 3]])
-    assert trc_text("walk.trc", ("knee", "ankle"), positions, 50.0) == BY_HAND
 
 
 def test_another_program_reads_them(tmp_path):

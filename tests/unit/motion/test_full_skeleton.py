@@ -1,14 +1,17 @@
-"""The full skeleton of small clips: the same joints in the same places, whatever the file's frames."""
+"""The full skeleton of small clips: the same joints in the same places, and limbs in any direction."""
 
 import full_skeleton_clips as clips
 import numpy as np
 import pytest
+from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward, joints
+from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
-from workbench.body.surface import person_surface
+from workbench.body.surface import OVERHANG, attach, person_surface, residuals
+from workbench.datasets.rendering.visible import surface_points
 from workbench.motion.full_skeleton import full_body, full_poses, full_skeleton
 from workbench.utils.errors import InputError
 
@@ -91,23 +94,6 @@ def test_turning_on_and_on_is_counted():
     np.testing.assert_allclose(np.diff(heading), 6.0 * np.pi / 89, atol=1e-9)
 
 
-def test_other_skeletons_keep_their_rest_pose():
-    rotations = clips.wandering(clips.TRAVELLER, 3, still=("hand_end", "tail", "tail_end"))
-    clip = clips.clip(clips.TRAVELLER, rotations)
-    skeleton = full_skeleton(clip)
-    assert skeleton.names == ("root", "arm", "hand", "hand_end", "tail")  # tail_end has no length
-    assert skeleton.dof_names[6:] == ("arm_x", "arm_z", "arm_y", "hand_x", "hand_z", "hand_y")  # the tail is rigid
-    np.testing.assert_array_equal(skeleton.offsets, clip.offsets[:5])
-    np.testing.assert_allclose(joints(skeleton, full_poses(clip)), places_of(clip, skeleton.names), atol=1e-12)
-
-
-def test_clips_of_one_skeleton_have_one_skeleton():
-    one, other = full_skeleton(bandai_like(1)), full_skeleton(bandai_like(2))
-    assert (one.names, one.dof_names) == (other.names, other.dof_names)
-    np.testing.assert_array_equal(one.offsets, other.offsets)
-    np.testing.assert_array_equal(one.dof_axes, other.dof_axes)
-
-
 def test_a_joint_that_travels_is_refused():
     rotations = clips.wandering(clips.TRAVELLER, 0)
     offsets = np.array([offset for _, offset in clips.TRAVELLER.values()])
@@ -124,3 +110,30 @@ def test_its_surface_covers_every_bone_and_the_head_hands_and_toes():
     assert set(person_surface(body).part_names) == {*body.skeleton.names[1:], *beyond}
     traveller = full_body(clips.clip(clips.TRAVELLER, clips.wandering(clips.TRAVELLER, 0)), from_height(1.7))
     assert person_surface(traveller).part_names == ("arm", "hand", "hand_end", "tail")
+
+
+SHAPE = from_height(1.7)
+BODY = full_body(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)), SHAPE)
+
+
+def test_a_limbs_axes_are_orthonormal_with_z_along_it():
+    for limbs in (BODY.limbs, person(SHAPE).limbs):
+        np.testing.assert_allclose(limbs.axes.swapaxes(1, 2) @ limbs.axes, np.tile(np.eye(3), (len(limbs), 1, 1)),
+                                   atol=1e-12)  # fmt: skip
+        assert np.linalg.det(limbs.axes) == pytest.approx(1.0)
+        along = np.einsum("l,la->la", limbs.lengths, limbs.axes[:, :, 2])
+        np.testing.assert_allclose(along, limbs.ends - limbs.starts, atol=1e-12)
+    toes = BODY.limbs.axes[BODY.limbs.names.index("Toes_L")]  # this bone points ahead in the neutral pose
+    np.testing.assert_allclose(toes.T, [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_points_of_the_limbs_lie_on_the_skin(seed):
+    rng = np.random.default_rng(seed)
+    pose = 0.3 * rng.standard_normal(len(BODY.skeleton.dof_names))
+    surface, frames = person_surface(BODY), forward(BODY.skeleton, pose[None])
+    points = surface_points(BODY, pose, 4000, rng)
+    away = residuals(BODY.skeleton, surface, pose, points, "distance", attach(surface, frames, points))
+    assert np.median(np.abs(away)) < 0.01  # as for the person, along a limb
+    # a limb's rounded end is as high as the limb is thin, of which the skin covers the overhang
+    assert away.max() < (1.0 - OVERHANG) * BODY.limbs.radii.min(axis=2).max()

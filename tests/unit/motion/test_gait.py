@@ -6,8 +6,7 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.motion.synthetic.gait import average_subject, builtin_motions, subjects, walker
-from workbench.motion.synthetic.run_gait import average_runner, builtin_runs, runner, runners
-from workbench.utils.errors import InputError
+from workbench.motion.synthetic.run_gait import builtin_runs, runners
 
 ANKLES = {"left": JOINT_NAMES.index("left_ankle"), "right": JOINT_NAMES.index("right_ankle")}
 PEOPLE = [average_subject(), *subjects(12, np.random.default_rng(2000))]
@@ -95,21 +94,3 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_other_people(generate
     assert first[0].sha256 == again[0].sha256
     assert not np.array_equal(first[0].poses, generate(3, seed=6)[0].poses)
     assert not np.array_equal(first[0].poses, first[1].poses)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"path": "zigzag"}, "zigzag"),
-        ({"duration_s": 0.0}, "two frames"),
-        ({"rate_hz": 0.0}, "two frames"),
-        ({"duration_s": float("nan")}, "two frames"),
-        ({"path": "circle", "radius_m": 0.1}, "radius"),
-    ],
-)
-def test_impossible_walks_are_refused(arguments, words):
-    with pytest.raises(InputError, match=words):
-        walker(average_subject(), **{"duration_s": 1.0, "rate_hz": 30.0, **arguments})
-    if words == "two frames":
-        with pytest.raises(InputError, match=words):
-            runner(average_runner(), **{"duration_s": 1.0, "rate_hz": 30.0, **arguments})

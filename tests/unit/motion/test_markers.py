@@ -109,28 +109,6 @@ def test_c3d_is_read_as_trc_is(tmp_path):
         read_markers(tmp_path / "bad.c3d")
 
 
-TEXT = trc_text("a.trc", JOINT_NAMES, places(), 50.0, "m")
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "line 1: expected a TRC file"),
-        (TEXT.replace("PathFileType", "Path"), "line 1: expected a TRC file"),
-        (TEXT.replace("\n50\t", "\nfifty\t"), "line 3: expected numbers for DataRate"),
-        (TEXT.replace("\n50\t", "\n0\t"), "line 3: DataRate: expected a rate of"),
-        (TEXT.replace("neck", "pelvis"), "line 4: expected the names of markers, all different"),
-        ("\n".join(TEXT.split("\n")[:6]) + "\n\n", "expected a frame"),
-        (TEXT.replace("0.9300000", "0.93.0", 1), "line 7: expected numbers for coordinates"),
-        (TEXT.rstrip("\n") + "\t1.0\t2.0\n", "line 10: expected 45 coordinates, found 47"),
-    ],
-)
-def test_what_is_no_trc_file_is_refused_with_its_line(tmp_path, text, said):
-    (tmp_path / "a.trc").write_text(text)
-    with pytest.raises(InputError, match=said):
-        read_markers(tmp_path / "a.trc")
-
-
 def test_what_cannot_be_told_is_refused(tmp_path):
     truth = places()
     for positions, names, said in (

@@ -52,13 +52,6 @@ def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
             np.testing.assert_array_equal(past.memory.arrays[name], array)
 
 
-def test_poses_that_follow_from_the_states_are_not_stored(tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoints, "SHARE", np.inf)
-    run = [with_memory(step) for step in steps(2, n_particles=60)]
-    found = recorded(tmp_path / "run.rrd", run, decode=lambda state: run[0].poses)
-    assert "poses" not in past_before(found, 99).memory.arrays
-
-
 def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoints, "SHARE", np.inf)
     run = [with_memory(step, parents=np.repeat([3, 7], 30)) for step in steps(2, n_particles=60)]

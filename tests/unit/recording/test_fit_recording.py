@@ -62,10 +62,6 @@ def test_without_scikit_image_a_warning_says_so_and_the_limbs_stay(run, tmp_path
     assert sum("scikit-image" in sentence for sentence in warnings) == caplog.text.count("scikit-image") == 1
 
 
-def test_no_mesh_is_recorded_unasked(run, tmp_path):
-    assert not column(record(tmp_path / "run.rrd", run[:1]), MESH, VERTICES)
-
-
 def test_flexions_are_recorded_in_degrees_and_activities_as_lanes(fit, run):
     for name in ("left_hip", "right_hip", "left_knee", "right_knee"):
         poses = {"estimate": [s.expected_pose for s in run], "truth": [s.frame.truth.pose for s in run]}

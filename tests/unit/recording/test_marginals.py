@@ -30,12 +30,6 @@ def test_quantiles_are_the_smallest_values_with_their_share(data):
             assert min(enough) <= value <= min(fewer)  # equal but for rounding of the sums
 
 
-def test_quantiles_of_equal_weights_are_numpys():
-    values = np.random.default_rng(0).normal(size=(1001, 4))
-    found = weighted_quantiles(values, np.full(1001, 1 / 1001), (0.05, 0.95))
-    assert found == pytest.approx(np.quantile(values, (0.05, 0.95), axis=0, method="inverted_cdf"))
-
-
 def drifting(n_frames, seed=0, speed=0.4):
     """Particle sets that wander far out of the first one's range, up in one column and down in the other."""
     rng = np.random.default_rng(seed)
@@ -60,20 +54,6 @@ def test_marginals_are_the_histograms_on_their_axes(n_bins):
             assert np.exp(log_mass[k, :, i]) == pytest.approx(
                 np.maximum(mass, FLOOR), rel=1e-6
             )  # kept in single precision
-
-
-def test_no_visible_mass_is_cut_off_and_axes_are_not_mostly_empty():
-    marginals = Marginals(2, 64)
-    frames = list(drifting(25))
-    for values, weights in frames:
-        marginals.add(values, weights)
-    low, high, log_mass = marginals.picture()
-    for k in range(2):
-        for values, weights in frames:
-            outside = (values[:, k] < low[k]) | (values[:, k] > high[k])
-            assert weights[outside].sum() <= 256 * FLOOR  # every fine bin outside holds less than the floor
-        used = np.flatnonzero((log_mass[k] > LOWEST_LOG_MASS).any(axis=1))
-        assert used[-1] - used[0] + 1 > 32  # an axis merges whole fine bins: more than half of it is used
 
 
 @settings(max_examples=50, deadline=None)

@@ -40,24 +40,6 @@ def test_the_verdict_is_a_text_a_property_and_lanes(tmp_path):
     assert values(path, "/state/do_not_trust", "StateChange:state") == ["trusted", "arms"]
 
 
-def test_feet_that_stand_are_lanes(tmp_path):
-    run = [replace(step, expected_pose=step.frame.truth.pose) for step in steps(24, n_particles=5)]
-    path, _ = recorded(tmp_path / "run.rrd", run)
-    found = [values(path, f"/state/foot_{side}", "StateChange:state") for side in ("left", "right")]
-    assert set(found[0] + found[1]) == {"stands", "swings"}
-    assert found[0] != found[1]
-
-
-def test_evidence_of_a_few_frames_is_judged():
-    evidence = Evidence(BODY)
-    for step in steps(6, n_particles=20):
-        evidence.add(step, {"error_abs_mm": 20.0})
-    found = verdict(evidence.measured(), RunInputs())
-    assert (found.kind, len(found.states)) == ("held", 6)
-    assert np.isnan(evidence.measured().off_px).all()
-    assert residuals(evidence.measured()) == {}
-
-
 @pytest.mark.parametrize(("every", "n", "style"), [(1, 8, "SeriesLines"), (4, 2, "SeriesPoints")])
 def test_residuals_are_curves_and_those_of_few_frames_marks(tmp_path, every, n, style):
     """Of steps without truth whose keypoints lie 5 px from the estimate in every so many frames."""

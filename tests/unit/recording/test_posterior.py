@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 import recording_steps
-import rerun as rr
 from recorded import record, static
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.body.skeleton import PARTS, POSE_NAMES
+from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.posterior_calibration import ranks, share_below
@@ -24,14 +22,10 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.smooth import Smooth
-from workbench.recording.read.reader import read
-from workbench.recording.write.marginals import LOWEST_LOG_MASS
-from workbench.recording.write.posterior import RANKS, Posterior, marginal_picture
+from workbench.recording.write.posterior import RANKS, Posterior
 
 BODY = person(from_height(1.75))
 N_FRAMES, N_BINS = 4, 16
-LEGS = ("left_hip_flexion", "right_hip_flexion", "left_knee_flexion", "right_knee_flexion")
-ARM = PARTS["right_arm"]
 
 
 def steps(prior, n_particles=40):
@@ -62,14 +56,6 @@ def priors():
         "database": Implicit(learn_windows(builtin_motions(n_subjects=2))),
         "arm database": Implicit(arm_windows),
     }
-
-
-def test_held_columns_are_left_out(priors):
-    prior = priors["arm"]
-    collected = posterior(prior, steps(prior))
-    velocities = tuple(f"{name}_velocity" for name in ARM)
-    assert collected.names == (*ARM, *velocities)
-    assert collected.units[:8] == ("rad",) * 4 + ("rad/s",) * 4
 
 
 @pytest.mark.parametrize("name", ["database", "arm database"])
@@ -105,32 +91,6 @@ def test_names_units_bands_and_marginals_belong_together(priors, name):
 
 def angle(name):
     return BODY.skeleton.dof(name)
-
-
-@pytest.mark.parametrize(
-    ("name", "favourites"),
-    [("walk", LEGS), ("smooth", LEGS), ("database", LEGS),
-     ("arm", ARM), ("arm database", ARM)],
-)  # fmt: skip
-def test_pictured_is_what_moves(priors, name, favourites):
-    assert posterior(priors[name], steps(priors[name])).favourites == favourites
-
-
-def test_one_particle_or_a_start_without_spread_has_pictures_too(priors):
-    for prior, n in ((priors["walk"], 1), (priors["arm"], 1), (Smooth(start_pose=0.0), 30)):
-        favourites = posterior(prior, steps(prior, n)).favourites
-        assert len(favourites) == 4
-        assert {*favourites} <= {*Posterior(prior.space, BODY.skeleton, None, N_BINS).names}
-
-
-def test_a_recording_of_an_arm_has_marginals_of_the_arm(priors, tmp_path):
-    """The property `marginals` names the rows of the tensor."""
-    prior = priors["arm"]
-    found = read(record(tmp_path / "run.rrd", steps(prior), space=prior.space, marginal_bins=N_BINS))
-    assert found.marginals.names == posterior(prior, steps(prior)).names
-    assert found.marginals.log_mass.shape == (len(found.marginals.names), N_BINS, N_FRAMES)
-    recorded = {path.split("/")[2] for path in found.scalars if path.startswith("posterior/parameters/")}
-    assert recorded == {*found.marginals.names}
 
 
 def uneven(n_particles):
@@ -181,29 +141,3 @@ def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
     blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
     assert all(len(pose_ranks(step)) == 0 for step in blind)
     assert heights(record(tmp_path / "blind.rrd", blind), f"/{RANKS}") is None
-
-
-def drawn(truth, unit="rad"):
-    """{entity below the picture: archetype} of a marginal over 0 to π/2 that is all in the second of four bins."""
-    log_mass, frames = np.full((4, 6), LOWEST_LOG_MASS), list(range(10, 16))
-    log_mass[1] = 0.0
-    entities = marginal_picture("knee", unit, (0.0, np.pi / 2.0), log_mass, frames, np.asarray(truth))
-    return {path.rpartition("/")[2]: each for path, each in entities if not isinstance(each, rr.Transform3D)}
-
-
-def test_in_a_picture_the_truth_lies_on_the_bin_that_holds_it():
-    found = drawn(np.full(6, 0.3 * np.pi / 2.0))
-    blob = np.asarray(found["mass"].blob.as_arrow_array().to_pylist()[0], dtype=np.uint8)
-    rows = cv2.imdecode(blob, cv2.IMREAD_COLOR).sum(axis=2)
-    assert rows.shape == (4, 6)
-    assert set(rows.argmax(axis=0)) == {2}  # the second from below
-    (strip,) = found["truth"].strips.as_arrow_array().to_pylist()
-    np.testing.assert_allclose(np.array(strip), [[(k + 0.5) * 320.0 / 6.0, 0.7 * 80.0] for k in range(6)], atol=1e-4)
-    gaps = drawn([0.1, 0.1, np.nan, 9.0, 0.2, 0.2])["truth"].strips.as_arrow_array().to_pylist()
-    assert [len(strip) for strip in gaps] == [2, 2]  # not where it is unknown or outside
-
-
-@pytest.mark.parametrize(("unit", "ends"), [("rad", ["90", "0"]), ("m", ["1.57", "0"])])
-def test_the_axis_says_its_values(unit, ends):
-    labels = drawn(np.zeros(6), unit)["values"].labels.as_arrow_array().to_pylist()
-    assert labels == [*ends, "#10", "#15"]

@@ -1,10 +1,9 @@
-"""Recordings of another kind than ours are one sentence for every command, and hide no sound one beside them."""
+"""Configurations and properties of recordings: plain values by key; those of another kind are one sentence."""
 
-import datetime
-from pathlib import Path
-
-import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import settings as trials
+from hypothesis import strategies as st
 from small_recordings import record
 
 from workbench.cli import view
@@ -12,24 +11,12 @@ from workbench.cli.main import main
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.read.reader import read
+from workbench.recording.settings import NO_EFFECT, choices_of, leaves, numbers_and_texts
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import LONGEST, InputError
 
 CONFIGS = {"text": "seed: 3\ndataset: x", "surrogate": 'seed: 3\na: "\\ud800"', "flow": "seed: " + "[" * 3000}
 """Others: see tests/robustness."""
-
-PROPERTIES = {
-    "metrics is a text": ("metrics", {"error_abs_mm": "many"}),
-    "metrics are lists": ("metrics", {"error_abs_mm": [1.0, 2.0]}),
-    "cost is a truth": ("cost", {"seconds": True}),
-    "format is a text": ("run", {"format": "two"}),
-    "status is a number": ("run", {"status": 3}),
-    "id is a list": ("run", {"id": ["a", "b"]}),
-    "seed is a text": ("provenance", {"seed": "three"}),
-    "joints are numbers": ("body", {"joints": [1, 2], "pose": [3, 4]}),
-    "pose is missing": ("body", {"joints": ["a", "b"]}),
-    "marginals lack names": ("marginals", {"low": [0.0, 1.0]}),
-}
 
 
 @pytest.fixture
@@ -60,13 +47,6 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
     assert "Traceback" not in sentence
 
 
-@pytest.mark.parametrize("kind", PROPERTIES)
-def test_properties_of_other_kinds_are_refused(kind):
-    name, values = PROPERTIES[kind]
-    with pytest.raises(InputError, match=rf"a\.rrd: property {name}"):
-        checked(Path("a.rrd"), {"run": {"status": "complete"}} | {name: values})
-
-
 def test_a_refused_recording_hides_no_sound_one(beside):
     with RecordingFile(beside, run_id="hostile", config_yaml="seed: 3", provenance={"seed": 0}) as file:
         file.send_property("metrics", {"error_abs_mm": "many"})
@@ -80,8 +60,38 @@ def test_a_sound_one_passes(tmp_path):
     check_settings(run.path, {"seed": 3, "prior": {"a": [1, 2.5, "b", None, True]}, "study": None})
 
 
-@pytest.mark.parametrize("value", [datetime.date(2026, 1, 1), {1}, b"x", 10**400, "\ud800", np.float64, (1,)])
-def test_what_is_not_plain_is_refused(tmp_path, value):
-    for found in ({"a": value}, {"a": [value]}, {"a": {"b": value}}):
-        with pytest.raises(InputError):
-            check_settings(tmp_path / "a.rrd", found)
+SETTINGS = {
+    "seed": 3, "threads": None, "prior": {"_target_": "workbench.priors.smooth.Smooth", "sigma": 1.0e-3, "held": True},
+    "dataset": {"motion": "35_02", "view": [1, 2.5]}, "clips": {"choose": ["35_02"]}, "paths": {"data": "/my/own"},
+}  # fmt: skip
+
+
+def test_numbers_are_told_from_texts():
+    numbers, texts = numbers_and_texts(SETTINGS, {"prior": "smooth"})
+    assert numbers == {"seed": 3.0, "prior.sigma": 1.0e-3}
+    assert texts == {"prior.held": "true", "dataset.motion": "35_02", "dataset.view": "[1, 2.5]", "prior": "smooth"}
+
+
+def test_leaves_go_into_lists_where_that_is_asked_for():
+    nested = {"a": {"b": [1, {"c": 2}]}, "d": {}, "e": []}
+    assert dict(leaves(nested)) == {"a.b": [1, {"c": 2}], "e": []}
+    assert dict(leaves(nested, lists=True)) == {"a.b[0]": 1, "a.b[1].c": 2, "d": {}, "e": []}
+
+
+def test_what_has_no_effect_is_no_column():
+    assert numbers_and_texts({key: {"n": 1, "word": "w"} for key in NO_EFFECT}, {"recorder": "rerun"}) == ({}, {})
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats() | st.text(max_size=5),
+    lambda of: st.lists(of, max_size=3) | st.dictionaries(st.text(max_size=5), of, max_size=4),
+)
+
+
+@trials(max_examples=40)
+@given(settings=st.dictionaries(st.text(max_size=5), VALUES), words=st.lists(st.text(max_size=8)) | st.text(max_size=8))
+def test_whatever_a_configuration_holds_its_keys_are_numbers_or_texts(settings, words):
+    numbers, texts = numbers_and_texts(settings, choices_of(words))
+    assert all(type(value) is float for value in numbers.values())
+    assert all(type(value) is str for value in texts.values())
+    assert "" not in {*numbers, *texts}

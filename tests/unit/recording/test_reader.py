@@ -4,21 +4,17 @@ import os
 import shutil
 import struct
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rerun as rr
 import rerun_cli
-from recorded import record
 from recording_steps import BODY, SCALE, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
-from workbench.recording.condense import condense
 from workbench.recording.read.crash_probe import open_sound_runs
-from workbench.recording.read.reader import find_recordings, read
-from workbench.recording.side_by_side import write_side_by_side
+from workbench.recording.read.reader import read
 from workbench.recording.write.file import FORMAT, RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
@@ -75,30 +71,10 @@ def test_names_and_shapes(recorded):
     assert (run.marginals.low < run.marginals.high).all()
 
 
-def test_a_metric_that_is_not_there(recorded):
-    with pytest.raises(InputError, match=r"error_px.*ess"):
-        read(recorded).metric("error_px")
-
-
-def test_a_run_without_a_frame(tmp_path):
-    found = read(record(tmp_path / "run.rrd", []))
-    assert found.poses[1].shape == (0, 25)
-    assert found.joints.positions.shape == found.true_joints.positions.shape == (0, len(BODY.skeleton.names), 3)
-    assert (found.metric_names, found.marginals) == ((), None)
-
-
 def test_no_such_file_and_a_folder_without_a_recording(tmp_path):
     for path in (tmp_path / "nothing.rrd", tmp_path):
         with pytest.raises(InputError, match=r"\.rrd: no such recording"):
             read(path)
-
-
-@pytest.mark.parametrize("junk", [b"", b"RRF2", b"hello " * 1000, bytes(range(256)) * 40])
-def test_a_file_that_is_no_recording(tmp_path, junk):
-    path = tmp_path / "junk.rrd"
-    path.write_bytes(junk)
-    with pytest.raises(InputError, match=r"junk\.rrd: expected"):
-        read(path)
 
 
 def test_a_recording_of_something_else(tmp_path):
@@ -170,17 +146,6 @@ def test_all_are_found_sorted_and_one_that_cannot_be_read_does_not_stop_the_othe
     assert "junk.rrd: expected a whole Rerun recording" in problems[0].reason
 
 
-def test_files_and_folders_may_overlap(folder):
-    runs, problems = open_sound_runs(folder / "b", folder / "b" / "run.rrd", folder / "a" / "junk.rrd")
-    assert ([run.path.parent.name for run in runs], len(problems)) == (["b"], 1)
-
-
-def test_a_folder_without_recordings_and_a_place_that_is_not_there(tmp_path):
-    assert open_sound_runs(tmp_path) == ([], [])
-    with pytest.raises(InputError, match="nowhere: expected a recording or a folder"):
-        find_recordings(tmp_path / "nowhere")
-
-
 def test_joints_are_those_of_the_poses_and_of_the_truth(recorded, run):
     found = read(recorded)
     assert found.joints.names == found.true_joints.names == BODY.skeleton.names
@@ -216,13 +181,3 @@ def test_a_newer_format_is_refused(tmp_path, version):
         file.send_property("run", {"format": version})
     with pytest.raises(InputError, match=f"format 1 to {FORMAT}, found {version!r}"):
         read(tmp_path / "run.rrd")
-
-
-def test_a_run_whose_id_is_lost_is_laid_beside_another_and_condensed(recorded, tmp_path, trusted):
-    run = read(recorded)
-    properties = {**run.properties, "run": {key: run.properties["run"][key] for key in ("status", "format")}}
-    lost = replace(run, properties=properties)
-    assert (lost.id, run.id) == ("", run.properties["run"]["id"])
-    write_side_by_side(tmp_path / "both.rrd", lost, run)
-    condense(lost, tmp_path / "condensed.rrd")
-    assert read(tmp_path / "condensed.rrd").metrics.keys() == run.metrics.keys()

@@ -1,10 +1,12 @@
-"""Recordings that were written leave nothing behind in the process that wrote them."""
+"""Recordings that were written leave nothing behind in the process that wrote them; cards show what cameras saw."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import rerun as rr
 from small_recordings import record
@@ -12,7 +14,7 @@ from small_recordings import record
 from workbench.recording.read.reader import read
 from workbench.recording.side_by_side import write_names, write_side_by_side
 from workbench.recording.write import file as files
-from workbench.recording.write.cards import write_card
+from workbench.recording.write.cards import preview_of, write_card
 from workbench.recording.write.file import RecordingFile, give_up, new_stream
 
 TASKS = Path("/proc/self/task")
@@ -94,3 +96,19 @@ def test_a_process_ends_whose_stream_cannot_be_written(tmp_path):
         [sys.executable, "-c", FULL, tmp_path / "run.rrd"], capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stdout) == (0, "gave up\n"), done.stderr
+
+
+PNG = cv2.imencode(".png", np.zeros((6, 8), dtype=np.uint8))[1].tobytes()
+
+
+def test_a_preview_is_of_what_a_camera_saw(tmp_path):
+    with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="{}", settings={}, provenance={}) as file:
+        file.stream.set_time("frame", sequence=0)
+        for place in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
+            file.stream.log(place, rr.EncodedImage(contents=PNG, media_type="image/png"))
+    assert preview_of(tmp_path / "run.rrd") == (["/world/left/image", "/world/right/image"], False)
+
+
+def test_a_recording_that_was_cut_off_has_none(tmp_path):
+    (tmp_path / "run.rrd").write_bytes(b"RRF2")
+    assert preview_of(tmp_path / "run.rrd") == ([], False)

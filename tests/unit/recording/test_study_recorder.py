@@ -2,13 +2,16 @@
 
 import logging
 
+import cv2
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
+from matplotlib.figure import Figure
 
-from workbench.core.study import Bars, Curves, Sticks, StudyResult
+from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.study_recorder import eye, grid, pages, record_study
+from workbench.recording.study.drawing import draw, picture
+from workbench.recording.study.figures import figure_of, numbers
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import InputError
 
@@ -88,25 +91,6 @@ def test_properties_metrics_and_note_come_back(recorded):
         _ = found.poses
 
 
-def test_every_figure_is_drawn_and_only_the_metrics_have_a_frame(recorded):
-    reader = RrdReader(recorded)
-    found = {(chunk.entity_path, name) for chunk in reader.stream() for name in chunk.to_record_batch().schema.names}
-    timed = {chunk.entity_path for chunk in reader.stream() if not chunk.is_static}
-    assert timed == {f"/metrics/{name}" for name in METRICS}
-    assert len(reader.blueprints()) == 1
-    for entity, name in (
-        (r"/figures/first\ page/SNR\ \(left\ hip\)/drawing", "EncodedImage:blob"),
-        (r"/figures/first\ page/one\ point/drawing", "EncodedImage:blob"),
-        ("/figures/c3/drawing", "EncodedImage:blob"),
-        ("/figures/counts/drawing", "EncodedImage:blob"),
-        ("/figures/run/skeletons", "LineStrips3D:strips"),
-        ("/figures/run/trails/1", "LineStrips3D:strips"),
-        ("/figures/one/skeletons", "LineStrips3D:strips"),
-        ("/note", "TextDocument:text"),
-    ):
-        assert (entity, name) in found
-
-
 def fail_in(recording):
     with recording:
         assert read(recording.part).status == "running"  # what a killed process would leave
@@ -129,23 +113,33 @@ def test_two_figures_of_one_name_are_refused(tmp_path):
         record(tmp_path / "run.rrd", [one, one])
 
 
-def test_pages_keep_the_order_and_hold_eight_at_most():
-    names = ["a/1", "a/2", "plain", *[f"b/{k}" for k in range(9)]]
-    found = pages([Bars(name, np.zeros(1), np.zeros(1), "") for name in names])
-    assert [figure.name for _, shown in found for figure in shown] == names
-    assert [(title, len(shown)) for title, shown in found] == [("a", 2), ("figures", 1), ("b", 8), ("b", 1)]
-    assert all(columns * rows >= n and columns <= 4 and rows <= 2 for n in range(1, 9) for columns, rows in [grid(n)])
+def drawn(figure):
+    axes = Figure().add_subplot()
+    draw(axes, figure)
+    return axes
 
 
-@pytest.mark.parametrize("way_m", [0.0, 0.3, 4.0])
-def test_the_eye_of_skeletons_sees_heads_and_feet(way_m):
-    """Of someone 1.8 m tall, in what the viewer shows: 55° from top to bottom."""
-    upright = np.array([[0.0, 0.0, 0.9], [0.0, 0.0, 1.8], [0.0, 0.2, 0.0]])
-    went = upright + np.linspace(0.0, way_m, 5)[:, None, None] * np.eye(3)[0]
-    seen = eye(Sticks("run", went, np.array([-1, 0, 0]), np.ones(5)))
-    position, target = (np.array(each.as_arrow_array().flatten()) for each in (seen.position, seen.look_target))
-    ahead = (target - position) / np.linalg.norm(target - position)
-    rays = went - position
-    angles = np.degrees(np.arccos(np.sum(rays * ahead, axis=-1) / np.linalg.norm(rays, axis=-1)))
-    upwards = angles[np.argmin(np.abs(went[:, 0, 0] - target[0]))]  # of who is in the middle
-    assert upwards.max() < 27.5
+@pytest.mark.parametrize(
+    "figure",
+    [
+        *(Curves("f", np.arange(5.0), {"a": y}, "α₁", "σ") for y in (np.zeros(5), np.full(5, np.nan))),
+        Curves("f", np.ones(1), {"a": np.ones(1)}, "x", "y"),
+        Bars("f", np.zeros(1), np.ones(1), "x"),
+        *(Scatter("f", {"a": xy}, "x", "y") for xy in (np.zeros((0, 2)), np.full((2, 2), np.nan))),
+    ],
+)
+def test_a_picture_is_finer_than_the_view_and_always_the_same(figure):
+    png = picture(figure, 300.0, 200.0)
+    assert cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).shape == (300, 450, 3)
+    assert picture(figure, 300.0, 200.0) == png
+
+
+def test_the_numbers_of_points_come_back_bit_for_bit():
+    rng = np.random.default_rng(1)
+    figure = Scatter("page/s", {"walk": rng.normal(size=(4, 2)), "run": rng.normal(size=(1, 2))}, "α₁", "α₂")
+    again = figure_of(numbers(figure))
+    assert isinstance(again, Scatter)
+    assert (again.name, again.x_name, again.y_name) == (figure.name, "α₁", "α₂")
+    assert list(again.points) == ["walk", "run"]
+    for label, points in figure.points.items():
+        assert again.points[label].tobytes() == points.tobytes()

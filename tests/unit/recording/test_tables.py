@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
-from workbench.recording.read.chunks import Curve
-from workbench.recording.read.frame_tables import TABLES, aligned, bands_of, data_frame
+from workbench.recording.read.frame_tables import TABLES, data_frame
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
@@ -22,14 +21,6 @@ def run(tmp_path_factory):
         for step in steps(N, n_particles=20):
             recording.log(step, errors(step))
     return read(path.parent)  # the folder of a run
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_columns_are_of_one_length_and_begin_with_the_frame(run, name):
-    table = run.table(name)
-    assert next(iter(table)) == "frame"
-    assert len({len(column) for column in table.values()}) == 1
-    assert len(table["frame"]) >= N
 
 
 def test_poses_and_joints_are_those_of_the_arrays(run):
@@ -53,19 +44,6 @@ def test_bands_are_the_recorded_curves(run):
     assert np.isnan(bands.truth[:, bands.names.index("c1")]).all()  # nobody knows a true coefficient
 
 
-def test_what_was_not_measured_in_a_frame_is_nan():
-    late = Curve(np.array([1, 2]), np.array([[5.0], [6.0]]))
-    _, table = aligned({"a": Curve(np.array([0, 1, 2]), np.ones((3, 1))), "b": late})
-    np.testing.assert_array_equal(table["b"], [np.nan, 5.0, 6.0])
-    whole = Curve(np.array([0, 1, 2]), np.array([[1.0], [2.0], [3.0]]))
-    bands = bands_of({"posterior/parameters/x/truth": late, "posterior/parameters/x/low": whole, "metrics/a": late})
-    assert bands.names == ("x",)
-    np.testing.assert_array_equal(bands.truth[:, 0], [np.nan, 5.0, 6.0])
-    np.testing.assert_array_equal(bands.low[:, 0], [1.0, 2.0, 3.0])
-    assert np.isnan(bands.high).all()
-    assert len(bands_of({}).frames) == len(aligned({})[0]) == 0
-
-
 @pytest.mark.parametrize("library", ["pandas", "polars"])
 def test_data_frames_have_the_same_columns_and_values(run, library):
     pytest.importorskip(library)
@@ -82,8 +60,3 @@ def test_a_library_that_is_not_there_and_a_table_that_is_none_are_named(run, mon
         data_frame("polars", {"frame": [0]})
     with pytest.raises(InputError, match="one of poses, joints, true_joints, bands, metrics, found 'pose'"):
         run.table("pose")
-
-
-def test_a_folder_without_a_recording_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"run\.rrd: no such recording"):
-        read(tmp_path)

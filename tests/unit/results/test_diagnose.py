@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.results import diagnose
-from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, sentence, table
+from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, sentence
 from workbench.utils.errors import InputError
 
 CUE = Change("without edges")
@@ -44,14 +44,6 @@ def test_only_what_applies_is_changed():
     assert list(found) == ["4 times the particles", "prior=jitter"]
 
 
-@pytest.mark.parametrize(
-    ("inference", "override"),
-    [("restarting", "inference.filter.n_particles=20000"), ("annealed", "inference.n_particles=4000")],
-)
-def test_more_particles_are_of_the_filter_that_has_some(inference, override):
-    assert changes("dataset=synthetic", f"inference={inference}")["4 times the particles"].overrides == (override,)
-
-
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
     alone = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
@@ -63,27 +55,6 @@ def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
 @pytest.mark.parametrize("kept", [3, 5])
 def test_where_another_seed_does_as_well_there_is_no_cause(kept):
     assert sentence([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
-
-
-def test_the_table_has_an_interval_and_marks_whole_runs():
-    lines = table([Outcome(BODY, 5, 5, 0.3, True), Outcome(CUE, 0, 5, np.nan, False)]).splitlines()
-    assert lines[1].split() == [
-        "5",
-        "of",
-        "5",
-        "57%",
-        "to",
-        "100%",
-        "0.3",
-        "the",
-        "true",
-        "body",
-        "(from",
-        "the",
-        "first",
-        "frame)",
-    ]
-    assert lines[2].split() == ["0", "of", "5", "0%", "to", "43%", "nan", "without", "edges"]
 
 
 def test_without_a_verdict_a_track_is_judged_in_annotated_frames():

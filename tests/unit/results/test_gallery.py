@@ -8,7 +8,7 @@ from run_folders import leave
 from small_recordings import leave_recorded
 
 from workbench.results import gallery as module
-from workbench.results.gallery import gallery, titles
+from workbench.results.gallery import gallery
 from workbench.results.table import read_runs
 from workbench.utils.errors import InputError
 
@@ -57,16 +57,6 @@ def test_a_card_has_a_title_and_numbers_and_any_key_is_a_column(root):
 
 
 @served_by_catalog
-def test_a_run_is_opened_as_it_says_where_all_are_of_one_experiment(root, tmp_path):
-    leave_recorded(tmp_path / "other", "other", experiment="arm_twist", metrics={})
-    for found, own in ((read_runs(root), True), (read_runs(root, tmp_path), False)):
-        with gallery(found) as served:
-            dataset, _client = dataset_of(served)
-            assert dataset.default_segment_table_blueprint() is not None
-            assert (dataset.default_blueprint() is not None) == own
-
-
-@served_by_catalog
 def test_nothing_but_this_machine_is_listened_to(root):
     mine = psutil.Process()
     before = {each.laddr for each in mine.net_connections() if each.status == psutil.CONN_LISTEN}
@@ -111,9 +101,3 @@ def test_without_the_extra_a_sentence_says_what_installs_it(root, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"-e '\.\[catalog\]'"), gallery(read_runs(root)):
         pass
-
-
-def test_titles_have_the_seed_where_seeds_differ(root, tmp_path):
-    leave(tmp_path / "other", seed=7)
-    assert titles(read_runs(tmp_path)) == ["walk_straight"]
-    assert all(", seed=" in title for title in titles(read_runs(root, tmp_path)))

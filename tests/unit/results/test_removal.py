@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 from run_folders import leave, leave_sweep
@@ -34,20 +33,6 @@ def test_a_removed_run_is_gone_and_the_others_are_there(root, folder):
     remove(folder, STARTED)  # another command has removed it
     assert list(read_runs(root)["path"]) == [str(root / "sweep" / "0")]
     assert os.listdir(root / "sweep") == ["0"]
-
-
-def test_a_run_that_another_command_removes_too_is_gone(folder, monkeypatch):
-    whole = shutil.rmtree
-
-    def other(path, **_):
-        monkeypatch.undo()
-        whole(path)
-        raise FileNotFoundError(2, "No such file or directory", str(path))
-
-    monkeypatch.setattr(shutil, "rmtree", other)
-    remove(folder, STARTED)
-    assert os.listdir(folder.parent) == ["0"]
-    assert size_of(folder) == 0
 
 
 def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root, folder):
@@ -141,8 +126,3 @@ def test_a_run_may_begin_where_one_is_being_deleted_and_nothing_is_left(root, fo
     remove(folder, STARTED)
     assert sorted(os.listdir(root / "sweep")) == ["0", "1"]
     assert list(read_runs(folder)["seed"]) == [7]
-
-
-def test_the_size_of_a_recording_is_its_own(root):
-    Path(root / "a.rrd").write_bytes(b"0" * 10)
-    assert size_of(root / "a.rrd") == 10

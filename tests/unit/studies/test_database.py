@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from workbench.body.kinematics import joints
-from workbench.body.shape import from_height
-from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.study import Bars, Curves, Sticks
+from workbench.core.study import Bars
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob
 from workbench.priors.implicit_tree import log_proposal, sign_tree, total_variation
 from workbench.priors.smooth import Smooth
-from workbench.studies.database import HEIGHT_M, CoefficientHistograms, Temperature, left_out_probes
+from workbench.studies.database import CoefficientHistograms, Temperature, left_out_probes
+from workbench.studies.gap_errors import ImputeGaps
+from workbench.studies.tree_balance import TreeBalance
 from workbench.utils.errors import InputError
 
 
@@ -67,26 +66,6 @@ def test_no_window_of_a_probes_clip_can_be_drawn(prior, clip):
     assert len(probes.prior.tree.order) == len(left)
 
 
-def test_draws_are_recorded_poses_and_the_truth_is_light(temperature, prior, motions):
-    sticks = [figure for figure in temperature.figures if isinstance(figure, Sticks)]
-    assert [figure.name for figure in sticks] == [
-        "draws/sign tree, β = 0.01", "draws/sign tree, β = 1", "draws/our search, β = 0.01", "draws/our search, β = 1",
-    ]  # fmt: skip
-    skeleton = person_skeleton(from_height(HEIGHT_M))
-    still = np.concatenate([motion.poses for motion in motions])
-    still[:, :4] = 0.0  # where someone is and which way they face is not drawn
-    recorded = joints(skeleton, still)
-    for figure in sticks:
-        assert figure.positions.shape == (5, len(skeleton.names), 3)
-        for drawn in figure.positions:
-            assert np.abs(recorded - drawn).max(axis=(1, 2)).min() < 1e-5
-    truth = motions[2].poses[26].copy()
-    truth[:4] = 0.0
-    assert POSE_NAMES[3] == "root_heading"
-    assert sticks[0].positions[-1] == pytest.approx(joints(skeleton, truth[None])[0], abs=1e-5)
-    assert sticks[0].shades[-1] > sticks[0].shades[:-1].max()
-
-
 def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
     probes = left_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
     c = probes.prior.windows.coefficients
@@ -99,20 +78,6 @@ def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
     assert temperature.metrics["tv_search"] <= prior.epsilon
     assert 0.0 < temperature.metrics["visited_pct"] < 100.0
     assert temperature.metrics["distance_sign_tree"] > temperature.metrics["distance_exact"]
-
-
-def test_the_curves_rise_from_the_nearest_entry_to_blind_chance(temperature, prior):
-    variation, visited, distance = (figure for figure in temperature.figures if isinstance(figure, Curves))
-    assert (np.diff(variation.x) > 0.0).all()
-    assert variation.marks["the prior's"] == pytest.approx(np.log10(0.2))
-    at_prior = int(np.argmin(np.abs(variation.x - np.log10(0.2))))
-    assert variation.curves["sign tree"][at_prior] == temperature.metrics["tv_sign_tree"]
-    assert visited.curves["our search"][-1] > visited.curves["our search"][0]
-    probes = left_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
-    squares = ((probes.coefficients[:, None] - probes.prior.windows.coefficients) ** 2).sum(axis=2)
-    assert distance.curves["our search"][0] == pytest.approx(np.median(squares.min(axis=1)), rel=0.1)
-    assert distance.curves["blind chance"][0] == pytest.approx(np.median(squares), rel=0.1)  # 600 draws
-    assert distance.curves["our search"] == pytest.approx(distance.curves["exact odds"], rel=0.1)
 
 
 def test_histograms_are_densities_over_the_probes_gaussian(histograms, prior):
@@ -141,23 +106,17 @@ def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
     assert histograms.metrics["tv_sampling"] == pytest.approx(np.mean(simulated), rel=0.05)
 
 
-def test_components_the_database_lacks_are_told(prior, caplog):
-    result = CoefficientHistograms(prior, components=(1, 40)).run(rng())
-    assert "[40]" in caplog.text
-    assert "no component 40" in result.note
-    assert len(result.figures) == 2
-
-
-def test_bad_input_is_refused(prior, motions):
-    with pytest.raises(InputError, match="implicit"):
-        Temperature(Smooth()).run(rng())
-    with pytest.raises(InputError, match="nobody"):
-        Temperature(prior, clip="nobody").run(rng())
-    with pytest.raises(InputError, match="between 10 and"):
-        Temperature(prior, clip=prior.windows.clips[0], frame=3).run(rng())
-    with pytest.raises(InputError, match="two clips"):
-        CoefficientHistograms(Implicit(learn_windows(motions[:1]))).run(rng())
-    with pytest.raises(InputError, match="temperatures"):
-        Temperature(prior, betas=(0.1, 0.0))
-    with pytest.raises(InputError, match="components"):
-        CoefficientHistograms(prior, components=(0,))
+@pytest.mark.parametrize(
+    ("study", "words"),
+    [
+        (lambda prior: Temperature(Smooth()), "implicit"), (lambda prior: TreeBalance(Smooth()), "implicit"),
+        (lambda prior: Temperature(prior, clip="nobody"), "nobody"),
+        (lambda prior: Temperature(prior, clip=prior.windows.clips[0], frame=3), "between 10 and"),
+        (lambda prior: Temperature(prior, betas=(0.1, 0.0)), "temperatures"),
+        (lambda prior: CoefficientHistograms(prior, components=(0,)), "components"),
+        *((lambda prior, each=each: ImputeGaps(fractions=each), "fractions") for each in ((), (0.0,), (0.2, 1.0))),
+    ],
+)  # fmt: skip
+def test_bad_input_of_a_study_is_refused(prior, study, words):
+    with pytest.raises(InputError, match=words):
+        study(prior).run(rng())

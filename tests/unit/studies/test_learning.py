@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from workbench.body.skeleton import POSE_NAMES
 from workbench.motion.models.walking import CHANNEL_NAMES, walking_cycles
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.studies.gap_errors import ImputeGaps, in_gaps
+from workbench.studies.gap_errors import ImputeGaps
 from workbench.studies.learning import LearnWalk
 from workbench.studies.walk_cycles import AlignCycles, PeriodSnr, fold
-from workbench.utils.errors import InputError
 
 
 def rng():
@@ -42,15 +40,6 @@ def test_explained_variance_is_that_of_the_covariance(learned, cycles):
     assert learned.metrics["explained"] == pytest.approx(share[d - 1], abs=1e-9)
     assert learned.metrics["explained_5"] == pytest.approx(share[4], abs=1e-9)
     assert learned.metrics["n_cycles"] == len(cycles)
-
-
-def test_cycles_and_mean_are_in_degrees_and_closed(learned, cycles):
-    knee = by_name(learned)["cycles/left knee flexion"]
-    expected = np.degrees(cycles[:, :, CHANNEL_NAMES.index("left_knee_flexion")])
-    assert np.array(list(knee.faint.values()))[:, :-1] == pytest.approx(expected)
-    assert knee.curves["mean"][:-1] == pytest.approx(expected.mean(axis=0))
-    assert knee.curves["mean"][-1] == knee.curves["mean"][0]
-    assert (knee.x[0], knee.x[-1], len(knee.x)) == (0.0, 1.0, cycles.shape[1] + 1)
 
 
 def test_an_eigencurve_varies_as_the_cycles_do_along_it(learned, cycles):
@@ -120,25 +109,3 @@ def test_imputation_is_ranked_as_measured(imputed):
     for suffix in ("", "_markers"):
         assert metrics[f"rmse_deg_20{suffix}"] < metrics[f"rmse_deg_20_paper{suffix}"]
         assert metrics[f"rmse_deg_20_periodic{suffix}"] < metrics[f"rmse_deg_20_linear{suffix}"]
-
-
-def test_a_filled_walk_shows_the_truth_where_it_was_removed(imputed):
-    figure = next(figure for figure in imputed.figures if "left knee" in figure.name)
-    name = figure.name.removeprefix("gaps/").partition(",")[0]
-    motion = next(motion for motion in builtin_motions() if motion.name == name)
-    truth = np.degrees(motion.poses[:, POSE_NAMES.index("left_knee_flexion")])
-    observed, hidden = figure.curves["observed"], figure.curves["truth"]
-    missing = np.isnan(observed)
-    assert 0.2 <= missing.mean() < 0.3  # blocks are removed until the fraction is reached, the last of 0.5 s at most
-    assert observed[~missing] == pytest.approx(truth[~missing])
-    assert hidden[missing] == pytest.approx(truth[missing])
-    for label in ("ours", "linear", "periodic spline", "paper's FPCA"):
-        shown = np.isfinite(figure.curves[label])
-        assert (shown == in_gaps(missing)).all()
-        assert figure.curves[label][shown & ~missing] == pytest.approx(truth[shown & ~missing])
-
-
-@pytest.mark.parametrize("fractions", [(), (0.0,), (0.2, 1.0)])
-def test_fractions_out_of_range_are_refused(fractions):
-    with pytest.raises(InputError, match="fractions"):
-        ImputeGaps(fractions=fractions).run(rng())

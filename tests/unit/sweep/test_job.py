@@ -1,4 +1,4 @@
-"""One job of a sweep: what an earlier attempt left, and what becomes of the sweep when it ends."""
+"""One job of a sweep: what an earlier attempt left, what ends it early, and what becomes of the sweep."""
 
 import json
 import math
@@ -10,6 +10,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import resume, run
+from workbench.sweep.early_stop import stop_when
 from workbench.sweep.job import ASIDE, FAILED, run_job, take_over
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
@@ -120,12 +121,6 @@ def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
     assert runs.found == []
 
 
-def test_a_metric_that_the_run_has_not_is_a_sentence(tmp_path, runs):
-    runs.acts = [completes]
-    with locked(tmp_path), pytest.raises(InputError, match=r"sweep\.metric: expected one of .*error_abs_mm"):
-        act(tmp_path, metric="error")
-
-
 @pytest.fixture
 def aside(tmp_path):
     """A sweep's folder with a complete run that was set aside, and the folders of two jobs."""
@@ -161,3 +156,28 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
     assert (aside / "0" / "run.rrd").read_text() == "recorded"
     assert json.loads((aside / "0" / "summary.json").read_text())["taken_from"] == str(aside / ASIDE / "same")
     assert not take_over("same", aside / "1", [aside / "1"])
+
+
+@pytest.mark.parametrize(
+    ("text", "metrics", "holds"),
+    [
+        ("times_lost>0", {"times_lost": 1.0}, True),
+        ("times_lost>0", {"times_lost": 0.0}, False),
+        ("times_lost>0", {}, False),
+        ("error_px >= 4.5", {"error_px": 4.5}, True),
+        ("error_px<=4", {"error_px": 4.5}, False),
+        ("ess<1e1", {"ess": 9.0}, True),
+        ("held=0", {"held": 0.0}, True),
+        ("error_px>4", {"error_px": float("nan")}, False),
+    ],
+)
+def test_it_compares_a_number_of_the_run(text, metrics, holds):
+    assert stop_when(text)(metrics) is holds
+
+
+@pytest.mark.parametrize(
+    "text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"]
+)
+def test_anything_else_is_a_sentence(text):
+    with pytest.raises(InputError, match=r"sweep\.stop_when"):
+        stop_when(text)

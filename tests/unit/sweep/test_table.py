@@ -65,7 +65,7 @@ def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_pa
     assert out.splitlines()[-1].split()[:2] == ["0", "kept"]
     assert err.splitlines()[1:] == [
         f"  {tmp_path / '1'}: never begun",
-        f"run them again: workbench -m seed=0,1 sweep.resume={tmp_path}",
+        f"run them again: workbench run -m seed=0,1 sweep.resume={tmp_path}",
     ]
 
 
@@ -93,43 +93,11 @@ def test_the_jobs_are_those_of_all_combinations(sweep):
     assert read_plan(sweep).jobs == (1, 3)
 
 
-def test_parameters_may_refer_to_the_configuration(sweep):
-    lists = "clips: {strangers: {walk: {a: 0, b: 3}, run: {c: 1}}}"
-    (sweep / "multirun.yaml").write_text(
-        PLAN.replace('"smooth,walking"', "'${each:${clips_of:${clips.strangers}}}'") + lists
-    )
-    assert read_plan(sweep).jobs == (0, 1, 2, 3, 4, 5)
-
-
 def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
     job = tmp_path / "0" / ".hydra"
     job.mkdir(parents=True)
     (job / "hydra.yaml").write_text("hydra: {sweeper: {n_trials: 7, params: {}}, overrides: {task: [seed=1]}}")
     assert read_plan(tmp_path).jobs == tuple(range(7))
-
-
-def test_jobs_that_end_are_lines_until_all_have_ended(sweep, capsys, monkeypatch):
-    changes = [(1, "running", 1.0), (1, "complete", 12.345), (2, "failed", 1.0), (3, "complete", 9.0)]
-
-    def go_on(_):
-        job, status, error = changes.pop(0)
-        (sweep / str(job)).mkdir(exist_ok=True)
-        (sweep / str(job) / "summary.json").write_text(json.dumps(summary(status=status, error=error)))
-
-    monkeypatch.setattr(module, "PERIOD_S", 0.01)
-    monkeypatch.setattr(module, "sleep", go_on)
-    monkeypatch.setattr(module.Progress, "not_ended", lambda progress: changes)
-    with locked(sweep):
-        assert watch(sweep) == 1
-    rows = {line.split()[0]: line.split()[1:3] for line in capsys.readouterr().out.splitlines()[2:6]}
-    assert rows == {"0": ["complete", "40"], "1": ["complete", "12.35"], "2": ["failed", "-"], "3": ["complete", "9"]}
-
-
-def test_what_an_earlier_attempt_left_does_not_count(sweep, capsys):
-    leave(sweep / "1", seed=1, status="failed")
-    os.utime(sweep / "1" / "summary.json", (1e9 - 1, 1e9 - 1))
-    assert watch(sweep, period_s=0.01) == 1
-    assert f"{sweep / '1'}: never begun" in capsys.readouterr().out
 
 
 def looks(sweep, monkeypatch):

@@ -2,7 +2,6 @@
 
 import errno
 import os
-from pathlib import Path
 
 import pytest
 
@@ -77,16 +76,3 @@ def test_what_cannot_be_kept_in_a_cache_is_told_once(error, caplog):
     assert told.endswith("the run goes on, and the next one makes it again")
     with pytest.raises(InputError, match="expected"), kept_for_later():
         raise InputError("expected something else")
-
-
-def test_a_folder_that_is_removed_meanwhile_is_said(tmp_path):
-    (folder := tmp_path / "run").mkdir()
-    with pytest.raises(InputError, match=r"a\.txt: cannot be written: No such file"), whole_file(folder / "a.txt"):
-        folder.rmdir()
-
-
-def test_a_file_that_is_removed_meanwhile_is_no_matter(tmp_path, monkeypatch):
-    is_file = Path.is_file
-    monkeypatch.setattr(Path, "is_file", lambda path: is_file(path) and (path.unlink() or True))
-    with pytest.raises(KeyboardInterrupt):
-        write_half(tmp_path / "a.txt")

@@ -10,12 +10,9 @@ from workbench.motion import sources
 from workbench.motion.synthetic.gait import subjects, walker
 from workbench.utils.errors import LONGEST, InputError
 from workbench.utils.input_limits import (
-    LARGEST,
-    LARGEST_M,
     LONGEST_LIMB_M,
     MOST_COUNT,
     check_file,
-    check_places,
     check_products,
     check_rate,
     check_sizes,
@@ -44,13 +41,6 @@ def test_rates(rate, tmp_path):
     assert check_rate("a.bvh", 30.0) == 30.0
 
 
-def test_positions():
-    check_places("a", np.array([[LARGEST_M, np.nan, 0.0]]))
-    assert (
-        refusal(check_places, "a", np.array([[0.0, -2e7, 0.0]])) == "a: expected positions up to 1e+07 m, found 2e+07 m"
-    )
-
-
 @pytest.mark.parametrize("name", ["none", "\x00", "folder"])
 def test_what_is_no_file(tmp_path, name):
     (tmp_path / "folder").mkdir()
@@ -64,12 +54,6 @@ def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
     sources.load_motion(tmp_path / "a.bvh")
     monkeypatch.setattr("workbench.motion.retarget.MOST_LEFT_MM", 1e-3)
     assert "expected at most 0.001 mm" in refusal(sources.load_motion, tmp_path / "a.bvh")
-
-
-def test_usual_sizes_of_a_configuration():
-    usual = {"n_particles": 100_000, "layers": 5, "most_points": 10**8, "resampling": "systematic", "plain": True}
-    check_sizes({"seed": 2**40, "inference": usual, "a": [1, None, "b", LARGEST, -LARGEST], "sigma": 1e-300})
-    check_sizes({"dataset": {"n_frames": None}, "recorder": {"n_particles_shown": 0}})
 
 
 @pytest.mark.parametrize(

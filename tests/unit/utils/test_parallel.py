@@ -1,10 +1,12 @@
-"""Work on parts: each is done once, errors reach the caller, callers do not wait for each other."""
+"""Work on parts is done once and errors reach the caller; a clock that stands still while kernels are compiled."""
 
+import logging
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import thread as pools
 from threading import Event, Thread
 from threading import enumerate as all_threads
+from time import perf_counter
 
 import numba
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from workbench.utils import parallel as threads
 from workbench.utils.parallel import over_threads
 from workbench.utils.signals import Interrupted, interruptible
+from workbench.utils.timing import compiled_s, compiling, working_s
 
 
 @pytest.fixture(autouse=True)
@@ -85,3 +88,32 @@ def test_an_interruption_while_threads_start_leaves_none_that_python_would_wait_
     assert all(each in pools._threads_queues for each in set(all_threads()) - before)
     monkeypatch.undo()
     over_threads(lambda first, last: None, 100, 1)
+
+
+def test_compiling_takes_no_time_on_this_clock():
+    wall, working, compiled = perf_counter(), working_s(), compiled_s()
+    with compiling(quiet=True):
+        numba.njit(lambda x: x + 1.0)(2.0)
+    wall, working, compiled = perf_counter() - wall, working_s() - working, compiled_s() - compiled
+    assert compiled > 0.0
+    assert abs(wall - working - compiled) < 0.005
+    assert working < wall
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_kernels_are_counted_with_their_helpers_as_one_and_once(caplog, quiet):
+    @numba.njit
+    def helper(x):
+        return x + 1
+
+    @numba.njit
+    def kernel(x):
+        return 2 * helper(x)
+
+    with caplog.at_level(logging.INFO), compiling(quiet):
+        assert kernel(1) == 4
+    assert [message.startswith("compiled 1 kernels in ") for message in caplog.messages] == ([] if quiet else [True])
+    caplog.clear()
+    with caplog.at_level(logging.INFO), compiling(quiet):
+        assert kernel(2) == 6
+    assert caplog.messages == []

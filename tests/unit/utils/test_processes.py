@@ -1,11 +1,13 @@
-"""Processes: what they inherit and return, and that none outlives its time."""
+"""Processes: what they inherit and return, that none outlives its time, and the environment that decides bits."""
 
 import os
+import subprocess
 import sys
 import time
 
 import pytest
 
+from workbench.utils.environment import differing, environment
 from workbench.utils.processes import CAPTURED, end, module, pool, run, start
 
 FOREVER = [sys.executable, "-c", "import time; time.sleep(600)"]
@@ -24,11 +26,6 @@ def test_a_command_that_takes_too_long_is_killed():
     with pytest.raises(TimeoutError, match=r"longer than 0\.5 s"):
         run(FOREVER, timeout_s=0.5)
     assert time.monotonic() - began < 30.0
-
-
-def test_a_command_that_is_not_there_is_an_os_error():
-    with pytest.raises(OSError, match="no-such-program"):
-        run(["no-such-program"])
 
 
 def test_a_module_is_not_taken_from_the_current_folder(tmp_path):
@@ -51,3 +48,31 @@ def test_a_started_command_that_does_not_end_is_killed():
 def test_a_pool_prepares_its_processes(tmp_path):
     with pool(2, os.chdir, tmp_path) as executor:
         assert list(executor.map(os.path.abspath, ["a", "b"])) == [str(tmp_path / "a"), str(tmp_path / "b")]
+
+
+PRINT = "from workbench.utils.environment import environment; print(environment()[{!r}])"
+
+
+def test_it_names_all_that_decides_bits():
+    names = {"system", "numpy_cpu", "opencv_cpu", "numba_cpu", "blas", "python", "numpy", "scipy", "numba"}
+    assert names <= environment().keys()
+    assert all(isinstance(value, str) and value for name, value in environment().items() if not name.endswith("_cpu"))
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "name"),
+    [("OPENBLAS_CORETYPE", "Prescott", "blas"), ("NUMBA_CPU_NAME", "generic", "numba_cpu")],
+)
+def test_it_is_what_is_in_use(variable, value, name):
+    command = [sys.executable, "-c", PRINT.format(name)]
+    done = subprocess.run(command, env={**os.environ, variable: value}, capture_output=True, text=True, check=True)
+    assert value in done.stdout
+
+
+def test_only_what_differs_is_named():
+    was = {"numpy": "2.0.0", "numba_cpu": "znver4 +avx +avx2 +avx512f", "blas": "openblas 0.3.30 Zen"}
+    now = {"numpy": "2.4.6", "numba_cpu": "znver4 +avx +avx2", "blas": "openblas 0.3.30 Zen", "python": "3.12.1"}
+    assert differing(was, now) == {
+        "numpy": ("2.0.0", "2.4.6"), "numba_cpu": ("+avx512f", "less"), "python": ("unknown", "3.12.1"),
+    }  # fmt: skip
+    assert differing(was, was) == {}

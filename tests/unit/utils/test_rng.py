@@ -37,8 +37,8 @@ def made(monkeypatch):
     [
         ["experiment=walk_straight"],
         pytest.param(["experiment=walk_cyclic", "likelihood=product"], marks=pytest.mark.slow),  # learns what edges are
-        ["experiment=points_run_steady"],
-        ["experiment=points_particle_filter", "dataset.images=true"],
+        pytest.param(["experiment=points_run_steady"], marks=pytest.mark.slow),
+        pytest.param(["experiment=points_particle_filter", "dataset.images=true"], marks=pytest.mark.slow),
         ["experiment=walk_keypoints_synthetic"],
         ["experiment=stereo_walk"],
     ],

@@ -31,13 +31,6 @@ def holder(folder):
         process.kill()
 
 
-def test_a_folder_is_locked_as_long_as_its_block(tmp_path):
-    assert not is_locked(tmp_path)
-    with locked(tmp_path):
-        assert is_locked(tmp_path)
-    assert not is_locked(tmp_path)
-
-
 def test_a_second_process_is_refused_by_name_until_the_first_is_killed(tmp_path):
     with holder(tmp_path) as process:
         assert is_locked(tmp_path)
@@ -88,9 +81,3 @@ def test_tests_of_the_lock_do_not_refuse_a_run_that_begins(tmp_path):
         over.set()
         for reader in readers:
             reader.join()
-
-
-def test_a_folder_that_cannot_be_locked_is_a_sentence(tmp_path):
-    assert not is_locked(tmp_path / "none")
-    with pytest.raises(InputError, match="cannot be locked: No such file or directory"), locked(tmp_path / "none"):
-        pass

@@ -1,10 +1,18 @@
-"""The motion model of several activities: PCA against planted components, derivatives, and the disk."""
+"""The motion model of several activities: PCA against planted components, derivatives, classes against Gaussians."""
 
 import h5py
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
-from workbench.motion.models.activities import ActivityModel, learn_activities
+from workbench.motion.models.activities import (
+    ActivityModel,
+    accuracy_left_out,
+    classify,
+    error_left_out_deg,
+    learn_activities,
+    mean_rates_hz,
+)
 from workbench.motion.models.activity_cycles import ActivityCycles
 from workbench.motion.models.store import Provenance, load, save
 from workbench.utils.errors import InputError
@@ -88,21 +96,6 @@ def test_one_style_serves_all_frames_and_the_phase_goes_round(model):
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)  # no corner where the cycle closes
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"n_components": 0}, "1 to 29"),
-        ({"n_components": 30}, "1 to 29"),
-        ({"variance": 1.0}, "variance"),
-        ({"angles": ["wing"]}, "wing"),
-        ({"angles": []}, "angle"),
-    ],
-)
-def test_wrong_options_are_refused(options, words):
-    with pytest.raises(InputError, match=words):
-        learn_activities(planted()[0], **{"angles": ANGLES, **options})
-
-
 @pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all", "lacks"])
 def test_what_is_no_model_is_refused(tmp_path, model, content):
     path = tmp_path / "m.h5"
@@ -114,3 +107,84 @@ def test_what_is_no_model_is_refused(tmp_path, model, content):
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"m\.h5"):
         load(ActivityModel, path)
+
+
+LEGS = ("left_hip_flexion", "left_knee_flexion")
+N_PHASES, RANK = 16, 4
+
+
+def model_of(scores, activities, rates=None):
+    n, d = scores.shape
+    rates = np.ones(n) if rates is None else rates
+    curves = np.zeros((N_PHASES, 1)), np.zeros((d, N_PHASES, 1))
+    explained = np.ones(min(n, N_PHASES))
+    return ActivityModel(("a",), *curves, np.ones(d), explained, scores, tuple(activities), ("c",) * n, rates)
+
+
+def cycles(n=40, apart=2.0, seed=0):
+    """Cycles that vary in RANK ways, walks and runs apart in the first; two of a clip."""
+    rng = np.random.default_rng(seed)
+    basis = np.linalg.qr(rng.normal(size=(N_PHASES * len(LEGS), RANK)))[0].T
+    runs = np.arange(n) % 4 < 2
+    coefficients = rng.normal(size=(n, RANK)) * [1.0, 1.5, 0.7, 0.5]
+    coefficients[:, 0] += apart * runs
+    curves = (coefficients @ basis).reshape(n, N_PHASES, -1)
+    labels = tuple(np.where(runs, "run", "walk").tolist())
+    return ActivityCycles(LEGS, curves, rng.uniform(0.6, 1.2, n), labels, tuple(f"clip_{k // 2}" for k in range(n)))
+
+
+def test_probabilities_are_those_of_gaussians_with_one_covariance():
+    rng = np.random.default_rng(0)
+    mix = np.array([[1.0, 0.6, 0.0], [0.0, 0.8, -0.3], [0.0, 0.0, 0.5]])
+    means = {"run": [2.0, 0.0, 0.0], "skip": [0.0, 2.0, 1.0], "walk": [-1.0, -1.0, 0.0]}
+    names = [name for name in means for _ in range(50)]
+    samples = [np.array(mean) + rng.normal(size=(50, 3)) @ mix for mean in means.values()]
+    scores = np.concatenate(samples)
+    alpha = rng.normal(size=(5, 7, 3))
+    found = classify(model_of(scores, names), alpha)
+    assert found.activities == ("run", "skip", "walk")
+    assert found.probabilities.shape == (5, 7, 3)
+    assert found.probabilities.sum(axis=-1) == pytest.approx(1.0)
+    covariance = np.mean([np.cov(sample.T, bias=True) for sample in samples], axis=0) + 0.1**2 * np.eye(3)
+    density = np.stack([multivariate_normal(sample.mean(axis=0), covariance).pdf(alpha) for sample in samples], axis=-1)
+    assert found.probabilities == pytest.approx(density / density.sum(axis=-1, keepdims=True), abs=1e-9)
+    np.testing.assert_array_equal(found.labels, np.array(found.activities)[density.argmax(axis=-1)])
+
+
+def test_coefficients_far_away_and_examples_without_spread_still_have_probabilities():
+    scores = np.repeat([[1.0, 0.0], [-1.0, 0.0]], 3, axis=0)
+    found = classify(model_of(scores, ["run"] * 3 + ["walk"] * 3), np.array([[1e4, 0.0], [-3.0, 1e4], [0.2, 0.0]]))
+    assert np.isfinite(found.probabilities).all()
+    assert found.labels.tolist() == ["run", "walk", "run"]
+
+
+def test_the_speed_of_the_phase_is_the_mean_of_the_examples():
+    model = model_of(np.zeros((4, 1)), ["run", "walk", "run", "walk"], np.array([1.2, 0.8, 1.6, 1.0]))
+    assert mean_rates_hz(model) == pytest.approx({"run": 1.4, "walk": 0.9})
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_without_a_clip_is_as_learning_anew(d):
+    every = cycles()
+    right, squares = [], []
+    for clip in sorted(set(every.sources)):
+        out = np.array([source == clip for source in every.sources])
+        model = learn_activities(every.only(~out), angles=LEGS, n_components=d)
+        rows, basis = (every.curves[out] - model.mean).reshape(out.sum(), -1), model.components.reshape(d, -1)
+        alpha = rows @ basis.T / model.scales
+        right += (classify(model, alpha).labels == np.array(every.only(out).activities)).tolist()
+        squares += list((rows - rows @ basis.T @ basis) ** 2)
+    assert accuracy_left_out(every, every.sources, d) == np.mean(right)
+    assert error_left_out_deg(every, every.sources, d) == pytest.approx(np.degrees(np.sqrt(np.mean(squares))), rel=1e-9)
+    assert 0.5 < np.mean(right) <= 1.0
+
+
+def test_an_activity_in_one_group_only_is_never_told_right():
+    every = cycles()
+    assert accuracy_left_out(every, every.activities, 2) == 0.0
+
+
+@pytest.mark.parametrize(("groups", "d"), [(["one"] * 40, 2), (["a"] * 38 + ["b"] * 2, 2), (["a", "b"] * 20, 0)])
+def test_too_few_groups_or_examples_are_refused(groups, d):
+    with pytest.raises(InputError, match="two groups"):
+        accuracy_left_out(cycles(), groups, d)

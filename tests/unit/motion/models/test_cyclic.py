@@ -7,11 +7,10 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.imputation import remove_blocks, with_gaps
+from workbench.motion.models.imputation import remove_blocks
 from workbench.motion.models.walking import learn_cyclic, learn_walking
 from workbench.motion.pose_sequence import Motion
-from workbench.priors.cyclic import Cyclic
-from workbench.studies.gap_errors import gap_study, gappy_sequences, remove_markers
+from workbench.studies.gap_errors import remove_markers
 from workbench.studies.walk_cycles import event_period, period_study
 from workbench.utils.errors import InputError
 
@@ -54,28 +53,6 @@ def test_without_gaps_it_is_the_walking_model_of_paper_a():
     assert b.scales == pytest.approx(a.scales, rel=0.15)  # the two weigh clips by different numbers of cycles
 
 
-def test_gaps_change_the_model_little():
-    full = learn_cyclic(walks(), q=1)
-    rng = np.random.default_rng(3)
-    gappy = learn_cyclic([with_gaps(motion, 0.2, rng) for motion in walks()], q=1)
-    assert np.abs(gappy.mean - full.mean)[:, 1:].max() < 0.05
-    assert abs((gappy.components[:, :, 1:] * full.components[:, :, 1:]).sum()) == pytest.approx(1.0, abs=0.05)
-
-
-def test_the_cyclic_prior_runs_on_it():
-    prior = Cyclic(learn_cyclic(walks(), q=2))
-    rng = np.random.default_rng(0)
-    truth = walk(0.1, n_cycles=4.5)
-    state = prior.start(truth.poses[0], 50, rng)
-    for _ in range(30):
-        state = prior.step(state, 1 / 30, rng)
-    poses = prior.pose(state)
-    assert np.isfinite(poses).all()
-    assert poses[:, 0].mean() == pytest.approx(1.3, abs=0.15)  # a second at 1.3 m/s
-    hip = POSE_NAMES.index("left_hip_flexion")
-    assert poses[:, hip].mean() == pytest.approx(truth.poses[60, hip], abs=0.15)
-
-
 def test_phase_zero_has_the_left_thigh_ahead():
     model = learn_cyclic(walks(), q=1)
     left, right = (1 + POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right"))
@@ -103,22 +80,6 @@ def test_as_much_is_removed_as_was_asked_for(remove, fraction):
         names = POSE_NAMES[N_ROOT:]
         leg = [names.index(f"left_{angle}") for angle in ("hip_flexion", "hip_abduction", "hip_twist", "knee_flexion")]
         assert (gone[:, leg] == gone[:, leg[:1]]).all()
-
-
-def test_studies_are_named_and_repeatable():
-    motions = walks(6, noise=0.05)
-    measured = gap_study(motions, (0.2,), np.random.default_rng(5))
-    names = {f"rmse_deg_20{method}" for method in ("", "_linear", "_periodic", "_paper")}
-    assert set(measured) == names | {"sequences_20"}
-    _, first, _ = gappy_sequences(motions, 0.2, np.random.default_rng(5))
-    _, again, _ = gappy_sequences(motions, 0.2, np.random.default_rng(5))
-    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first, again, strict=True))
-    assert measured["rmse_deg_20"] < measured["rmse_deg_20_linear"]
-    metrics, clips, _ = period_study(motions, np.random.default_rng(5))
-    assert metrics["period_error_max_pct"] < 2.0
-    assert metrics["period_error_max_pct_30"] < 5.0
-    assert metrics["white_noise_peak_ratio"] <= 1.5
-    assert len(clips) == metrics["n_clips"] == 6
 
 
 def test_a_period_that_is_not_found_is_an_infinite_error(caplog):

@@ -1,15 +1,13 @@
 """Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 
 from workbench.motion.library import write_library
 from workbench.motion.models import training
-from workbench.motion.models.store import as_kept
 from workbench.motion.models.training import (
-    activity_model,
     cyclic_model,
     database_motions,
     gait_model,
@@ -73,25 +71,6 @@ def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):
     assert asked == [["02", "05", "06", "07", "08", "16", "39"]] * 2
 
 
-def test_activities_choose(library, tmp_path):
-    assert names(database_motions(library, data=None, cache=str(tmp_path), activities=["run"])) == ["11_02"]
-    with pytest.raises(InputError, match="expected clips of dance, found 6 clips, of activity run, walk"):
-        database_motions(library, data=None, cache=str(tmp_path), activities=["dance"])
-
-
-@pytest.mark.parametrize("motions", ["recorded", "cmu", "bandai"])
-def test_recordings_need_their_folder(tmp_path, motions):
-    with pytest.raises(InputError, match=r"paths\.data"):
-        database_motions(motions, data=None, cache=str(tmp_path))
-
-
-@pytest.mark.parametrize("read", [training_motions, database_motions])
-def test_an_unknown_set_is_named(tmp_path, read):
-    options = {"subjects": ()} if read is training_motions else {}
-    with pytest.raises(InputError, match="everything"):
-        read("everything", data=None, cache=str(tmp_path), **options)
-
-
 def arrays(model):
     """All arrays of a model, by name, those of models within it too."""
     found = {}
@@ -115,27 +94,6 @@ def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_
         assert (array.dtype, array.strides) == (read[name].dtype, read[name].strides), name
 
 
-def test_models_within_models_are_laid_out_too():
-    @dataclass(frozen=True, eq=False)
-    class Inner:
-        a: np.ndarray
-
-    @dataclass(frozen=True, eq=False)
-    class Outer:
-        b: np.ndarray
-        c: np.ndarray
-        inner: Inner
-        name: str
-
-    turned = np.arange(6.0).reshape(2, 3).T
-    kept = as_kept(Outer(turned, np.array(2.0), Inner(turned), "n"))
-    for array in (kept.b, kept.inner.a):
-        np.testing.assert_array_equal(array, turned)
-        assert array.flags.c_contiguous
-    assert kept.c.shape == ()
-    assert kept.name == "n"
-
-
 def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
     whole = cyclic_model(cache=str(tmp_path), q=2)
     gappy = cyclic_model(cache=str(tmp_path), q=2, missing=0.2)
@@ -152,14 +110,3 @@ def test_generated_walks_and_runs_need_no_download(tmp_path):
     assert [motion.activity for motion in found] == ["walk"] * 12 + ["run"] * 12
     walks = training_motions("builtin", data=None, cache=str(tmp_path), subjects=None)
     assert {motion.activity for motion in walks} == {"walk"}
-
-
-def test_clips_and_activities_are_left_out(tmp_path):
-    without = activity_model(cache=str(tmp_path), leave_out=["runner_03"], most_per_clip=1)
-    assert "runner_03_straight" not in without.sources
-    assert len(without.sources) == 23
-    runs = activity_model(cache=str(tmp_path), activities=["run"], most_per_clip=1)
-    assert set(runs.activities) == {"run"}
-    assert not np.array_equal(runs.mean, without.mean)
-    with pytest.raises(InputError, match="swim"):
-        activity_model(cache=str(tmp_path), activities=["swim"])

@@ -97,12 +97,6 @@ def test_the_number_of_components_follows_the_variance():
     assert one_less.explained <= 0.999  # the fewest that explain more
 
 
-@pytest.mark.parametrize("options", [{"n_components": 0}, {"n_components": 500}, {"variance": 1.0}, {"scaling": "x"}])
-def test_wrong_options_are_refused(options):
-    with pytest.raises(InputError):
-        learn_walking(planted(4), **PAPER | options)
-
-
 def swaying(heading_rate=0.0, **options):
     """A walker whose root sways aside by 2 cm once a cycle, up and down by 1 cm twice, and turns by 0.1 rad once."""
     motion = walk(n_cycles=4.5, heading=0.0, **options)

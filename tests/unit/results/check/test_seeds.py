@@ -23,7 +23,7 @@ def test_an_unchanged_mean_fails_as_often_as_its_level(n):
     )
 
 
-@pytest.mark.parametrize("n", [3, 8, 16])
+@pytest.mark.parametrize("n", [3, 8, 11])
 def test_an_unchanged_count_fails_at_most_as_often(n):
     """Of which a few differences are often equal, so that Student's test would call them sure."""
     assert share(lambda rng: p_of_mean(rng.choice([-1.0, 0.0, 0.0, 1.0], n)) <= 0.05, 400) <= 0.05 + 3.0 * 0.011
@@ -58,7 +58,7 @@ def test_the_smallest_change_is_found_as_often_as_is_said(n):
     def found(rng):
         return p_of_mean(smallest + spread * rng.standard_normal(n)) <= 0.01
 
-    assert 0.90 < share(found, 4000) < 0.99
+    assert 0.90 < share(found, 1500) < 0.99
 
 
 def test_a_null_of_frames_that_hang_together_fails_as_often_as_its_level():

@@ -1,13 +1,54 @@
-"""Runs in groups, their statistics, and what is said about those that do not count."""
+"""Runs in groups: which keys tell them apart, their statistics over seeds and people, and what does not count."""
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from report_runs import made_up
+import yaml
 
-from workbench.recording.read.reader import Unreadable
+from workbench.recording.read.chunks import Curve
+from workbench.recording.read.reader import Run, Unreadable
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
-from workbench.results.report.plots import all_series
+from workbench.results.report.people import person_of
+from workbench.results.report.variation import flat, label, seeds_of_parts, what_varied
+
+
+def made_up(
+    prior: str = "walking",
+    n: int = 500,
+    seed: Any = 0,
+    status: str = "complete",
+    cost: dict[str, float] | None = None,
+    study: bool = False,
+    run_id: str = "",
+    version: str = "1",
+    motion: Any = None,
+    **metrics: float,
+) -> Run:
+    """A run of `prior` with n particles, which leaves out whoever is in `motion`; its metrics by name."""
+    config: dict[str, Any] = {
+        "prior": {"_target_": f"workbench.priors.{prior}"},
+        "inference": {"n_particles": n},
+        "seed": seed,
+    }
+    if motion is not None:
+        config["dataset"] = {"motion": motion, "seed": seed}
+        config["prior"]["leave_out"] = [str(motion)[:2]]
+    properties: dict[str, dict[str, Any]] = {
+        "run": {"status": status, "id": run_id},
+        "config": {"TextDocument:text": yaml.safe_dump(config)},
+        "provenance": {"experiment": "custom", "workbench": version},
+        "metrics": metrics,
+        "cost": cost or {},
+    }
+    if not study:
+        properties["body"] = {"joints": ["pelvis"], "pose": ["root_x"]}
+    return Run(
+        Path(f"{prior}_{n}_{seed}_{status}.rrd" if motion is None else f"{prior}_{motion}_{seed}.rrd"), properties, {}
+    )
+
 
 ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
 
@@ -79,11 +120,6 @@ def test_a_missing_clip_is_named():
     assert (row["metric"], row["value"]) == ("error_abs_mm", 42.0)
 
 
-def test_clips_of_one_person_are_told_apart():
-    runs = [made_up(seed=seed, motion=motion, error_px=1.0) for motion in ("35_02", "35_15") for seed in (0, 1)]
-    assert list(group_runs(runs).labels["motion"]) == ["35_02", "35_15"]
-
-
 def test_everything_that_does_not_count_is_named():
     runs = [
         made_up("walking", seed=0, run_id="1"),
@@ -98,57 +134,123 @@ def test_everything_that_does_not_count_is_named():
     torn = Unreadable("torn.rrd", "torn.rrd: expected a whole recording")
     grouping = group_runs(runs, [torn])
     assert list(grouping.values["value"]) == [2.0]  # the later of two
-    assert grouping.problems == (
-        "smooth, seed 0: failed, not counted; a complete one is there (smooth_500_0_failed.rrd)",
-        "smooth, seed 0: recorded more than once, not counted again (smooth_500_0_complete.rrd)",
-        "smooth: no recording of seed 1, 2, which other groups have",
-        "walking, seed 1: failed, not counted (walking_500_1_failed.rrd)",
-        "walking, seed 2: cut off or still running, not counted (walking_500_2_running.rrd)",
-        "walking: no recording of seed 3, which other groups have",
-        "not a recording that can be read: torn.rrd: expected a whole recording",
-        "not a recording that can be read: smooth_500_one_complete.rrd: expected a configuration with a whole number "
-        "as its seed, found 'one'",
-    )
+    for problem, words in zip(grouping.problems, (
+        "smooth, seed 0: failed", "smooth, seed 0: recorded more than once", "smooth: no recording of seed 1, 2",
+        "walking, seed 1: failed", "walking, seed 2: cut off", "walking: no recording of seed 3", "torn.rrd",
+        "found 'one'",
+    ), strict=True):  # fmt: skip
+        assert words in problem
     summary = contents(grouping).summary
     assert summary[0] == "9 recordings: 4 complete, 2 failed, 1 cut off or still running, 2 unreadable."
 
 
-def test_chief_metrics_come_first_and_a_study_is_not_ranked():
-    runs = [made_up(alpha=1.0, error_px=2.0, cost={"seconds": 3.0}), made_up("study", study=True, gap_deg=1.0)]
-    grouping = group_runs(runs)
-    assert grouping.metrics == ["error_px", "seconds", "alpha", "gap_deg"]
-    assert grouping.chief_metrics == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
-    assert (grouping.headline, group_runs(runs[1:]).headline) == ("error_px", None)
-    assert list(contents(group_runs(runs[1:])).tables) == ["gap_deg"]
+CLIPS = {
+    "02_01": ("report", "walk"), "dataset-1_bow_tired_001": ("report", "bow"),
+    "05_01": ("choose", "walk"), "dataset-1_bow_happy_001": ("choose", "bow"),
+}  # fmt: skip
 
 
-def test_best_and_worst_are_the_least_and_the_largest_error():
-    table = contents(group_runs(sweep())).tables["best and worst runs by error_abs_mm"]
-    assert table.to_numpy().tolist()[:2] == [
-        ["smooth, n_particles=200", "best", 300.0, "", 0, "smooth_200_0_complete.rrd"],
-        ["smooth, n_particles=200", "worst", 302.0, "", 2, "smooth_200_2_complete.rrd"],
+def run(motion, seed, view_deg, error):
+    """A run of a protocol whose doubt is 1 + seed mm in every frame."""
+    half, activity = CLIPS[motion]
+    made = made_up(seed=seed, motion=motion, error_abs_mm=error, held=float(error < 100.0))
+    settings = made.settings
+    settings["dataset"] |= {"view_deg": view_deg, "occluder": seed == 1, "first_frame": seed}
+    settings["protocol"] = {"half": half, "activity": activity, "shown": "a board" if seed == 1 else "nothing"}
+    properties = {**made.properties, "config": {"TextDocument:text": yaml.safe_dump(settings)}}
+    series = {"doubt_arms_mm": [0.0, *[1.0 + seed] * 3], "missed_arms_mm": [500.0, error, error, error]}
+    curves = {name: Curve(np.arange(4), np.array(values)[:, None]) for name, values in series.items()}
+    return Run(made.path, properties, curves)
+
+
+@pytest.fixture
+def protocol_runs():
+    errors = iter(range(20, 200, 20))
+    return [run(motion, seed, 90.0 * seed, float(next(errors))) for motion in CLIPS for seed in range(2)]
+
+
+def test_halves_are_groups_and_what_a_protocol_drew_is_not(protocol_runs):
+    grouping = group_runs(protocol_runs)
+    assert list(grouping.labels["group"]) == ["half=choose", "half=report"]
+    assert list(grouping.runs["group"]) == [0] * 4 + [1] * 4
+    assert grouping.problems == ()
+    problems = group_runs([*protocol_runs[1:], run("02_01", 2, 0.0, 30.0)]).problems
+    assert not any("choose" in problem and "02_01" in problem for problem in problems)  # missing in its own half only
+
+
+def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
+    title, table = next(each for each in contents(group_runs(protocol_runs)).tables.items() if "doubt" in each[0])
+    assert title.endswith("those over 50 mm")
+    row = table.iloc[0]
+    assert tuple(row[["group", "joints", "frames"]]) == ("half=choose", "arms", 12)
+    errors, doubts = np.array([100.0, 120.0, 140.0, 160.0]).repeat(3), np.array([1.0, 2.0, 1.0, 2.0]).repeat(3)
+    expected = np.corrcoef(np.argsort(np.argsort(errors)) // 3, doubts)[0, 1]
+    assert row["Spearman"] == pytest.approx(expected)
+    assert np.isnan(row["AUC"])  # all are large
+
+
+@pytest.mark.parametrize(
+    ("settings", "who"),
+    [
+        ({"dataset": {"motion": "35_02", "seed": 3}}, "35"),
+        ({"dataset": {"motion": ["35_02", "32_02", "35_15"]}}, "35 and 32"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}}, "bandai-1"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"half": "report"}}, "bandai-tired"),
+        ({"dataset": {"motion": "builtin", "seed": 3}}, "generated 3"),
+        ({"dataset": {"source": "demo.mp4"}}, ""),
+        ({"dataset": None}, ""),
+    ],
+)
+def test_whom_a_run_shows(settings, who):
+    assert person_of(settings) == who
+
+
+WALKING = {"_target_": "workbench.priors.from_motions.walking", "motions": "builtin", "variance": 0.95}
+SMOOTH = {"_target_": "workbench.priors.smooth.Smooth", "damping": 0.0}
+
+
+def settings(prior=WALKING, n=500, experiment="custom", **more):
+    return flat({"prior": prior, "inference": {"n_particles": n}, "seed": 0, **more}, experiment)
+
+
+def test_a_choice_and_a_number_are_what_varied():
+    # every key of either prior differs too, but follows the choice
+    found = what_varied([settings(prior, n) for prior in (WALKING, SMOOTH) for n in (500, 5000)])
+    assert (found.keys, found.following) == (("prior._target_", "inference.n_particles"), ())
+    assert label(found.keys, settings(SMOOTH, 500)) == "smooth, n_particles=500"
+    assert label(found.keys, settings(WALKING, 5000)) == "walking, n_particles=5000"
+
+
+def test_a_key_of_one_choice_only_is_left_out_of_the_others_label():
+    tuned = [WALKING, {**WALKING, "variance": 0.8}, SMOOTH]
+    found = what_varied([settings(prior) for prior in tuned])
+    assert found.keys == ("prior._target_", "prior.variance")
+    assert [label(found.keys, settings(prior)) for prior in tuned] == [
+        "walking, variance=0.95", "walking, variance=0.8", "smooth",
+    ]  # fmt: skip
+
+
+def test_what_cannot_change_the_numbers_is_no_difference():
+    def places(name):
+        paths = {"data": f"/{name}", "cache": f"/{name}"}
+        return {"paths": paths, "threads": len(name), "recorder": {"live": name == "a"}, "dataset": paths, "seed": name}
+
+    assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
+    assert flat({"recorder.live": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table
+
+
+def test_a_parts_seed_repeats_only_where_it_is_the_runs_own():
+    own = [settings(dataset={"seed": seed}, likelihood={"seed": 0}) for seed in (0, 1)]
+    assert seeds_of_parts(own, [0, 1]) == {"dataset.seed"}
+    assert seeds_of_parts(own, [0, 2]) == set()
+
+
+def test_what_an_experiment_or_a_motion_brings_with_it_follows():
+    found = what_varied([settings(n=n, experiment=name) for name, n in (("walk_straight", 500), ("walk_circle", 900))])
+    assert (found.keys, found.following) == (("experiment",), ("inference.n_particles",))
+    motions = [
+        settings({**WALKING, "leave_out": [motion]}, dataset={"motion": motion, "view_deg": view})
+        for motion, view in (("35_02", 30.0), ("07_01", 60.0), ("16_15", 30.0))
     ]
-
-
-def test_different_versions_are_reported():
-    runs = [made_up(seed=0, version="0.1", error_px=1.0), made_up(seed=1, version="0.2", error_px=1.0)]
-    sentence = "The runs are of different versions of the workbench: 0.1, 0.2."
-    assert sentence in contents(group_runs(runs)).summary
-    assert sentence not in contents(group_runs(runs[:1])).summary
-
-
-def test_groups_of_a_series_differ_in_their_particles_only_and_the_best_are_shown():
-    series, n_left_out = all_series(group_runs(sweep()), "error_abs_mm")
-    assert [(line.label, line.groups) for line in series] == [("smooth", [0, 1]), ("walking", [2, 3])]
-    assert n_left_out == 0
-    assert len({line.shade(group) for line in series for group in line.groups}) == 4
-    series, n_left_out = all_series(
-        group_runs([made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]), "error_abs_mm"
-    )
-    assert ([line.label for line in series], n_left_out) == ([f"prior_{k}" for k in range(7)], 2)
-
-
-@pytest.mark.parametrize("runs", [[], [made_up(status="failed")]])
-def test_nothing_complete_is_no_error(runs):
-    found = contents(group_runs(runs))
-    assert (found.tables, found.others) == ({}, {})
+    found = what_varied(motions)
+    assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_deg"))

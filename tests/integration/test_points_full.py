@@ -45,40 +45,11 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
     assert found.true_joints.positions.shape == (8, 21, 3)
 
 
-FULL = ("dataset.skeleton=full", "prior.skeleton=full", "prior.motions=bandai")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("experiment", "overrides"),
-    [
-        ("points_no_model", ()),
-        ("points_hybrid", ()),
-        ("points_particle_filter", ()),
-        ("points_walk_steady", ("dataset.images=true",)),
-    ],
-)
-def test_other_experiments_on_points_take_every_joint_too(recordings, run, experiment, overrides):
-    paths = (f"paths.data={recordings}", f"paths.cache={recordings}")
-    given = [*SMALL, *FULL]
-    if experiment == "points_no_model":  # which has no prior
-        given = [text for text in given if not text.startswith("prior.")]
-    code, told, folder = run("out", f"experiment={experiment}", *paths, *given, *overrides)
-    assert code == 0, told
-    assert np.isfinite(json.loads((folder / "summary.json").read_text())["metrics"]["error_abs_mm"])
-    assert len(read(folder / "run.rrd").properties["body"]["joints"]) == 21
-
-
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
         (("prior.skeleton=person",), "dataset=points needs every joint of a motion file's skeleton of the prior"),
-        (("dataset.skeleton=person",), "prior=activity needs every joint of a motion file's skeleton of the dataset"),
-        (("body=height", "body.height_m=1.7"), "choose body=dataset"),
         (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
-        (("prior.angles=[lower_body]",), "prior: skeleton=full models every joint angle"),
-        (("dataset.skeleton=whole",), "dataset: skeleton must be one of person, full, found 'whole'"),
-        (("prior.skeleton=whole",), "prior: skeleton must be person or full, found 'whole'"),
         (
             ("dataset.motion=[dataset-2_walk_normal_001,dataset-1_run_active_001]", "prior.leave_out=[]"),
             "shows one motion",

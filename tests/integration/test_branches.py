@@ -124,16 +124,6 @@ def test_it_goes_on_from_a_frame_with_the_same_bits(run, long, monkeypatch, fram
     assert summary["identity"] != json.loads((long.parent / "summary.json").read_text())["identity"]
 
 
-def test_two_futures_of_one_frame(run, long):
-    code, told, folder = run("second", f"from={long}@5", "seed=3", "inference.n_particles=50", "likelihood.k=0.5")
-    assert code == 0, told
-    assert "seed: 0 → 3\n" in told
-    found, before = read(folder / "run.rrd"), read(long)
-    np.testing.assert_array_equal(found.poses[1][0], before.poses[1][5])
-    assert not (found.poses[1][1:] == before.poses[1][6:]).all(axis=1).any()
-    assert f"workbench view {long} {folder / 'run.rrd'}" in told
-
-
 def cut_at(frame, patch):
     """Interrupt runs at a frame."""
 
@@ -163,14 +153,6 @@ def test_a_run_that_goes_on_from_another_can_be_gone_on_from(run, long, monkeypa
     assert code == 0, told
     assert read(fourth / "run.rrd").poses[0].tolist() == [5, 6, 7]
     assert_same_curves(fourth / "run.rrd", second / "run.rrd", 5)
-
-
-@pytest.mark.slow
-def test_one_without_checkpoints_cannot_and_says_so(run, long):
-    _, _, second = run("second", f"from={long}@5", "recorder.checkpoints=false")
-    done = run("third", f"from={second / 'run.rrd'}@6")
-    assert done.code == 2
-    assert "itself goes on from frame 5" in done.err
 
 
 def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypatch):

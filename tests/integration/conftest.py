@@ -1,4 +1,4 @@
-"""The main command as the end-to-end tests call it: without recordings, and with a cache of their own."""
+"""The main command as the integration tests call it: without recordings, and with a cache of their own."""
 
 import json
 import logging

@@ -13,7 +13,6 @@ import numpy as np
 import psutil
 import pytest
 
-from workbench.cli.main import main
 from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
 from workbench.sweep.job import read_summary
@@ -149,19 +148,6 @@ def test_a_sweep_that_cannot_start_says_why_in_one_sentence(tmp_path, sweep, ove
     assert "Traceback" not in told
 
 
-@pytest.mark.slow
-def test_a_second_launcher_is_refused_the_sweep(tmp_path, sweep):
-    command, environment, folder = many(tmp_path, ())
-    with started(command, environment, folder) as process:
-        wait_for(lambda: is_locked(folder / "0"), lambda: process.poll() is None)
-        code, told, _ = sweep("seed=0,1", *TINY, f"sweep.resume={folder}")
-        process.kill()
-    assert code == 2
-    assert f"process {process.pid} on " in told
-    wait_for(lambda: not is_locked(folder), lambda: True)
-    assert main(["runs", "watch", str(folder)]) == 1
-
-
 def wait_for(what, going_on, seconds=600.0):
     """What `what` returns once it is true; fails when the work ends, or the time is up, before."""
     end = time.monotonic() + seconds
@@ -174,7 +160,6 @@ def wait_for(what, going_on, seconds=600.0):
 
 MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(2)", *LONGER)
 JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
-SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2")
 
 
 def many(folder, launcher):
@@ -214,19 +199,6 @@ def test_a_killed_worker_of_joblib_costs_the_jobs_at_work_and_no_others(tmp_path
     again = {job for job in after if after[job]["started"] != before[job]["started"]}
     assert again == {job for job in before if before[job]["status"] == "running"}
     assert all(summary["status"] == "complete" for summary in after.values())
-
-
-@pytest.mark.slow
-def test_submitit_runs_a_sweep_and_names_what_fails(tmp_path):
-    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
-    command = [sys.executable, "-m", "workbench", "run", "-m", *SUBMITIT, "seed=0,-1,1", *TINY]
-    environment, sweep = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}, tmp_path / "sweep"
-    with started(command, environment, sweep) as process:
-        pass
-    told = sweep.with_name("output.txt").read_text()
-    assert process.returncode == 1, told
-    assert [summary["status"] for _, summary in sorted(summaries(sweep).items())] == ["complete", "failed", "complete"]
-    assert "1 of 3 jobs are not complete" in told
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@ from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
-SYNTHESIS = ("experiment=synthesize_run", "prior.motions=builtin", "dataset.motion=builtin", "dataset.n_frames=12")
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
@@ -106,13 +105,6 @@ def test_a_run_says_what_brings_it_back(run, tmp_path, capfd):
     assert json.loads(capfd.readouterr().out)[0]["recording"] == str(folder / "run.rrd")
 
 
-def test_a_run_is_given_what_its_own_parts_take(run):
-    code, told, folder = run("out", "body=height", "body.height_m=1.7", "likelihood.background=still", *SMALL)
-    assert code == 0, told
-    assert "the experiment as it stands lists: start, rotation, limb_lengths, radii, camera\n" in told
-    assert read(folder / "run.rrd").provenance["given"] == "start, rotation, height, camera, still_camera"
-
-
 def recorded_run(folder):
     recording = read(folder / "run.rrd")
     return recording.poses[1], recording.metric("ess")[1], recording.metric("error_abs_mm")[1]
@@ -132,11 +124,6 @@ def test_the_same_seed_and_any_number_of_threads_give_the_same_bits(process, run
     assert not (results[0][0] == results[3][0]).all()
 
 
-def test_a_recorded_clip_by_override(summary_of, cache, data):
-    metrics = summary_of(cache, f"paths.data={data}", "dataset.motion=35_02", *SMALL)["metrics"]
-    assert metrics["error_abs_mm"] < 500  # on the person, not lost
-
-
 @pytest.mark.slow
 def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data):
     clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]
@@ -144,52 +131,3 @@ def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data
     prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02", "learn.leave_out=[35_02]")
     metrics = summary_of(tmp_path, *prior, "body=file", f"body.file={clips[1]}", *SMALL)["metrics"]
     assert metrics["error_abs_mm"] < 200  # three frames after the true start, and the file's body is the right one
-
-
-@pytest.mark.slow
-def test_the_real_video(summary_of, cache, data):
-    overrides = ("dataset.n_frames=9", "inference.n_particles=200")
-    summary = summary_of(cache, "experiment=walk_video", f"paths.data={data}", *overrides)
-    assert summary["status"] == "complete"
-    assert summary["metrics"]["frames"] == 9
-    assert summary["metrics"]["error_px"] < 40  # a person of 390 px, a sixth of a second after the marked start
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["dataset.motion=35_02"], "paths.data"),
-        (["prior.motions=cmu"], "paths.data"),
-        (["prior.motions=everything"], "everything"),
-        (["dataset.n_frames=100000"], "100000"),
-        (["experiment=walk_video", "paths.data=nowhere"], "nowhere"),
-        (["body=height", "body.height_m=180"], "180"),
-        (["body=height", "body.height_m=1.8", "body.lengths={thig: 0.4}"], "thig"),
-        (["likelihood.exponent=total"], "total"),
-        (["experiment=impute_gaps", "study.fraction=[0.2]"], "fraction"),
-        (["experiment=impute_gaps", "study.fractions=[1.5]"], "1.5"),
-        (["experiment=learn_walk_run", "study.activities=[swim]"], "swim"),
-        (["experiment=learn_walk_run", "study.most_per_clip=0"], "1 cycle"),
-        ([*SYNTHESIS, "inference.look_ahead=5000"], "5000"),
-        ([*SYNTHESIS, "dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    done = run("out", *overrides)
-    assert done.code == 2, done.err
-    *there, sentence = done.err.strip().splitlines()
-    assert words in sentence
-    assert sentence.startswith("workbench: ")
-    assert "Traceback" not in done.out + done.err
-    assert not there or there[0] == "there are:"  # of an option or a key that there is none of
-
-
-@pytest.mark.parametrize(
-    "target", ["os.system", "workbench.cli.run.os.system", "workbench.body.camera.cv2.VideoCapture", "builtins.eval"]
-)
-def test_foreign_targets_are_refused_before_anything_is_built(run, target):
-    done = run("out", f"dataset._target_={target}")
-    assert done.code == 2
-    assert target in done.err
-    assert "refused" in done.err
-    assert not (done.folder / "run.rrd").exists()

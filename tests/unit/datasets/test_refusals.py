@@ -1,0 +1,70 @@
+"""Every wrong key of a dataset is refused in one sentence that names it, before anything is rendered."""
+
+import numpy as np
+import pytest
+
+from workbench.datasets.blank import Blank
+from workbench.datasets.point_files import PointFiles
+from workbench.datasets.points import Points
+from workbench.datasets.stereo import Stereo
+from workbench.datasets.synthetic import Synthetic
+from workbench.utils.errors import InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # of a camera that stands further off
+NAN, INF = float("nan"), float("inf")
+KEYS = [
+    *[(Points, key, value) for key, value in (
+        ("n_frames", 1), ("first_frame", -1), ("n_points", 0), ("sigma_m", -0.1), ("sigma_m", NAN), ("outliers", 1.0),
+        ("outliers", -0.1), ("clutter", -1), ("bar_m", -1.0), ("distance_m", 0.5), ("rate_hz", 0.0), ("view_deg", INF),
+        ("focal_px", 0.0), ("seed", -1), ("start", "soon"), ("motion", "nobody"), ("motion", 3502),
+    )],
+    *[(Stereo, key, value) for key, value in (
+        ("baseline_m", 0.0), ("baseline_m", 3.0), ("rate_hz", -1.0), ("n_points", 0), ("noise", NAN), ("view_deg", NAN),
+        ("start", "soon"),
+    )],
+    *[(Synthetic, key, value) for key, value in (
+        ("n_frames", 1), ("first_frame", -1), ("person_px", 0.0), ("seed", -1), ("path", "zigzag"),
+        ("camera", "none.toml"), ("keypoint_sigma_px", -1.0), ("departures", {"height": 0.1}),
+        ("departures", {"radii": -0.1}), ("departures", {"camera": 2.0}), ("departures", {"clothes_m": np.nan}),
+    )],
+    *[(Blank, key, value) for key, value in (("n_frames", 0), ("first_frame", -1), ("rate_hz", 0.0))],
+    *[(PointFiles, key, value) for key, value in (
+        ("unit", "inch"), ("rate_hz", 0.0), ("most_points", 0), ("first_frame", -1), ("n_frames", 0), ("seed", -1),
+        ("start", "soon"),
+    )],
+]  # fmt: skip
+TOGETHER = [
+    (Points, {"n_frames": 5000}, "lasts 60.0"),
+    (Points, {"motion": "builtin_arm", "start": "given"}, "no gait cycle"),
+    (Points, {"motion": []}, "at least one motion"),
+    (Points, {"motion": ["builtin", "35_02"]}, "35_02"),
+    (Stereo, {"n_frames": 5000}, "lasts"),
+    (Synthetic, {"first_frame": 1800}, "1801 frames at 30 Hz"),
+    (Synthetic, {"motion": "none.bvh"}, "none.bvh: no such file"),
+    (Synthetic, {"motion": "35_02"}, "paths.data"),
+    (Synthetic, {"motion": "35_02", "data": "nowhere"}, "35_02.amc"),
+    (Blank, {"first_frame": 10**6}, "1000000"),
+    (PointFiles, {"n_frames": 2}, "no frame 1, expected"),
+    (PointFiles, {"truth": "none", "truth_first": 1}, "truth_first"),
+]
+
+
+def refusal(dataset, keys, folder):
+    if dataset is PointFiles:
+        np.savez(folder / "frame_0.npz", points=np.ones((2, 3)))
+        keys = {"source": str(folder), **keys}
+    with pytest.raises(InputError) as caught:
+        _ = dataset(**keys).known
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("dataset", "key", "value"), KEYS)
+def test_a_key_out_of_its_range_is_named_with_what_was_found(dataset, key, value, tmp_path):
+    message = refusal(dataset, {key: value}, tmp_path)
+    assert key in message
+
+
+@pytest.mark.parametrize(("dataset", "keys", "words"), TOGETHER)
+def test_keys_that_do_not_go_together_are_named(dataset, keys, words, tmp_path):
+    assert words in refusal(dataset, keys, tmp_path)
