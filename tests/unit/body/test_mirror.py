@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.body.angles import exchanged, mirror_image
+from workbench.body.angles import exchanged
 from workbench.body.skeleton import POSE_NAMES
 
 
@@ -19,9 +19,3 @@ def test_sides_are_exchanged_and_the_root_stays():
 def test_other_parameters_than_a_persons_stay_as_they_are():
     pose = np.arange(66.0)
     assert exchanged(pose) is pose
-
-
-def test_the_mirror_image_of_a_mirror_image_is_the_pose():
-    poses = np.random.default_rng(0).standard_normal((3, 25))
-    assert np.array_equal(mirror_image(mirror_image(poses)), poses)
-    assert not np.allclose(mirror_image(poses), poses)

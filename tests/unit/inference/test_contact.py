@@ -5,7 +5,7 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.inference.synthesis import ANKLES, PLANTED_SPEED, SETTLE, FootContact, ankle_positions
+from workbench.inference.synthesis import PLANTED_SPEED, SETTLE, FootContact, ankle_positions
 from workbench.motion.synthetic.gait import builtin_motions
 
 DT = 1 / 30
@@ -76,10 +76,3 @@ def test_landing_and_taking_off_make_no_jump(walk):
     # In a frame the shift makes up for at most a slow ankle's way, and half of what is missing to the ground.
     assert np.linalg.norm(shift[:, :2], axis=1).max() <= PLANTED_SPEED * DT + 1e-12
     assert np.abs(shift[planted[1:] == -1]).max() < 1e-12
-
-
-def test_the_ankles_are_the_skeletons():
-    skeleton = person_skeleton(from_height(1.75))
-    left, right = ankle_positions(skeleton, np.zeros((1, len(POSE_NAMES))))[0]
-    assert ANKLES == ("left_ankle", "right_ankle")
-    assert left[1] > 0.0 > right[1]  # y points to the left

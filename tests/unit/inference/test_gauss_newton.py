@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from linear_gaussian import (
     MEAN0,
-    DrawnOnly,
     LinearPrior,
     Position,
     assert_agree,
@@ -17,7 +16,6 @@ from linear_gaussian import (
 
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
-from workbench.utils.errors import InputError
 
 T, SEEDS, N = 8, 25, 400
 
@@ -34,10 +32,6 @@ class Squared(Position):
 
     def log_prob(self, previous, frame, previous_pose, pose):
         return super().log_prob(previous, frame, previous_pose, pose * np.abs(pose))
-
-
-def about_the_peak(prior, likelihood):
-    return ParticleFilter(prior, likelihood, move=GaussNewton(), n_particles=N)
 
 
 def runs(make, likelihood, n_seeds=SEEDS):
@@ -91,13 +85,3 @@ def test_velocities_cost_nothing_and_evaluations_are_counted():
     steps = list(inference.run(frames(4), MEAN0, streams(0)))
     assert [step.evaluations for step in steps] == [0.0, *[50 + 3 * (1 + 2 * 1)] * 3]
     assert sum(step.evaluations for step in steps) == likelihood.evaluated
-
-
-def test_wrong_options_are_named():
-    for option, value in (("share", 1.0), ("flatten", -0.1), ("steps", 0)):
-        with pytest.raises(InputError, match=option):
-            GaussNewton(**{option: value})
-    with pytest.raises(InputError, match="can only be drawn from"):
-        ParticleFilter(DrawnOnly(), None, move=GaussNewton())
-    with pytest.raises(InputError, match="n_particles"):
-        ParticleFilter(LinearPrior(), None, move=GaussNewton(), n_particles=1)

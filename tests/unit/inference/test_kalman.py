@@ -1,7 +1,6 @@
 """The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
 
 from dataclasses import replace
-from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,6 @@ from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
 from workbench.core.pose_prior import Postures
-from workbench.inference.ekf.gaussian_state import predict, smoothed
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.inference.ekf.levenberg_marquardt import climb, tails
 from workbench.likelihoods.uniform import Uniform
@@ -141,27 +139,6 @@ def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_
     assert all((a.poses == b.poses).all() for a, b in zip(unlearned, before, strict=True))
 
 
-class Twice(Seen):
-    """A likelihood that, when all frames are seen, looks at them again."""
-
-    def relearned(self, frame, poses):
-        assert (frame.index, sorted(poses)) == (0, list(range(len(self.marks))))
-        return Seen(self.marks)
-
-
-def test_every_frame_tells_what_both_looks_at_it_took(monkeypatch):
-    prior, marks, frames = setting()
-    ticks = count()
-    monkeypatch.setattr("workbench.inference.smc.target.working_s", lambda: float(next(ticks)))
-    once, twice = (run(Kalman(prior, likelihood(marks), BODY), frames) for likelihood in (Seen, Twice))
-    for k, (one, two) in enumerate(zip(once, twice, strict=True)):
-        learning = 1.0 if k == 0 else 0.0
-        assert two.timing_s["likelihood"] == 2.0 * one.timing_s["likelihood"] + learning
-        assert two.timing_s.get("prior") == (None if k == 0 else 2.0 * one.timing_s["prior"])
-        assert two.evaluations == 2.0 * one.evaluations
-    assert once[1].evaluations > 0
-
-
 class Otherwise(Seen):
     """A likelihood that sees its marks elsewhere when it looks again."""
 
@@ -221,16 +198,6 @@ def test_constant_velocity_is_a_gaussian_prior():
     stepped = prior.step(np.repeat(state[None], 20000, axis=0), DT_S, rng)
     np.testing.assert_allclose(stepped.std(axis=0), np.sqrt(np.diag(noise)), rtol=0.05)
     assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
-
-
-def test_a_belief_that_nothing_follows_stays_and_a_prediction_widens():
-    prior, _, _ = setting()
-    mean, covariance = prior.start_moments(np.zeros(N))
-    first = SimpleNamespace(mean=mean, covariance=covariance, doubt=np.ones(N))
-    led = predict(prior, first, DT_S)
-    assert np.trace(led.covariance[:N, :N]) > np.trace(covariance[:N, :N])
-    assert smoothed([led]) == [led]
-    assert len(person_skeleton(from_height(1.7)).limits) == N
 
 
 class Bowl:

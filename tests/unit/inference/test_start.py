@@ -22,11 +22,15 @@ from workbench.inference.initialization.poses import (
     start_poses,
     usable_marks,
 )
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.likelihoods.uniform import Uniform
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
+from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
+STREAMS = ("start", "prior", "resampling")
 
 
 def prior(**powers):
@@ -62,13 +66,6 @@ def test_a_pose_that_the_prior_knows_comes_before_all_others():
     for known in ({"start_pose": given}, {}):
         poses, said = start_poses(prior(first_pose=lambda: own, motion=SineModel()), BODY, clip(**known))
         assert (poses is own, said) == (True, "")
-
-
-def test_the_dataset_s_pose_comes_before_its_marks():
-    times, _, truth = walk(1)
-    given = np.full(25, 2.0)
-    poses, said = start_poses(prior(), BODY, clip(start_pose=given, start_marks=marked(times, truth)))
-    assert (poses is given, said) == (True, "")
 
 
 def test_nothing_to_start_from_is_refused():
@@ -205,3 +202,25 @@ def test_detected_joints_that_are_missing_in_the_first_frame_are_said():
     shown[0] = replace(shown[0], views=())
     with pytest.raises(InputError, match="expected keypoints in the first frame to start from"):
         start_poses(prior(), BODY, clip(shown, has_keypoints=True))
+
+
+def test_one_camera_leaves_several_and_one_is_right():
+    times, poses = swinging(SKELETON)
+    poses[:, 3] = np.pi / 2.0  # away from the camera, whose picture of the person bent over backwards is as good
+    found = start_from_keypoints(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1], sigma_px=2.0))
+    errors = [errors_mm(SKELETON, pose[None], poses[:1]) for pose in found]
+    assert min(errors) < 60.0  # as a start has to be
+    assert len(found) <= 3
+
+
+def test_particles_begin_around_every_start_evenly():
+    poses = np.zeros((3, 25))
+    poses[:, 0] = [0.0, 10.0, 20.0]
+    times, still = swinging(SKELETON, 1)
+    streams = {name: np.random.default_rng(k) for k, name in enumerate(STREAMS)}
+    inference = ParticleFilter(Smooth(), Uniform(), n_particles=31)
+    (step,) = inference.run(frames(SKELETON, times, still), poses, streams)
+    assert np.bincount(np.round(step.poses[:, 0] / 10.0).astype(int)).tolist() == [11, 10, 10]
+    streams = {name: np.random.default_rng(k) for k, name in enumerate(STREAMS)}
+    (one,) = inference.run(frames(SKELETON, times, still), poses[1], streams)
+    assert np.round(one.poses[:, 0]).tolist() == [10.0] * 31

@@ -106,14 +106,6 @@ def test_without_a_start_or_an_activity_there_is_nothing_to_compare_with(windows
     assert all("same_activity" not in step.diagnostics for step in steps)
 
 
-def test_the_implicit_prior_without_look_ahead_takes_its_own_steps(windows, motions):
-    prior, own = Implicit(windows), streams()["prior"]
-    state = prior.start_after(motions[0].poses[AT - windows.length : AT + 1], 1)
-    for step in run(prior, motions[0], n=10):
-        assert (step.particles == state).all()
-        state = prior.step(state, 1 / 30, own)
-
-
 def test_a_start_from_the_pose_alone_is_told(windows, motions, monkeypatch):
     for name in ("POSITION", "ROTATION", "ANGLES"):
         monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", 0.0)
@@ -204,17 +196,3 @@ def test_look_ahead_avoids_a_dead_end():
     assert np.mean(taken) < 0.03  # all eight candidates are dead ends once in 256
     blind = [synthesis._draw(prior, state, 0, rng)[1] % 2 for _ in range(200)]
     assert 0.3 < np.mean(blind) < 0.7
-
-
-@pytest.mark.parametrize("options", [{"smoothing_s": -1.0}, {"look_ahead": -1}])
-def test_numbers_out_of_range_are_refused(windows, motions, options):
-    with pytest.raises(InputError, match=r"inference: \w+ must be"):
-        Synthesis(Implicit(windows), person(motions[0].shape), **options)
-
-
-def test_look_ahead_needs_an_implicit_prior_and_long_clips(windows, motions):
-    body = person(motions[0].shape)
-    with pytest.raises(InputError, match="look_ahead"):
-        Synthesis(Smooth(), body, look_ahead=3)
-    with pytest.raises(InputError, match="10000 frames"):
-        Synthesis(Implicit(windows), body, look_ahead=10000)

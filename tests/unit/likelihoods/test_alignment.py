@@ -1,17 +1,13 @@
 """Dense alignment: cells against ray casting, slopes against differences, scene and occluders against made-up clips."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from still_clips import of_frames
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
@@ -34,8 +30,7 @@ from workbench.likelihoods.dense.surface_elements import (
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask, picture
-from workbench.utils.errors import InputError
+from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
@@ -173,13 +168,6 @@ def test_points_beside_a_limb_are_as_far_from_it_as_asked():
     on_others = drawn[y[kept], x[kept]].mean()
     x, y = np.rint(near).astype(int).T
     assert on_others < 0.6 < drawn[y[kept], x[kept]].mean()
-
-
-def test_pictures_have_the_slope_of_a_plane():
-    rows, columns = np.mgrid[:40, :50].astype(np.float32)
-    values, gradients = picture(3.0 * columns - 2.0 * rows, 1.5).at(np.array([[20.25, 18.5], [30.0, 20.75]]))
-    np.testing.assert_allclose(values, [3.0 * 20.25 - 2.0 * 18.5, 90.0 - 41.5], atol=1e-3)
-    np.testing.assert_allclose(gradients, [[3.0, -2.0], [3.0, -2.0]], atol=1e-4)
 
 
 def block(rows, columns, shape=(60, 80)):
@@ -337,11 +325,3 @@ def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
     again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
     assert again.look(None, frames[0]).judges
     assert not likelihood.look(None, frames[0]).judges
-
-
-def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):
-    other = replace(CAMERA, name="another")
-    frame = Frame(0, 0.0, (View(other, np.zeros(SHAPE, np.uint8)),))
-    look = DenseAlignment(walker.body, of_frames(tracked[1][:3])).look(None, frame)
-    with pytest.raises(InputError, match="camera another was not in the clip"):
-        look.remember(np.zeros(25))

@@ -1,7 +1,6 @@
 """The fused kernel against its NumPy reference, and the same bits whatever the number of threads."""
 
 import likelihood_scenes as scenes
-import numba
 import numpy as np
 import pytest
 
@@ -133,22 +132,6 @@ def test_the_scenes_hold_what_they_should():
         if name in ("front", "distorted"):
             assert (patches.cos_alpha[0] == 0.0).all()
             assert (patches.cos_alpha[1:] > 0.0).all()
-
-
-def test_one_and_two_threads_give_the_same_bits():
-    most = numba.config.NUMBA_NUM_THREADS
-    if most < 2:
-        pytest.skip("numba has one thread only here")
-    likelihood = ImageMotion(scenes.PERSON)
-    before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            results.append(scenes.log_prob(likelihood, *scene(scenes.FRONT, 500)))
-    finally:
-        numba.set_num_threads(before)
-    np.testing.assert_array_equal(results[0], results[1])
 
 
 @pytest.mark.parametrize("camera", ["front", "cut off"])

@@ -114,18 +114,6 @@ def test_noise_has_the_stated_deviations(windows, poses):
     assert spread[6:] == pytest.approx(0.05, rel=0.03)
 
 
-def test_an_arm_alone_leaves_the_rest_where_it_was(motions, poses):
-    arm = learn_windows(motions, angles=PARTS["left_arm"], root=False)
-    prior, rng = Implicit(arm, beta=0.1), np.random.default_rng(0)
-    state = prior.start(poses[30], 50, rng)
-    for _ in range(5):
-        state = prior.step(state, DT, rng)
-    moving = np.array([name in PARTS["left_arm"] for name in POSE_NAMES])
-    result = prior.pose(state)
-    assert (result[:, ~moving] == poses[30][~moving]).all()
-    assert (result[:, moving].std(axis=0) > 0).all()
-
-
 def start_constants(monkeypatch, **values):
     for name, value in values.items():
         monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", value)
@@ -159,14 +147,3 @@ def test_a_video_of_another_rate_is_refused(windows, poses):
     prior = Implicit(windows)
     with pytest.raises(InputError, match="30 Hz"):
         prior.step(prior.start(poses[30], 2, np.random.default_rng(0)), 1 / 50, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [({"search": "linear"}, "search"), ({"prediction": "guess"}, "prediction"), ({"leaf": "nearest"}, "leaf"),
-     ({"beta": 0.0}, "beta"), ({"pull": 1.5}, "pull"), ({"sigma_angles": (0.1, 0.2)}, "sigma_angles"),
-     ({"sigma_position": (0.1, 0.2)}, "sigma_position")],
-)  # fmt: skip
-def test_wrong_options_are_refused(windows, options, message):
-    with pytest.raises(InputError, match=message):
-        Implicit(windows, **options)

@@ -7,7 +7,6 @@ from scipy.stats import kstest, truncnorm
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.priors.smooth import SIGMA, SIGMA_VELOCITY, Smooth, truncated_normal
-from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))
 ARM = tuple(f"right_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion"))
@@ -125,29 +124,6 @@ def test_start_is_around_the_pose_and_uniform_where_asked():
     within(state[:, prior.space.slices["velocity"]], np.zeros(4), 3.0 * prior.sigma_velocity)
 
 
-def test_the_rest_of_the_body_is_held_at_the_starting_pose():
-    prior = Smooth(parameters=ARM)
-    rng = np.random.default_rng(0)
-    state = prior.start(POSE, 50, rng)
-    for _ in range(5):
-        state = prior.step(state, 1 / 30, rng)
-    held = [i for i, name in enumerate(POSE_NAMES) if name not in ARM]
-    assert (prior.pose(state)[:, held] == POSE[held]).all()
-    assert (prior.pose(state)[:, [POSE_NAMES.index(name) for name in ARM]] == state[:, :4]).all()
-    assert (np.ptp(state[:, :8], axis=0) > 0.0).all()
-
-
-def test_columns_and_units():
-    whole, arm = Smooth().space, Smooth(parameters=ARM).space
-    assert (len(whole), len(arm)) == (50, 29)
-    assert whole.names[:25] == POSE_NAMES
-    assert arm.names[:8] == (*ARM, *(f"{name}_velocity" for name in ARM))
-    units = dict(zip(whole.names, whole.units, strict=True))
-    named = ("root_z", "root_z_velocity", "root_pitch", "left_knee_flexion_velocity")
-    assert [units[name] for name in named] == ["m", "m/s", "rad", "rad/s"]
-    assert dict(zip(arm.names, arm.units, strict=True))["root_x"] == "m"
-
-
 def test_deviations_are_looked_up_from_the_parameter_to_the_body_part():
     given = {"right_elbow_flexion": 0.5, "shoulder": 0.2, "hip_twist": 0.3, "root_rotation": 0.0}
     sigma = dict(zip(POSE_NAMES, Smooth(sigma=given).sigma, strict=True))
@@ -184,25 +160,3 @@ def test_a_start_outside_the_limits_is_told_and_begins_inside(caplog):
     elbow = column(prior, state, "right_elbow_flexion")
     assert (elbow <= 2.7).all()
     assert elbow.mean() > 2.65
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
-        ({"start_uniform": [ARM[3], ARM[3]]}, "named twice"),
-        ({"parameters": []}, "at least one"),
-        ({"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
-        ({"sigma": {"elbow": -0.1}}, r"sigma\.elbow"),
-        ({"sigma_velocity": {"elbow": float("nan")}}, r"sigma_velocity\.elbow"),
-        ({"lowest": {"elbow_flexion": 3.0}}, "lowest and highest of left_elbow_flexion .* found 3.0 and 2.7"),
-        ({"highest": {"elbow": float("nan")}}, "lowest and highest of left_elbow_flexion"),
-        ({"highest": {"wrist": 1.0}}, "highest: 'wrist' is unknown"),
-        ({"damping": -1.0}, "damping"),
-        ({"start_uniform": ["root_x"]}, "root_x has no limits"),
-        ({"parameters": ARM, "start_uniform": ["left_shoulder_twist"]}, "start_uniform"),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(InputError, match=message):
-        Smooth(**options)
