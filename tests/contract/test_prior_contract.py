@@ -71,7 +71,6 @@ def cache_folder(cache):
 
 NAMES = [*MADE, *YAMLS]
 WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "following_implicit"))]
-WITH_PROPOSAL = [name for name in NAMES if name.startswith("implicit")]
 WITH_DENSITY = [name for name in NAMES if not name.startswith(("flipping", "reweighted")) and "_tree" not in name]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name != "reweighted"]
 WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("linear")]
@@ -198,21 +197,6 @@ def test_noise_grows_with_the_root_of_time(prior):
     # the ratio of two deviations is known to 1/√MANY
     ratios = twice.std(axis=0)[noisy] / once.std(axis=0)[noisy]
     assert ratios == pytest.approx(np.sqrt(2.0), rel=5 / np.sqrt(MANY))
-
-
-@only(WITH_PROPOSAL)
-def test_a_proposal_stands_for_the_prior(prior):
-    """Draws of `propose`, by their weights, have the mean and the variance of those of `step`."""
-    assert isinstance(prior, Proposing)
-    parent = np.repeat(run(prior, walk().poses[0], 1, seed=2)[-1], MANY, axis=0)
-    state, log_weights = prior.propose(parent, DT, generator(8))
-    assert log_weights.shape == (MANY,)
-    assert (log_weights == 0.0).all()
-    drawn = prior.step(parent, DT, generator(9))
-    for power in (1, 2):
-        weighted, plain = np.exp(log_weights)[:, None] * (state - parent) ** power, (drawn - parent) ** power
-        error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / MANY)
-        assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-12).all()
 
 
 def test_exactly_those_whose_draws_it_is_have_a_density(request, prior):

@@ -146,19 +146,6 @@ def test_properties_come_back(recorded):
     assert found.properties["shape"]["torso_radii_low"] == list(BODY.shape.torso_radii_low)
 
 
-def test_marginals_hold_the_particles_of_every_frame(recorded, run):
-    marginals = read(recorded).marginals
-    assert marginals.frames.tolist() == [step.frame.index for step in run]
-    assert marginals.log_mass.shape == (len(marginals.names), 64, N_FRAMES)
-    k = marginals.names.index("root_x")
-    edges = np.linspace(marginals.low[k], marginals.high[k], 65)
-    for i, step in enumerate(run):
-        weights = np.exp(step.log_weights)
-        mass, _ = np.histogram(step.poses[:, 0], bins=edges, weights=weights)
-        # 1e-4 is what an empty bin shows; float32 keeps seven digits.
-        assert np.exp(marginals.log_mass[k, :, i]) == pytest.approx(np.maximum(mass, 1e-4), rel=1e-5)
-
-
 def test_images_and_skeletons_are_those_of_the_step(recorded, run):
     blobs = column(recorded, "/world/camera/image", "EncodedImage:blob")
     places = column(recorded, "/world/estimate/joints", "Points3D:positions")

@@ -1,14 +1,26 @@
-"""Errors and posterior summaries against numbers worked out by hand."""
+"""Errors of a step and distances between joints against numbers worked out by hand."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from single_steps import BODY, CAMERA, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.pose_errors import moved_joints, step_errors
+from workbench.evaluation.pose_errors import (
+    AccelerationError,
+    acceleration_error,
+    accelerations,
+    angle_error_deg,
+    correct_keypoints,
+    geodesic_deg,
+    mean_distance,
+    moved_joints,
+    procrustes,
+    step_errors,
+)
 
 
 def test_a_shift_of_the_root_is_an_absolute_error_only():
@@ -101,3 +113,122 @@ def test_joints_behind_the_camera_are_missed_by_the_images_diagonal():
 def test_no_truth_no_errors():
     step = step_of(standing()[None], Truth())
     assert step_errors(step, BODY) == {}
+
+
+RNG = np.random.default_rng(3)
+PLACES = RNG.standard_normal((9, 3))
+
+
+def test_the_mean_distance_leaves_out_what_is_not_known():
+    truth = PLACES.copy()
+    truth[0] += [0.3, 0.0, 0.4]
+    truth[1] = np.nan
+    assert mean_distance(PLACES, truth) == pytest.approx(0.5 / 8)
+    assert np.isnan(mean_distance(PLACES, np.full_like(truth, np.nan)))
+    # of pixels, for several frames at once
+    np.testing.assert_allclose(mean_distance(np.zeros((2, 4, 2)), np.full((2, 4, 2), 3.0)), np.sqrt(18.0))
+
+
+def test_a_similarity_is_no_procrustes_error_but_a_mirror_is():
+    turned = 0.7 * PLACES @ Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix().T + [1.0, 2.0, 3.0]
+    assert procrustes(turned, PLACES) == pytest.approx(0.0, abs=1e-12)
+    assert procrustes(PLACES * [1.0, 1.0, -1.0], PLACES) > 0.1
+    missing = PLACES.copy()
+    missing[4] = np.nan
+    assert procrustes(turned, missing) == pytest.approx(0.0, abs=1e-12)
+    missing[4:] = missing[0] = np.nan
+    assert np.isnan(procrustes(turned, missing))
+    assert np.isnan(procrustes(np.ones((9, 3)), PLACES))
+
+
+def test_procrustes_leaves_what_no_similarity_explains():
+    # a square whose corners move alternately up and down by h: by symmetry nothing but the plane it lies in fits
+    square = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    bent = square + np.array([0.0, 0.0, 0.1]) * np.array([1.0, -1.0, 1.0, -1.0])[:, None]
+    scale = 4.0 / 4.04  # that of the square in the bent one, whose squares sum to 4.04, with ⟨bent, square⟩ = 4
+    expected = np.sqrt((1.0 - scale) ** 2 + (scale * 0.1) ** 2)
+    assert procrustes(bent, square) == pytest.approx(expected)
+
+
+def test_correct_keypoints_are_those_within_the_threshold():
+    truth = np.zeros((5, 3))
+    estimate = np.array([0.0, 0.1, 0.149, 0.151, 9.0])[:, None] * [0.0, 1.0, 0.0]
+    assert correct_keypoints(estimate, truth, 0.15) == pytest.approx(3 / 5)
+    truth[4] = np.nan
+    assert correct_keypoints(estimate, truth, 0.15) == pytest.approx(3 / 4)
+
+
+def test_accelerations_of_a_parabola_are_exact_at_uneven_times():
+    times = np.array([0.0, 0.1, 0.25, 0.3, 0.7])
+    truth = np.zeros((5, 2, 3))
+    fall = truth + np.array([0.0, 0.0, -0.5 * 9.81])[None, None] * times[:, None, None] ** 2
+    np.testing.assert_allclose(accelerations(fall, times)[:, 0], np.tile([0.0, 0.0, -9.81], (3, 1)), atol=1e-9)
+    np.testing.assert_allclose(acceleration_error(fall + 5.0 * times[:, None, None], truth, times), 9.81)
+
+
+def test_the_geodesic_angle_is_that_of_the_turn_between():
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    for angle in (0.0, 1e-9, 0.5, 3.0, np.pi):
+        start = Rotation.from_rotvec([0.5, 0.2, -0.9])
+        end = start * Rotation.from_rotvec(angle * axis)
+        # the sine is good to rounding, which is 1e-16 of a turn
+        assert geodesic_deg(start.as_matrix(), end.as_matrix()) == pytest.approx(np.degrees(angle), rel=1e-6, abs=1e-12)
+
+
+def test_a_bent_elbow_is_the_mean_angle_of_the_joints_that_turn():
+    pose, bent = standing(), standing()
+    bent[SKELETON.dof("left_elbow_flexion")] = 0.6
+    bent[3] = 0.3  # the root turns too, and everything with it, but no joint in its parent's frame
+    turning = 10  # pelvis, neck, and shoulder, elbow, hip and knee of both sides
+    every = SKELETON.dof_names
+    assert angle_error_deg(SKELETON, bent, pose, every) == pytest.approx(np.degrees(0.9) / turning)
+    arm = ["left_shoulder_twist", "left_elbow_flexion"]
+    assert angle_error_deg(SKELETON, bent, pose, arm) == pytest.approx(np.degrees(0.6) / 2)
+
+
+def test_a_step_reports_them_all():
+    pose = standing()
+    true = joints(SKELETON, pose[None])[0]
+    moved = pose + np.eye(25)[0] * 0.03
+    errors = step_errors(step_of(np.stack([moved, moved]), Truth(pose=pose, joints=true)), BODY)
+    assert errors["humaneva_mm"] == pytest.approx(30)
+    assert errors["error_procrustes_mm"] == pytest.approx(0, abs=1e-9)
+    assert errors["pck_150mm"] == 1.0
+    assert errors["error_angle_deg"] == pytest.approx(0, abs=1e-9)
+    gone = true.copy()
+    gone[[0, 5]] = np.nan
+    errors = step_errors(step_of(moved[None], Truth(joints=gone)), BODY)
+    assert errors["error_abs_mm"] == errors["humaneva_mm"] == pytest.approx(30)
+    assert "error_rel_mm" not in errors
+
+
+def test_shaking_is_told_from_standing_beside():
+    pose = standing()
+    true = Truth(joints=joints(SKELETON, pose[None])[0])
+    beside = pose + np.eye(25)[0] * 0.5
+    errors = []
+    for shake in (0.0, 0.01):
+        measure = AccelerationError(SKELETON)
+        for t in range(4):
+            step = step_of((beside + (-1) ** t * shake * np.eye(25)[1])[None], true)
+            error = measure.add(replace(step, frame=replace(step.frame, time_s=t / 20.0)))
+        errors.append(error["acceleration_error_m_s2"])
+    # from −1 cm to 1 cm and back in 0.1 s: 4 · 1 cm · 20² / s²
+    assert errors == pytest.approx([0.0, 16.0], abs=1e-9)
+    assert measure.add(step_of(beside[None], Truth(pose=pose))) == {}
+
+
+def test_the_error_in_the_image_is_the_mean_of_all_views():
+    pose = standing()
+    true = joints(SKELETON, pose[None])[0]
+    step = step_of((pose + 0.03 * np.eye(25)[0])[None], Truth(joints=true))
+    (front,) = step.frame.views
+    away = replace(
+        front, camera=replace(front.camera, name="far", translation=front.camera.translation + np.array([0, 0, 7.0]))
+    )
+    errors = [
+        step_errors(replace(step, frame=replace(step.frame, views=views)), BODY)["humaneva_px"]
+        for views in ((front,), (away,), (front, away))
+    ]
+    assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.02)  # twice as far, but for the depth of the body
+    assert errors[2] == pytest.approx(0.5 * (errors[0] + errors[1]))

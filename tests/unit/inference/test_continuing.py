@@ -111,9 +111,7 @@ def test_what_restarting_has_seen_goes_on_too():
     [
         ({"state": None}, "an array state"),
         ({"state": np.zeros((N, 3))}, "shape"),
-        ({"state": np.zeros((N + 1, 2))}, "as there are weights"),
         ({"log_weights": np.zeros((N, 1))}, "log_weights with 1 axes"),
-        ({"log_evidence": np.zeros(2)}, "log_evidence of shape"),
     ],
 )
 def test_a_memory_that_is_none_of_a_filter_is_refused(arrays, words):

@@ -1,7 +1,7 @@
 """The particle filter against the Kalman filter, and resampling against its expectations."""
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -41,11 +41,13 @@ class Constant(Memoryless):
 
 @dataclass(frozen=True, eq=False)
 class Remembers:
-    """Carries what the filter told it from frame to frame, and says how often it was told."""
+    """Carries what the filter told it from frame to frame, and notes the frames that it is asked to look at."""
 
     told: tuple = ()
+    looks: list = field(default_factory=list)
 
     def look(self, previous, frame):
+        self.looks.append((previous, frame, self.told))
         return RemembersLook(self, previous, frame)
 
 
@@ -54,21 +56,19 @@ class RemembersLook:
     likelihood: Remembers
     previous: Frame | None
     frame: Frame
+    diagnostics = {}  # noqa: RUF012
 
     @property
     def notes(self):
         return (f"seen {self.frame.index}",)
 
-    @property
-    def diagnostics(self):
-        return {"told": float(len(self.likelihood.told)), "evaluated": 0.0}
-
     def evaluate(self, previous_pose, pose):
         assert self.previous is not None
-        return Evaluation(pose[:, 0], ("judged", "judged"), {"evaluated": 1.0})
+        return Evaluation(pose[:, 0], ("judged", "judged"))
 
     def remember(self, expected_pose):
-        return Remembers((*self.likelihood.told, (self.frame.index, expected_pose)))
+        told = (*self.likelihood.told, (self.frame.index, expected_pose))
+        return Remembers(told, self.likelihood.looks)
 
 
 def run(n_particles, seed, measured, **options):
@@ -77,23 +77,13 @@ def run(n_particles, seed, measured, **options):
 
 
 def test_what_is_remembered_is_what_was_expected_and_looks_are_made_once():
-    looks = []
-
-    class Counts(Remembers):
-        def look(self, previous, frame):
-            looks.append((previous, frame, self.told))
-            return CountsLook(self, previous, frame)
-
-    class CountsLook(RemembersLook):
-        def remember(self, expected_pose):
-            return Counts((*self.likelihood.told, (self.frame.index, expected_pose)))
-
-    given = frames(4)
-    steps = list(ParticleFilter(LinearPrior(), Counts(), n_particles=20).run(given, MEAN0, streams(1)))
-    assert [(before, frame) for before, frame, _ in looks] == [(None, given[0]), *pairwise(given)]
-    for (index, pose), step in zip(looks[-1][2], steps, strict=False):
+    given, likelihood = frames(4), Remembers()
+    steps = list(ParticleFilter(LinearPrior(), likelihood, n_particles=20).run(given, MEAN0, streams(1)))
+    assert [(before, frame) for before, frame, _ in likelihood.looks] == [(None, given[0]), *pairwise(given)]
+    for (index, pose), step in zip(likelihood.looks[-1][2], steps, strict=False):
         assert index == step.frame.index
         np.testing.assert_array_equal(pose, step.expected_pose)
+    assert likelihood.told == ()  # what it remembers is another
 
 
 def test_notes_of_the_look_and_its_evaluations_are_told_once():

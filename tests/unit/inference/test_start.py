@@ -78,14 +78,11 @@ def test_nothing_to_start_from_is_refused():
 
 
 def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
-    times, phases, truth = walk(1, heading=2.8)
-    pose, said = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
+    times, _, truth = walk(1, heading=2.8)
+    pose, _ = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
     assert pose.shape == (25,)
     assert apart_px(pose, truth[0]) < 2.0  # the pull of style and lean against marks of 4 px
     assert errors_mm(SKELETON, pose[None], truth) < 50.0  # mostly depth, which one camera hardly sees
-    assert said.startswith("start fitted to the marks: ")
-    assert f"px, phase {phases[0] % 1.0:.1f}" in said
-    assert "cycles/s" not in said  # of which one frame says nothing
 
 
 def test_marks_of_several_frames_tell_the_pace_of_the_phase():
@@ -96,10 +93,7 @@ def test_marks_of_several_frames_tell_the_pace_of_the_phase():
     fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.known.start_marks)
     assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
     assert np.array_equal(pose, fit.pose)
-    assert said == (
-        f"start fitted to the marks: residual {2.0 * fit.error_px:.1f} px, phase {fit.phase:.2f}, "
-        f"heading {np.degrees(fit.heading):.0f}°, {fit.rate_hz:.2f} cycles/s"
-    )
+    assert f"{fit.rate_hz:.2f} cycles/s" in said
     assert errors_mm(SKELETON, pose[None], truth[:1]) < 50.0
 
 
@@ -119,7 +113,7 @@ def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
     assert apart_px(poses, truth, camera)[0] < 2.0
     assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
     assert 1 <= len(poses) <= 8
-    assert said.endswith(f"px by the best of {len(poses)} of the prior's examples")
+    assert "of the prior's examples" in said
     np.testing.assert_array_equal(np.isin(poses[:, 10], known[:, 10]), True)  # angles are those of examples
 
 
@@ -163,7 +157,7 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
     assert apart_px(poses[:1], truth[0]) < 5.0
     low, high = SKELETON.limits.T
     assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
-    assert said.endswith(f"px by the best of {len(poses)} of the poses that they allow")
+    assert "of the poses that they allow" in said
 
 
 def test_too_few_marks_are_refused():
@@ -178,8 +172,7 @@ def test_too_few_marks_are_refused():
 # Detected joints.
 
 
-@pytest.mark.parametrize("powers", [{}, {"motion": SineModel()}, {"examples": examples}])
-def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(powers):
+def test_detected_joints_come_before_what_a_prior_offers_and_no_frame_more_is_decoded():
     times, truth = swinging(SKELETON, 30)
     shown, decoded = frames(SKELETON, times, truth, sigma_px=2.0), []
 
@@ -189,7 +182,8 @@ def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(
             yield frame
 
     known = Known("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
-    poses, said = start_poses(prior(**powers), BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
+    offers = prior(motion=SineModel(), examples=examples)
+    poses, said = start_poses(offers, BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
     assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
     assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
     assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there

@@ -40,23 +40,6 @@ def test_converges_to_the_exact_posterior_and_evidence(name, sigma, h):
     assert_agree(found, [*mean[-1], *variance[-1], evidence])
 
 
-def spread_of_evidence(make, n, sigma, n_seeds=8):
-    """Deviation of the log evidence over seeds, and the evaluations that one run takes."""
-    measured = simulate(T, seed=3, sigma=sigma)
-    evidences, evaluations = [], 0.0
-    for seed in range(n_seeds):
-        steps = list(make(LinearPrior(), Position(measured, sigma=sigma), n).run(frames(T), MEAN0, streams(seed)))
-        evidences.append(steps[-1].log_evidence)
-        evaluations += sum(step.evaluations for step in steps) / n_seeds
-    return np.std(evidences), evaluations
-
-
-def test_tempering_knows_the_evidence_of_a_sharp_likelihood_better_than_the_filter_does_for_the_same_cost():
-    tempered, cost = spread_of_evidence(EXACT["tempered"], 100, sigma=5e-4)
-    plain, _ = spread_of_evidence(lambda p, y, n: ParticleFilter(p, y, n_particles=n), int(cost / (T - 1)), sigma=5e-4)
-    assert tempered < 0.1 * plain  # a ratio of two deviations over 8 seeds is known to 40 %
-
-
 def test_moves_bring_particles_of_one_parent_apart():
     measured = simulate(T, seed=3, sigma=0.01)
     steps = list(

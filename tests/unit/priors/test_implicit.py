@@ -7,7 +7,6 @@ from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_search import exact_log_prob, group_equal
 from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
@@ -81,25 +80,6 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
         own = prior.start_after(np.array([poses[particle] for poses in track]), 1)
         coefficients = state[particle, prior.space.slices["coefficients"]]
         assert coefficients == pytest.approx(own[0, len(POSE_NAMES) : len(POSE_NAMES) + b], abs=1e-4)
-
-
-def test_the_entries_of_a_step_have_the_exact_odds(windows, poses):
-    prior = Implicit(windows, beta=0.3, epsilon=1e-6, **STILL)
-    probe = prior.start_after(poses[20:31] + 0.02, 20000)[:, prior.space.slices["coefficients"]]
-    entries = prior.draw(probe, np.random.default_rng(0))
-    p = np.exp(exact_log_prob(windows.coefficients, probe[0], 0.3))
-    seen = np.bincount(entries, minlength=len(p)) / len(entries)
-    assert np.abs(seen - p).max() < 5 * np.sqrt(p.max() / len(entries))
-
-
-def test_equal_probes_are_searched_once():
-    rng = np.random.default_rng(0)
-    parents = rng.normal(size=(5, 3))
-    which = rng.integers(5, size=50)
-    order, firsts = group_equal(parents[which])
-    assert len(firsts) == 5
-    for group in np.split(which[order], firsts[1:]):
-        assert len(set(group)) == 1
 
 
 def test_noise_has_the_stated_deviations(windows, poses):

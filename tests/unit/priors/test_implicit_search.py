@@ -18,7 +18,6 @@ from workbench.priors.implicit_search import (
 from workbench.priors.implicit_tree import (
     draw,
     fidelity,
-    log_importance,
     log_proposal,
     median_tree,
     sign_tree,
@@ -224,19 +223,6 @@ def test_far_probes_at_no_temperature_find_one_of_the_nearest(beta):
     found = search(kd_tree(coefficients), probes, np.ones(50, dtype=np.int64), beta, rng.random(50))
     squares = ((coefficients[None] - probes[:, None]) ** 2).sum(axis=2)
     assert squares[np.arange(50), found.entries] == pytest.approx(squares.min(axis=1), rel=1e-5)
-
-
-def test_importance_weights_turn_the_trees_draws_into_exact_ones():
-    """The weighted mean of a function of the draws is its exact mean, within five standard errors."""
-    coefficients, rng = database(), np.random.default_rng(4)
-    tree, probe, beta, n = sign_tree(coefficients), database()[7].astype(np.float64), 1.0, 40000
-    entries = draw(tree, np.repeat(probe[None], n, axis=0), beta, rng.random((n, 9)), "uniform")
-    weights = np.exp(log_importance(tree, probe, entries, beta, "uniform"))
-    exact = np.exp(exact_log_prob(coefficients, probe, beta)) @ coefficients
-    terms = weights[:, None] * coefficients[entries]
-    assert (np.abs(terms.mean(axis=0) - exact) < 5 * terms.std(axis=0) / np.sqrt(n)).all()
-    plain = coefficients[entries].mean(axis=0)
-    assert np.abs(plain - exact).max() > 5 * (coefficients.std(axis=0) / np.sqrt(n)).max()  # they were needed
 
 
 def test_fidelity_of_the_exact_distribution_is_perfect_and_of_the_tree_is_enumerated():

@@ -41,11 +41,6 @@ def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
     assert prior.powers.motion is motion  # so that its splines are made once
 
 
-def test_the_motion_of_an_activity_prior_is_its_model(folder):
-    model = activity_model(cache=folder, n_components=2)
-    assert Activity(model).powers.motion is model
-
-
 def test_a_penalty_is_as_given_and_else_the_default(folder):
     model = activity_model(cache=folder, n_components=2)
     made = {
