@@ -1,11 +1,11 @@
-"""Filters that look at a frame more than once, against the exact posterior and evidence of a linear Gaussian model."""
+"""Every move of the filter against the exact posterior and evidence of a linear Gaussian model; and what tempers."""
 
 import numpy as np
 import pytest
 from linear_gaussian import (
     MEAN0,
-    LinearPrior,
     Position,
+    TwoJoints,
     assert_agree,
     exact,
     frames,
@@ -16,35 +16,45 @@ from linear_gaussian import (
 )
 
 from workbench.inference.smc.bootstrap import Auxiliary
+from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import Restarting, lost
 from workbench.inference.smc.tempered_smc import NO_POSTERIOR, Annealed, TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
+
+
+def moving(move):
+    return lambda p, y, n: ParticleFilter(p, y, move=move, n_particles=n)
+
+
 EXACT = {
-    "tempered": lambda p, y, n: ParticleFilter(p, y, move=TemperedSMC(), n_particles=n),
-    "tempered, slowly": lambda p, y, n: ParticleFilter(p, y, move=TemperedSMC(0.8, moves=1), n_particles=n),
-    "auxiliary": lambda p, y, n: ParticleFilter(p, y, move=Auxiliary(), n_particles=n),
+    "tempered": moving(TemperedSMC()),
+    "tempered, slowly": moving(TemperedSMC(0.8, moves=1)),
+    "auxiliary": moving(Auxiliary()),
+    "gauss_newton": moving(GaussNewton()),
+    "partitioned": moving(Partitioned(0.7, ["lower_body", "upper_body"])),
+    "partitioned, arms first": moving(Partitioned(1.0, ["upper_body", "lower_body"])),
     "restarting": lambda p, y, n: Restarting(ParticleFilter(p, y), n_particles=n),
 }
-EVERY = EXACT | {"annealed": lambda p, y, n: ParticleFilter(p, y, move=Annealed(), n_particles=n)}
+EVERY = EXACT | {"annealed": moving(Annealed())}
 
 
 @pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize(("sigma", "h"), [(0.3, 0.0), (0.05, 0.0), (0.1, -0.9)])
-def test_converges_to_the_exact_posterior_and_evidence(name, sigma, h):
+@pytest.mark.parametrize(("sigma", "h", "g"), [(0.3, 0.0, 0.0), (0.05, 0.0, 0.0), (0.1, -0.9, 0.0), (0.1, -0.5, 1.0)])
+def test_converges_to_the_exact_posterior_and_evidence(name, sigma, h, g):
+    """h: the likelihood looks at the previous pose as well, so that a quadratic of it is that of another parent."""
     measured = simulate(T, seed=3, sigma=sigma, h=h)
-    mean, variance, evidence = exact(measured, sigma=sigma, h=h)
-    likelihood = Position(measured, sigma=sigma, h=h)
+    mean, variance, evidence = exact(measured, sigma=sigma, h=h, g=g)
+    likelihood = Position(measured, sigma=sigma, h=h, g=g)
     found = last_moments(lambda p, y: EXACT[name](p, y, N), likelihood, T, range(SEEDS))
     assert_agree(found, [*mean[-1], *variance[-1], evidence])
 
 
 def test_moves_bring_particles_of_one_parent_apart():
     measured = simulate(T, seed=3, sigma=0.01)
-    steps = list(
-        EXACT["tempered"](LinearPrior(), Position(measured, sigma=0.01), 200).run(frames(T), MEAN0, streams(0))
-    )
+    steps = list(EXACT["tempered"](TwoJoints(), Position(measured, sigma=0.01), 200).run(frames(T), MEAN0, streams(0)))
     for step in steps[1:]:  # without moves there would be as many states as parents with offspring
         assert len(np.unique(step.particles, axis=0)) > step.diagnostics["distinct"]
         assert step.diagnostics["temperatures"] >= 2
@@ -67,7 +77,7 @@ def test_evaluations_are_counted_and_the_same_seed_gives_the_same_steps(name):
     runs = []
     for seed in (4, 4, 5):
         likelihood = Position(measured)
-        steps = list(EVERY[name](LinearPrior(), likelihood, 40).run(frames(T), MEAN0, streams(seed)))
+        steps = list(EVERY[name](TwoJoints(), likelihood, 40).run(frames(T), MEAN0, streams(seed)))
         assert sum(step.evaluations for step in steps) == likelihood.evaluated > 0
         runs.append(np.concatenate([step.particles for step in steps]))
     assert (runs[0] == runs[1]).all()
@@ -86,7 +96,7 @@ class Impossible(Position):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_frames_that_nothing_explains_are_said_and_survived(name):
-    steps = list(EVERY[name](LinearPrior(), Impossible(simulate(T, seed=1)), 40).run(frames(T), MEAN0, streams(0)))
+    steps = list(EVERY[name](TwoJoints(), Impossible(simulate(T, seed=1)), 40).run(frames(T), MEAN0, streams(0)))
     assert any("no particle explains" in sentence for sentence in steps[3].warnings)
     assert any("undefined" in sentence for sentence in steps[5].warnings)
     for step in steps:
@@ -99,7 +109,7 @@ def test_frames_that_nothing_explains_are_said_and_survived(name):
 def test_annealing_finds_the_peak_and_says_that_its_spread_is_no_posterior():
     measured = simulate(T, seed=3)
     _, variance, _ = exact(measured)
-    steps = list(EVERY["annealed"](LinearPrior(), Position(measured), 500).run(frames(T), MEAN0, streams(0)))
+    steps = list(EVERY["annealed"](TwoJoints(), Position(measured), 500).run(frames(T), MEAN0, streams(0)))
     assert steps[0].warnings == (NO_POSTERIOR,)
     assert all(step.diagnostics["is_posterior"] == 0.0 for step in steps[1:])
     _, found = moments(steps[-1])
