@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_looks import MadeUpLook
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -45,10 +46,10 @@ def model(rng):
     return LinearMotion(30.0, gain, np.zeros(N), covariance, np.zeros((N, N - 4)), np.zeros(N), start)
 
 
-class Seen:
+class Seen(MadeUpLook):
     """A likelihood that sees every number of a pose with noise, but for the first frame; its misfit widens nothing."""
 
-    levels, judges, notes, diagnostics = 1, False, (), {}
+    levels, judges = 1, False
 
     def __init__(self, marks, frame=None):
         self.marks, self.at = marks, frame
@@ -60,14 +61,8 @@ class Seen:
         miss = (pose - self.marks[self.at]) / SIGMA
         return Slope(-0.5 * float(miss @ miss), -miss / SIGMA, np.eye(N) / SIGMA**2)
 
-    def evaluate(self, previous_pose, pose):
-        raise NotImplementedError
-
     def misfit(self, pose):
         return np.full(len(PERSON.names), 0.7)
-
-    def remember(self, expected_pose):
-        return self
 
 
 def setting(n_frames=6):
@@ -200,10 +195,8 @@ def test_constant_velocity_is_a_gaussian_prior():
     assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
 
 
-class Bowl:
+class Bowl(MadeUpLook):
     """A look whose log likelihood is that of seeing every number at `marks` (P,) with noise, at two smoothings."""
-
-    levels, judges, notes, diagnostics = 2, True, (), {}
 
     def __init__(self, marks, sigma):
         self.marks, self.sigma = marks, sigma
@@ -211,8 +204,6 @@ class Bowl:
     def slope(self, pose, level):
         apart = (pose - self.marks) / self.sigma
         return Slope(-0.5 * float(apart @ apart), -apart / self.sigma, np.eye(len(pose)) / self.sigma**2)
-
-    evaluate = remember = None
 
 
 def spread(rng, n=4):

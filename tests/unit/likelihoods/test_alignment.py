@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_walker import third, tracked, walker
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
@@ -11,7 +12,6 @@ from workbench.body.shape import from_height
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
-from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.dense.background_model import (
     LEAST_PX,
     OWN,
@@ -265,34 +265,16 @@ def test_an_arm_that_reaches_out_does_not_pass():
     assert not nothing_passing(image).followed(image, arm | person, person, person).mask.any()
 
 
-@pytest.fixture(scope="module")
-def walker():
-    return Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
-
-
-@pytest.fixture(scope="module")
-def tracked(walker):
-    """The likelihood after two frames seen in their true poses, and all frames."""
-    clip = FrameCache(walker)
-    frames = list(clip)
-    likelihood = DenseAlignment(walker.body, clip)
-    for before, frame in zip((None, frames[0]), frames[:2], strict=True):
-        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
-    return likelihood, frames
-
-
-def test_the_truth_is_likelier_than_what_is_beside_it(tracked):
-    likelihood, frames = tracked
-    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+def test_the_truth_is_likelier_than_what_is_beside_it():
+    look, truth = third()
     rng = np.random.default_rng(0)
     off = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
     heights = look.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
     assert (heights[0] > heights[1:]).all()
 
 
-def test_its_slope_points_back_to_the_truth(tracked):
-    likelihood, frames = tracked
-    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+def test_its_slope_points_back_to_the_truth():
+    look, truth = third()
     assert isinstance(look, SlopedLook)
     assert look.judges
     for seed in range(5):
@@ -305,9 +287,8 @@ def test_its_slope_points_back_to_the_truth(tracked):
         np.testing.assert_array_equal(judged, [look.slope(truth + off, look.levels - 1).log_prob])
 
 
-def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
-    likelihood, frames = tracked
-    look, truth, skeleton = likelihood.look(frames[1], frames[2]), frames[2].truth.pose, BODY.skeleton
+def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
+    (look, truth), skeleton = third(), BODY.skeleton
     off = truth.copy()
     off[skeleton.dof("left_shoulder_flexion")] += 0.8
     fits, misses = look.misfit(truth), look.misfit(off)
@@ -318,9 +299,9 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
     np.testing.assert_allclose(worse[skeleton.joint("right_knee")], 1.0, atol=0.2)
 
 
-def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
-    frames = tracked[1]
-    likelihood = DenseAlignment(walker.body, FrameCache(walker))
+def test_a_clip_that_was_tracked_teaches_more_of_the_scene():
+    frames = tracked()[1]
+    likelihood = DenseAlignment(walker().body, FrameCache(walker()))
     assert isinstance(likelihood, Relearning)
     again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
     assert again.look(None, frames[0]).judges
