@@ -69,7 +69,7 @@ MAKERS = {
     "synthesis": lambda cache, **given: Synthesis(Smooth(), BODY, **given),
     "jitter": lambda cache, **given: Jitter(Smooth(), **given),
     "flipping": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
-    "cyclic": lambda cache, **given: from_motions.cyclic(motions="builtin", cache=cache, q=4, **given),
+    "walking": lambda cache, **given: from_motions.walking(motions="builtin", cache=cache, n_components=3, **given),
     "smooth": lambda cache, **given: Smooth(**given),
     "implicit": lambda cache, **given: Implicit(learn_windows(builtin_motions(n_subjects=1)), **given),
     "image_motion": lambda cache, **given: ImageMotion(BODY, **given),
@@ -87,7 +87,7 @@ gauss_newton share=1.0 flatten=-0.1 steps=0 | partitioned flatten=2.0 | tempered
 annealed layers=0 | restarting share=0.0 n_particles=0 | fixed_lag lag=0 least_ancestors=0
 backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
 jitter sigma=0.0 keep=1.0
-flipping probability=0.0 share=1.0 | smooth damping=-1.0 | cyclic transition=C
+flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
 implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5
 image_motion sigma=0 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving
 background k=0 epsilon=0 n_frames=2 n_samples=0 | appearance k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0 | edges k=0
@@ -110,7 +110,7 @@ def test_a_value_out_of_range_is_named(name, key, text, cache):
 
 LIST_OF_OPTIONS = [
     ("jitter", {"parameters": ["root_x"]}, "parameters"),
-    ("cyclic", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
+    ("walking", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
     ("implicit", {"sigma_position": (0.1, 0.2)}, "sigma_position"),
     ("smooth", {"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
     ("smooth", {"parameters": []}, "at least one"),
