@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import rerun_cli
 from recorded import column, components, values
-from recording_steps import BODY, SCALE, SPACE, errors, steps
+from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -290,6 +290,19 @@ def test_missing_and_hidden_marks(run, tmp_path):
     assert np.array(points) == pytest.approx(np.delete(marks, 3, axis=0), abs=1e-3)
     assert len(set(colours)) == 2
     assert colours.count(colours[4]) == 1  # joint 5, the fifth that is left
+
+
+def test_images_of_a_bent_lens_are_straightened(tmp_path):
+    bent = replace(CAMERA, distortion=np.array([-0.25, 0.05, 0.003, -0.002, 0.0]))
+    (step,) = steps(1, n_particles=20, camera=bent)
+    path = log_all(recorder(tmp_path / "run.rrd"), [step])
+    straight = CAMERA.project(step.frame.truth.joints)
+    (marks,) = column(path, "/world/camera/image/truth_marks", "Points2D:positions").values()
+    assert np.array(marks) == pytest.approx(straight, abs=0.02)  # px; OpenCV inverts the lens in five iterations
+    (blob,) = column(path, "/world/camera/image", "EncodedImage:blob").values()
+    image = cv2.imdecode(np.array(blob[0], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    u, v = np.rint(straight).astype(int).T
+    assert (image[v, u] > 140).all()  # the drawn limbs, 165, lie where the straight camera sees them; ground 95
 
 
 def test_colour_images_keep_their_colours(tmp_path):

@@ -126,6 +126,19 @@ def test_a_frame_that_few_ancestors_are_left_of_is_told_fewer_frames_late(name):
             assert (np.diff(lags) >= -1.0).all()  # a later frame is never told by an earlier one
 
 
+def test_ancestors_lead_along_the_paths_where_the_lag_grows_too():
+    measured = simulate(40, seed=0, sigma=0.05)
+    given = frames(40), MEAN0
+    filtered = list(plain(measured, sigma=0.05).rebuilt(n_particles=200).run(*given, streams(1)))
+    steps = list(MAKE["fixed lag"](Position(measured, sigma=0.05), 20).run(*given, streams(1)))
+    assert max(np.diff([step.diagnostics["lag"] for step in steps])) >= 2.0
+    for t in range(1, 40):
+        parents = filtered[t - 1].particles[filtered[t].ancestors]
+        own = {tuple(x): tuple(parent) for x, parent in zip(filtered[t].particles, parents, strict=True)}
+        led = steps[t - 1].particles[steps[t].ancestors]
+        assert [own[tuple(x)] for x in steps[t].particles] == [tuple(x) for x in led]
+
+
 @pytest.mark.parametrize("name", MAKE)
 def test_bands_of_enough_ancestors_hold_the_truth_as_often_as_they_say(name):
     """Truths from the model itself: a band of n ≥ 20 draws holds it in 0.86 to 0.90 of all cases."""
