@@ -110,53 +110,36 @@ def test_frames_come_in_order_as_many_as_promised_and_again_alike(dataset):
     assert all(map(equal, frames, again))
 
 
-def test_what_is_known_is_one_record_made_once(dataset):
-    assert isinstance(dataset.known, Known)
-    assert dataset.known is dataset.known
-
-
-def test_the_cameras_known_are_those_of_the_views_whose_images_fit_them(dataset):
-    for frame in dataset.frames():
-        assert equal(tuple(view.camera for view in frame.views), dataset.known.cameras)
-        for view in frame.views:
-            assert view.image.dtype == np.uint8
-            assert view.image.shape in (
-                (view.camera.height, view.camera.width),
-                (view.camera.height, view.camera.width, 3),
-            )
-
-
-def test_keypoints_and_points_are_promised_where_some_frame_shows_them(dataset):
-    frames = list(dataset.frames())
-    assert dataset.known.has_keypoints == any(view.keypoints is not None for frame in frames for view in frame.views)
-    assert dataset.known.has_points == any(frame.points is not None for frame in frames)
-
-
-def test_what_is_known_of_the_start_has_the_promised_shape(dataset):
-    known, first = dataset.known, next(dataset.frames())
+def test_what_is_known_holds_of_the_frames(dataset):
+    known, frames = dataset.known, list(dataset.frames())
+    assert isinstance(known, Known)
+    assert known is dataset.known  # made once
+    for frame in frames:
+        assert equal(tuple(view.camera for view in frame.views), known.cameras)
+    assert known.has_keypoints == any(view.keypoints is not None for frame in frames for view in frame.views)
+    assert known.has_points == any(frame.points is not None for frame in frames)
     assert known.name
     assert 0.0 < known.scale <= 1.0
-    if known.start_pose is not None:
-        assert known.start_pose.shape == (len(POSE_NAMES),)
+    assert known.start_pose is None or known.start_pose.shape == (len(POSE_NAMES),)
     if known.start_marks is not None:
         assert known.start_marks.keypoints.shape == (len(known.start_marks.times_s), len(JOINT_NAMES), 3)
-        assert known.start_marks.times_s[0] == first.time_s
-    if known.phase_ends is not None:
-        assert known.phase_ends[1] > known.phase_ends[0]
+        assert known.start_marks.times_s[0] == frames[0].time_s
+    assert known.phase_ends is None or known.phase_ends[1] > known.phase_ends[0]
     if known.lead_in is not None:
         assert np.array_equal(known.lead_in[-1], known.start_pose)
         assert known.lead_in_activity is not None
 
 
 def test_what_frames_carry_has_the_promised_shape(dataset):
+    shapes = {"pose": (len(POSE_NAMES),), "joints": (len(JOINT_NAMES), 3), "marks": (len(JOINT_NAMES), 2),
+              "marks_visible": (len(JOINT_NAMES),)}  # fmt: skip
     for frame in dataset.frames():
         assert frame.points is None or frame.points.shape == (len(frame.points), 3)
-        assert all(view.keypoints is None or view.keypoints.shape == (len(JOINT_NAMES), 3) for view in frame.views)
-        truth = frame.truth
-        if truth is not None and truth.pose is not None:
-            assert truth.pose.shape == (len(POSE_NAMES),)
-        if truth is not None and truth.joints is not None:
-            assert truth.joints.shape == (len(JOINT_NAMES), 3)
-        if truth is not None and truth.marks is not None:
-            assert truth.marks.shape == (len(JOINT_NAMES), 2)
-            assert truth.marks_visible.shape == (len(JOINT_NAMES),)
+        for view in frame.views:
+            size = (view.camera.height, view.camera.width)
+            assert view.image.dtype == np.uint8
+            assert view.image.shape in (size, (*size, 3))
+            assert view.keypoints is None or view.keypoints.shape == (len(JOINT_NAMES), 3)
+        for name, shape in shapes.items():
+            value = getattr(frame.truth, name, None)
+            assert value is None or value.shape == shape

@@ -63,21 +63,15 @@ def test_an_experiment_begins_with_another_of_the_folder_and_options_have_the_ke
 
 ERRORS = {
     "defaults: [override /prior: jiter]": r"prior: there is no option 'jiter'; did you mean prior=jitter",
-    "defaults: [walk_strait]": r"experiment: there is no option 'walk_strait'; did you mean experiment=walk_straight",
-    "defaults: 5": r"defaults: expected a list, found 5",
     "prior: {no_such: 1}": r"the chosen prior \(walking\) has no key prior\.no_such",
-    "prior: {sigma_phas: 1}": r"there is no key prior\.sigma_phas; did you mean prior\.sigma_phase",
     "liklihood: {k: 1}": r"there is no key liklihood; did you mean likelihood",
     "seed: [1]": r"Value '\[1\]' .* could not be converted to Integer",
     "prior: {_target_: os.system}": r"config: must name a part of the workbench, refused 'os\.system'",
     "prior: {_target_: workbench.priors.smooth.Smooth, x: 1}": r"workbench\.priors\.smooth\.Smooth has no key 'x'",
     "when: {prior.nothing: {a: 1}}": r"when: there is no part prior\.nothing",
-    "when: {prior.walking: {no_such: 1}}": r"the chosen prior \(walking\) has no key prior\.no_such",
     "when: {prior.walking: 3}": r"when: prior\.walking: expected keys and values, found 3",
-    "when: [1]": r"when: expected a mapping, found \[1\]",
     "prior: [": r"expected YAML: ",
     "\udcff": r"expected a text in UTF-8",
-    "- 1": r"expected a mapping of keys to values",
 }
 
 

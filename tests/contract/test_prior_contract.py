@@ -15,8 +15,7 @@ from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.priors import from_motions
-from workbench.priors.fitted_rest import Following, Trajectory
+from workbench.priors.fitted_rest import Trajectory
 from workbench.priors.implicit import PREDICTIONS, TREES, Implicit
 from workbench.priors.smooth import Smooth
 
@@ -42,14 +41,7 @@ def implicit(parts, root, search, prediction, **options):
 
 
 MADE = {
-    "walking": lambda folder: from_motions.walking(motions="builtin", cache=folder, n_components=4),
-    "gait": lambda folder: from_motions.gait(motions="builtin", cache=folder, n_components=4),
-    "cyclic": lambda folder: from_motions.cyclic(motions="builtin", cache=folder, q=4),
-    "smooth": lambda folder: Smooth(),
     "smooth arm": lambda folder: Smooth(parameters=ARM, start_uniform=["left_shoulder_twist"]),
-    "following arm": lambda folder: Following(
-        Smooth(parameters=ARM), lambda: Trajectory(np.zeros(1), walk().poses[:1])
-    ),
     "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", reweight=True, beta=1.0),
 } | {
     f"implicit {where}, {search}, {prediction}": lambda folder, how=(parts, root, search, prediction): implicit(*how)
@@ -79,7 +71,6 @@ def cache_folder(cache):
 
 NAMES = [*MADE, *YAMLS]
 WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "following_implicit"))]
-WITH_PROPOSAL = [name for name in NAMES if name.startswith("implicit")]
 WITH_DENSITY = [name for name in NAMES if not name.startswith(("flipping", "reweighted")) and "_tree" not in name]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name != "reweighted"]
 WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("linear")]
@@ -147,29 +138,10 @@ def test_exactly_the_parameters_move(prior):
         assert (before[:, moving] != after[:, moving]).any(axis=0).all()
 
 
-def test_columns_called_held_never_change(prior):
-    first, *_, last = run(prior, walk().poses[0], 20, seed=1)
-    for group, columns in prior.space.slices.items():
-        if group == "held":
-            assert (first[:, columns] == last[:, columns]).all()
-
-
 def test_the_same_seed_gives_the_same_states_and_another_seed_others(prior):
     first, again, other = (run(prior, walk().poses[0], 20, seed)[-1] for seed in (5, 5, 6))
     assert first.tobytes() == again.tobytes()
     assert (first != other).any()
-
-
-def test_no_memory_but_the_state(prior):
-    """Stepping two particle sets in turn gives what stepping each alone gives: a prior keeps nothing of a run."""
-    alone = [run(prior, walk().poses[i], 10, seed=i)[-1] for i in (0, 5)]
-    generators = [generator(i) for i in (0, 5)]
-    states = [prior.start(walk().poses[i], 10, rng) for i, rng in zip((0, 5), generators, strict=True)]
-    for _ in range(3):
-        states = [prior.step(state, DT, rng) for state, rng in zip(states, generators, strict=True)]
-    for state, expected in zip(states, alone, strict=True):
-        assert (state == expected).all()
-        assert (prior.pose(state) == prior.pose(expected)).all()
 
 
 def test_inputs_are_left_alone(prior):
@@ -207,14 +179,6 @@ def test_particles_are_stepped_one_by_one_alike(prior):
     assert (np.abs(halves[0].mean(axis=0) - halves[1].mean(axis=0)) <= 5 * error + 1e-12).all()
 
 
-@only([name for name in NAMES if name not in WITH_DATABASE])  # in which there must be a window to look up
-def test_no_particles_make_no_children(prior):
-    none = np.empty((0, len(prior.space)))
-    moved = prior.step(none, DT, generator(0))
-    assert moved.shape == none.shape
-    assert prior.pose(moved).shape == (0, P)
-
-
 @only(WITH_ROOT)
 def test_twice_the_time_moves_the_root_twice_as_far(prior):
     """Within a quarter, for speeds may change from frame to frame: not as far, √2 or four times as far."""
@@ -233,37 +197,6 @@ def test_noise_grows_with_the_root_of_time(prior):
     # the ratio of two deviations is known to 1/√MANY
     ratios = twice.std(axis=0)[noisy] / once.std(axis=0)[noisy]
     assert ratios == pytest.approx(np.sqrt(2.0), rel=5 / np.sqrt(MANY))
-
-
-@only(WITH_PROPOSAL)
-def test_a_proposal_stands_for_the_prior(prior):
-    """Draws of `propose`, by their weights, have the mean and the variance of those of `step`."""
-    assert isinstance(prior, Proposing)
-    parent = np.repeat(run(prior, walk().poses[0], 1, seed=2)[-1], MANY, axis=0)
-    state, log_weights = prior.propose(parent, DT, generator(8))
-    assert log_weights.shape == (MANY,)
-    assert (log_weights == 0.0).all()
-    drawn = prior.step(parent, DT, generator(9))
-    for power in (1, 2):
-        weighted, plain = np.exp(log_weights)[:, None] * (state - parent) ** power, (drawn - parent) ** power
-        error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / MANY)
-        assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-12).all()
-
-
-def test_powers_are_what_they_say(prior):
-    powers = prior.powers
-    if powers.examples is not None:
-        examples = powers.examples()
-        assert examples.shape == (len(examples), P)
-        assert len(examples) > 0
-        assert np.isfinite(examples).all()
-        assert (examples[:, :4] == 0.0).all()
-    if powers.first_pose is not None:
-        assert powers.first_pose().shape == (P,)
-    if powers.motion is not None:
-        alpha = np.zeros((3, len(powers.motion.scales)))
-        assert powers.motion.angles_at(alpha, np.linspace(0.0, 1.0, 3)).shape == (3, len(powers.motion.angles))
-        assert set(powers.motion.angles) <= set(POSE_NAMES)
 
 
 def test_exactly_those_whose_draws_it_is_have_a_density(request, prior):

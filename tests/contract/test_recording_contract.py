@@ -6,7 +6,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -24,7 +23,6 @@ from rerun.error_utils import RerunWarning
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.core.state_space import StateSpace
 from workbench.recording.read.reader import read
 from workbench.recording.write import file
 from workbench.recording.write import recorder as module
@@ -148,32 +146,6 @@ def test_properties_come_back(recorded):
     assert found.properties["shape"]["torso_radii_low"] == list(BODY.shape.torso_radii_low)
 
 
-def test_bands_hold_the_weighted_samples(recorded, run):
-    found = read(recorded).scalars
-    step, k = run[4], BODY.skeleton.dof("right_hip_flexion")
-    row = {name: found[f"posterior/parameters/right_hip_flexion/{name}"].values[4, 0] for name in ("low", "high")}
-    weights = np.exp(step.log_weights)
-    # At most 5 % lie strictly outside either end, and the end's own particle makes it more.
-    for outside, end in ((step.poses[:, k] < row["low"], "low"), (step.poses[:, k] > row["high"], "high")):
-        assert weights[outside].sum() <= 0.05 + 1e-12
-        assert weights[outside | (step.poses[:, k] == row[end])].sum() >= 0.05 - 1e-12
-    truth = found["posterior/parameters/right_hip_flexion/truth"].values[4, 0]
-    assert truth == step.frame.truth.pose[k]
-
-
-def test_marginals_hold_the_particles_of_every_frame(recorded, run):
-    marginals = read(recorded).marginals
-    assert marginals.frames.tolist() == [step.frame.index for step in run]
-    assert marginals.log_mass.shape == (len(marginals.names), 64, N_FRAMES)
-    k = marginals.names.index("root_x")
-    edges = np.linspace(marginals.low[k], marginals.high[k], 65)
-    for i, step in enumerate(run):
-        weights = np.exp(step.log_weights)
-        mass, _ = np.histogram(step.poses[:, 0], bins=edges, weights=weights)
-        # 1e-4 is what an empty bin shows; float32 keeps seven digits.
-        assert np.exp(marginals.log_mass[k, :, i]) == pytest.approx(np.maximum(mass, 1e-4), rel=1e-5)
-
-
 def test_images_and_skeletons_are_those_of_the_step(recorded, run):
     blobs = column(recorded, "/world/camera/image", "EncodedImage:blob")
     places = column(recorded, "/world/estimate/joints", "Points3D:positions")
@@ -204,17 +176,6 @@ def test_the_viewer_tool_accepts_it_and_finds_a_blueprint(recorded):
     assert len(RrdReader(recorded).blueprints()) == 1  # the first warning came before anything was written
 
 
-def test_equal_runs_give_equal_recordings(recorded, tmp_path):
-    again = record(tmp_path / "again.rrd", steps(N_FRAMES, n_particles=60))
-    assert components(recorded) == components(again)
-    for entity, name in (("/world/particles", "LineStrips3D:strips"), ("/coefficients/1", "BarChart:values")):
-        assert column(recorded, entity, name) == column(again, entity, name)
-    first, second = read(recorded), read(again)
-    assert first.marginals.log_mass.tobytes() == second.marginals.log_mass.tobytes()
-    for path, curve in first.scalars.items():
-        assert curve.values.tobytes() == second.scalars[path].values.tobytes()
-
-
 def test_published_only_when_the_run_ends_well_else_the_part_is_kept(run, tmp_path, caplog):
     with recorder(tmp_path / "well.rrd") as recording:
         recording.log(run[0], {})
@@ -228,36 +189,6 @@ def test_published_only_when_the_run_ends_well_else_the_part_is_kept(run, tmp_pa
     found = read(recording.part)
     assert found.status == "interrupted"
     assert len(found.poses[0]) == len(found.marginals.frames) == 3
-
-
-KILLED = """
-import sys, time
-from recorded import column, components, values
-from recording_steps import BODY, SPACE, steps
-from workbench.recording.write.recorder import Recorder
-with Recorder(sys.argv[1], BODY, SPACE, run_id="killed", config_yaml="seed: 1", provenance={}) as recording:
-    for i, step in enumerate(steps(100, n_particles=20)):
-        recording.log(step, {})
-        if i == 25:
-            print("now", flush=True)
-            time.sleep(60)
-"""
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_killed_run_leaves_a_readable_part(tmp_path):
-    path = tmp_path / "run.rrd"
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1] / "scenes")}
-    command = [sys.executable, "-c", KILLED, path]
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "now\n"
-        process.send_signal(signal.SIGKILL)
-    assert not path.exists()
-    found = read(path.with_name("run.rrd.part"))
-    assert found.status == "running"
-    assert found.config == "seed: 1"
-    assert found.poses[0].tolist() == list(range(10, 34))  # of 26 frames two are lost
-    assert len(column(path.with_name("run.rrd.part"), "/world/camera/image", "EncodedImage:blob")) == 24
 
 
 def pieces(path, entity="/estimate/pose"):
@@ -385,23 +316,6 @@ def test_colour_images_keep_their_colours(tmp_path):
     assert image[240, 320] == pytest.approx([200, 60, 20], abs=4)  # JPEG's chroma
 
 
-def test_runs_without_images_coefficients_or_model(run, tmp_path):
-    space = StateSpace.of({"pose": (BODY.skeleton.dof_names, "m, rad")})
-    blind = [replace(step, space=space, particles=step.poses, frame=replace(step.frame, views=())) for step in run[:2]]
-    path = log_all(Recorder(tmp_path / "a.rrd", BODY, space, run_id="a", config_yaml="", provenance={}), blind)
-    found = read(path)
-    assert found.marginals.names == BODY.skeleton.dof_names
-    path = log_all(recorder(tmp_path / "b.rrd", coefficient_scale=None), run[:2])
-    assert ("/coefficients/1", False) in components(path)
-    assert ("/coefficients/1/model", True) not in components(path)
-
-
-def test_a_parameter_that_never_moves_is_recorded(run, tmp_path):
-    still = [replace(step, particles=np.zeros_like(step.particles)) for step in run[:2]]
-    found = read(log_all(recorder(tmp_path / "run.rrd", coefficient_scale=None), still))
-    assert found.scalars["posterior/parameters/c1/high"].values[:, 0].tolist() == [0.0, 0.0]
-
-
 def test_several_cameras_each_get_an_entity(run, tmp_path):
     view = run[0].frame.views[0]
     views = tuple(replace(view, camera=replace(view.camera, name=name)) for name in ("left", "cam 2/b"))
@@ -429,13 +343,6 @@ def test_particles_that_are_not_finite_or_not_normalised_are_refused(run, tmp_pa
     with pytest.raises(ValueError, match="frame 11"):
         log_all(recording, [run[0], replace(run[1], **{field: broken})])
     assert len(read(recording.part).poses[0]) == 1
-
-
-@pytest.mark.parametrize("option", [{"n_particles_shown": 0}, {"marginal_bins": 1}, {"jpeg_quality": 101}])
-def test_numbers_out_of_range_are_refused(tmp_path, option):
-    (name,) = option
-    with pytest.raises(InputError, match=name):
-        recorder(tmp_path / "run.rrd", **option)
 
 
 def test_a_path_that_cannot_be_written_is_told(tmp_path):
@@ -511,32 +418,3 @@ def test_a_viewer_gets_what_the_file_gets_and_may_stop_in_the_middle(run, tmp_pa
             server.kill()
     assert caplog.text.count("does not answer") == 1
     assert read(recording.path).poses[1].tolist() == [step.expected_pose.tolist() for step in run]
-
-
-LIMITED = """
-import resource, sys
-from recorded import column, components, values
-from recording_steps import BODY, SPACE, steps
-from workbench.recording.write.recorder import Recorder
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
-try:
-    with Recorder(sys.argv[1], BODY, SPACE, run_id="limited", config_yaml="", provenance={}) as recording:
-        for step in steps(30, n_particles=200):
-            recording.log(step, {})
-except OSError as error:
-    print(error)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("limit", [300_000, 650_000, 800_000])
-def test_a_file_that_may_not_grow_ends_the_process_with_what_fits(tmp_path, limit):
-    path = tmp_path / "run.rrd"
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1] / "scenes")}
-    command = [sys.executable, "-c", LIMITED, path, str(limit)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "left for it on the disk" in done.stdout
-    part = path.with_name("run.rrd.part")
-    assert part.stat().st_size <= limit
-    assert read(part).status in ("running", "failed")

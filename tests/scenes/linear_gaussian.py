@@ -156,7 +156,7 @@ def last_moments(make, likelihood, n_frames, seeds):
     """(n_seeds, 5): mean, variance and log evidence in the last frame of each seed's run of make(prior, likelihood)."""
     found = []
     for seed in seeds:
-        step = list(make(LinearPrior(), likelihood).run(frames(n_frames), MEAN0, streams(seed)))[-1]
+        step = list(make(TwoJoints(), likelihood).run(frames(n_frames), MEAN0, streams(seed)))[-1]
         found.append([*np.concatenate(moments(step)), step.log_evidence])
     return np.array(found)
 

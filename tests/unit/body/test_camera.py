@@ -80,20 +80,6 @@ def test_scaling_there_and_back_is_the_same_camera():
     assert (camera.scaled(0.5).width, camera.scaled(0.5).height) == (320, 240)
 
 
-def test_plain_camera_sees_what_it_looks_at_in_the_middle_and_up_as_up():
-    camera = plain_camera(641, 481, 500.0, (3.0, -2.0, 1.5), (0.2, 0.1, 0.9))
-    np.testing.assert_allclose(camera.position, (3.0, -2.0, 1.5), atol=1e-12)
-    np.testing.assert_allclose(camera.project(np.array([0.2, 0.1, 0.9])), (320.0, 240.0), atol=1e-9)
-    above = camera.project(np.array([0.2, 0.1, 1.0]))
-    assert above[1] < 240.0
-    assert above[0] == pytest.approx(320.0)
-    # to the right of somebody who looks from (3, −2) to the origin lies +x + y turned: (2, 3) / √13 up to its sign
-    right_hand = np.cross([0.2 - 3.0, 0.1 + 2.0, 0.9 - 1.5], [0.0, 0.0, 1.0])
-    assert camera.project(np.array([0.2, 0.1, 0.9]) + 0.1 * right_hand)[0] > 320.0
-    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(camera.rotation) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("target", [(3.0, -2.0, 1.5), (3.0, -2.0, 9.0), (3.0, -2.0, 0.0)])
 def test_plain_camera_cannot_look_at_itself_or_straight_up(target):
     with pytest.raises(InputError, match="cannot look from"):
@@ -116,12 +102,9 @@ def test_cameras_of_a_file(tmp_path):
         ("[cam]", "[cam", "expected TOML"),
         ("size = [640.0, 480.0]\n", "", "camera [cam] lacks 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
-        ("size = [640.0, 480.0]", 'size = ["wide", "high"]', "'size' must hold 2 numbers"),
         ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
-        ("[0.0, 510.0, 240.0]", "[0.0, 510.0]", "'matrix' must hold 3×3 numbers"),
         ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 numbers"),
         ("[1.2, -0.4, 0.3]", "[1.2, nan, 0.3]", "'rotation' must hold 3 numbers"),
-        ("translation = [0.1, 0.2, 3.0]", "translation = [0.1, inf, 3.0]", "'translation' must hold 3 numbers"),
         ("fisheye = false", "fisheye = true", "camera [cam] is a fisheye"),
         ("[cam]\n", "cam = 3\n[metadata_of_cam]\n", "expected a table [cam] for a camera, found 3"),
     ],
@@ -135,12 +118,9 @@ def test_malformed_camera_files_are_refused(tmp_path, old, new, message):
     assert str(path) in str(refusal.value)
 
 
-def test_missing_binary_and_empty_camera_files_are_refused(tmp_path):
+def test_missing_and_empty_camera_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such camera file"):
         load_cameras(tmp_path / "nothing.toml")
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match="expected TOML"):
-        load_cameras(tmp_path / "binary.toml")
     (tmp_path / "empty.toml").write_text("[metadata]\n")
     with pytest.raises(InputError, match="found none"):
         load_cameras(tmp_path / "empty.toml")

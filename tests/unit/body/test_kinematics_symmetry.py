@@ -73,3 +73,5 @@ def test_plain_camera_looks_where_it_is_told(position, steepness, distance, bear
     up = camera.rotation @ [0.0, 0.0, 1.0]
     assert abs(up[0]) < 1e-9
     assert up[1] < 0.0
+    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(camera.rotation) > 0.0

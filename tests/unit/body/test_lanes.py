@@ -7,7 +7,6 @@ import pytest
 
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.simd_kinematics import FRAME, LANES, POSITION, lane_frames, load_frames
-from workbench.utils.parallel import over_threads
 
 SKELETON = scenes.PERSON.skeleton
 
@@ -77,28 +76,3 @@ def test_frames_computed_before_are_loaded_as_they_are():
     rotations, positions = unpacked(frames)
     np.testing.assert_array_equal(rotations, expected.rotations[5:])
     np.testing.assert_array_equal(positions, expected.positions[5:])
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("n", [0, 1, LANES, 10 * LANES + 3, 1000])
-def test_threads_share_the_work_without_gaps(threads, n):
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        pytest.skip("numba has one thread only here")
-    parts, usual = [], numba.get_num_threads()
-    try:
-        numba.set_num_threads(threads)
-        over_threads(lambda first, last: parts.append((first, last)), n, LANES)
-    finally:
-        numba.set_num_threads(usual)
-    parts.sort()
-    assert [first for first, _ in parts] == [0] + [last for _, last in parts[:-1]]
-    assert parts[-1][1] == n
-    assert all(first % LANES == 0 for first, _ in parts)
-
-
-def test_what_a_thread_raises_is_raised():
-    def work(first, last):
-        raise FloatingPointError(first)
-
-    with pytest.raises(FloatingPointError):
-        over_threads(work, 1000, LANES)

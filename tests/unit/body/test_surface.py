@@ -164,10 +164,3 @@ def test_bad_input_is_refused_in_one_sentence():
         replace(surface, parts=surface.parts[::-1].copy())
     with pytest.raises(InputError, match="part by part"):
         replace(surface, part_names=(*surface.part_names, "tail"))
-
-
-def test_no_points_have_no_residuals():
-    skeleton, surface = scenes.PERSON
-    none = np.empty((0, 3))
-    attachment = attach(surface, forward(skeleton, np.zeros((1, 25))), none)
-    assert residuals(skeleton, surface, np.zeros(25), none, "distance", attachment).shape == (0,)

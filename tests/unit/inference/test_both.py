@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_looks import MadeUpLook
 
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
@@ -26,10 +27,8 @@ ARM, LEG = (
 PIXELS = 50.0
 
 
-class Image:
+class Image(MadeUpLook):
     """Pixels that are likelier by the sum of a pose's arm, twice that of its leg, and what these do to each other."""
-
-    levels, judges, notes, diagnostics = 2, True, (), {}
 
     def __init__(self, together=0.0):
         self.together = together
@@ -38,11 +37,6 @@ class Image:
         assert moved.all()
         arm, leg = poses[:, ARM].sum(axis=1), poses[:, LEG].sum(axis=1)
         return 100.0 * poses[:, 0] + arm + 2.0 * leg + self.together * arm * leg
-
-    def misfit(self, pose):
-        raise AssertionError
-
-    evaluate = remember = slope = misfit
 
 
 def two_poses(seed):
@@ -129,9 +123,6 @@ class Twice(Image):
         super().__init__()
         self.place, self.pixels = place, pixels
 
-    def look(self, previous, frame):
-        return self
-
     def relearned(self, frame, poses):
         return Twice(-self.place, PIXELS)
 
@@ -143,12 +134,6 @@ class Twice(Image):
         off[ARM] = pose[ARM] - self.place
         precision[ARM, ARM] = 1e4
         return Slope(-0.5 * 1e4 * float(off @ off), -1e4 * off, precision)
-
-    def misfit(self, pose):
-        return np.zeros(len(SKELETON.names))
-
-    def remember(self, expected_pose):
-        return self
 
 
 def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_for():

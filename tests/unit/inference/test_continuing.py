@@ -13,7 +13,7 @@ from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
-from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
+from workbench.inference.smc.smoothing import FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.utils.errors import InputError
 
@@ -106,33 +106,12 @@ def test_what_restarting_has_seen_goes_on_too():
         assert_same_bits(list(one.run(frames(len(measured)), past(whole[:k]), streams(7))), whole[k:])
 
 
-def test_another_future_begins_with_the_same_particles():
-    whole = list(inference("filter", "bootstrap").run(frames(T), MEAN0, streams(0)))
-    before = past(whole[:5])
-    fresh = replace(before, memory=replace(before.memory, streams={}))
-    other = next(inference("filter", "bootstrap").run(frames(T), fresh, streams(1)))
-    assert other.frame.index == 5
-    assert not (other.particles == whole[5].particles).any()
-    for n in (15, 400):
-        found = next(inference("fixed_lag", "auxiliary", n).run(frames(T), before, streams(1)))
-        assert len(found.particles) == n
-        assert found.expected_pose == pytest.approx(whole[5].expected_pose, abs=0.3)
-
-
-def test_who_sees_all_frames_first_cannot_go_on():
-    one = BackwardSimulation(inference("filter", "bootstrap"), n_paths=N)
-    assert not one.continues
-    assert all(step.memory is None for step in one.run(frames(4), MEAN0, streams(0)))
-
-
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
         ({"state": None}, "an array state"),
         ({"state": np.zeros((N, 3))}, "shape"),
-        ({"state": np.zeros((N + 1, 2))}, "as there are weights"),
         ({"log_weights": np.zeros((N, 1))}, "log_weights with 1 axes"),
-        ({"log_evidence": np.zeros(2)}, "log_evidence of shape"),
     ],
 )
 def test_a_memory_that_is_none_of_a_filter_is_refused(arrays, words):

@@ -7,10 +7,8 @@ from keypoint_scenes import BODY, CAMERA, NOTHING, frames, walk
 from workbench.body.kinematics import joints
 from workbench.core.observations import observe
 from workbench.core.residual import SQUARED, Loss
-from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.single_frame import FitData
 from workbench.inference.least_squares.systematic_errors import effective_share, error_correlation
-from workbench.utils.errors import InputError
 
 SIGMA_PX = 3.0
 ROBUST = Loss("geman_mcclure", 1.5)
@@ -65,8 +63,3 @@ def test_a_share_of_the_residuals_is_that_share_of_the_cost(loss):
     part_cost, part_weights = part.loss(few)
     np.testing.assert_allclose(part_cost, 0.2 * cost)
     np.testing.assert_allclose(flat.T @ (part_weights * few), 0.2 * slopes.T @ (weights * misses))
-
-
-def test_a_correlation_of_one_is_refused():
-    with pytest.raises(InputError, match="rho must lie between 0 and below 1, found 1"):
-        MotionFit(rho=1.0)

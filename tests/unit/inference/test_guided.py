@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from linear_gaussian import LinearPrior
 
-from workbench.inference.smc.hybrid import Hybrid, guides_of
-from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.hybrid import guides_of
 from workbench.motion.models.training import activity_model
 from workbench.priors.activity import Activity
-from workbench.utils.errors import InputError
 
 DT = 1 / 14
 N = 200_000
@@ -58,8 +55,3 @@ def test_unweighted_draws_are_the_product_of_fit_and_prior(prior):
     columns = (unwrapped(prior, moved, predicted) - predicted) / sigma
     assert columns.mean(axis=0) == pytest.approx(2.0 / 5.0, abs=5 / np.sqrt(N))
     assert columns.var(axis=0) == pytest.approx(4.0 / 5.0, abs=5 * np.sqrt(2 / N))
-
-
-def test_another_prior_is_refused():
-    with pytest.raises(InputError, match="prior=activity"):
-        Hybrid(ParticleFilter(LinearPrior(), None), None)

@@ -1,11 +1,11 @@
 """The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
 
 from dataclasses import replace
-from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_looks import MadeUpLook
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -13,7 +13,6 @@ from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
 from workbench.core.pose_prior import Postures
-from workbench.inference.ekf.gaussian_state import predict, smoothed
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.inference.ekf.levenberg_marquardt import climb, tails
 from workbench.likelihoods.uniform import Uniform
@@ -47,10 +46,10 @@ def model(rng):
     return LinearMotion(30.0, gain, np.zeros(N), covariance, np.zeros((N, N - 4)), np.zeros(N), start)
 
 
-class Seen:
+class Seen(MadeUpLook):
     """A likelihood that sees every number of a pose with noise, but for the first frame; its misfit widens nothing."""
 
-    levels, judges, notes, diagnostics = 1, False, (), {}
+    levels, judges = 1, False
 
     def __init__(self, marks, frame=None):
         self.marks, self.at = marks, frame
@@ -62,14 +61,8 @@ class Seen:
         miss = (pose - self.marks[self.at]) / SIGMA
         return Slope(-0.5 * float(miss @ miss), -miss / SIGMA, np.eye(N) / SIGMA**2)
 
-    def evaluate(self, previous_pose, pose):
-        raise NotImplementedError
-
     def misfit(self, pose):
         return np.full(len(PERSON.names), 0.7)
-
-    def remember(self, expected_pose):
-        return self
 
 
 def setting(n_frames=6):
@@ -141,27 +134,6 @@ def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_
     assert all((a.poses == b.poses).all() for a, b in zip(unlearned, before, strict=True))
 
 
-class Twice(Seen):
-    """A likelihood that, when all frames are seen, looks at them again."""
-
-    def relearned(self, frame, poses):
-        assert (frame.index, sorted(poses)) == (0, list(range(len(self.marks))))
-        return Seen(self.marks)
-
-
-def test_every_frame_tells_what_both_looks_at_it_took(monkeypatch):
-    prior, marks, frames = setting()
-    ticks = count()
-    monkeypatch.setattr("workbench.inference.smc.target.working_s", lambda: float(next(ticks)))
-    once, twice = (run(Kalman(prior, likelihood(marks), BODY), frames) for likelihood in (Seen, Twice))
-    for k, (one, two) in enumerate(zip(once, twice, strict=True)):
-        learning = 1.0 if k == 0 else 0.0
-        assert two.timing_s["likelihood"] == 2.0 * one.timing_s["likelihood"] + learning
-        assert two.timing_s.get("prior") == (None if k == 0 else 2.0 * one.timing_s["prior"])
-        assert two.evaluations == 2.0 * one.evaluations
-    assert once[1].evaluations > 0
-
-
 class Otherwise(Seen):
     """A likelihood that sees its marks elsewhere when it looks again."""
 
@@ -223,20 +195,8 @@ def test_constant_velocity_is_a_gaussian_prior():
     assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
 
 
-def test_a_belief_that_nothing_follows_stays_and_a_prediction_widens():
-    prior, _, _ = setting()
-    mean, covariance = prior.start_moments(np.zeros(N))
-    first = SimpleNamespace(mean=mean, covariance=covariance, doubt=np.ones(N))
-    led = predict(prior, first, DT_S)
-    assert np.trace(led.covariance[:N, :N]) > np.trace(covariance[:N, :N])
-    assert smoothed([led]) == [led]
-    assert len(person_skeleton(from_height(1.7)).limits) == N
-
-
-class Bowl:
+class Bowl(MadeUpLook):
     """A look whose log likelihood is that of seeing every number at `marks` (P,) with noise, at two smoothings."""
-
-    levels, judges, notes, diagnostics = 2, True, (), {}
 
     def __init__(self, marks, sigma):
         self.marks, self.sigma = marks, sigma
@@ -244,8 +204,6 @@ class Bowl:
     def slope(self, pose, level):
         apart = (pose - self.marks) / self.sigma
         return Slope(-0.5 * float(apart @ apart), -apart / self.sigma, np.eye(len(pose)) / self.sigma**2)
-
-    evaluate = remember = None
 
 
 def spread(rng, n=4):

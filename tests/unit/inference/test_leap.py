@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_looks import MadeUpLook
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -19,10 +20,8 @@ SKELETON = person_skeleton(from_height(1.75))
 ARM = np.array([k for k, name in enumerate(SKELETON.dof_names) if name.startswith(("left_shoulder", "left_elbow"))])
 
 
-class Image:
+class Image(MadeUpLook):
     """Likeliest, by `height` nats, where the arm is at `place`; asked for the arm alone or for everything."""
-
-    levels, judges, notes, diagnostics = 2, True, (), {}
 
     def __init__(self, place, height, wide=0.5):
         self.place, self.height, self.wide, self.asked = place, height, wide, []
@@ -30,11 +29,6 @@ class Image:
     def compare(self, poses, moved):
         self.asked.append(moved)
         return self.height * np.exp(-0.5 * (((poses[:, ARM] - self.place) / self.wide) ** 2).sum(axis=1))
-
-    def misfit(self, pose):
-        raise AssertionError
-
-    evaluate = remember = slope = misfit
 
 
 def standing():
@@ -129,12 +123,6 @@ class Likelihood(Image):
 
     def slope(self, pose, level, derive=True):
         return Slope(0.0, np.zeros(len(pose)), np.eye(len(pose)))
-
-    def misfit(self, pose):
-        return np.zeros(len(SKELETON.names))
-
-    def remember(self, expected_pose):
-        return self
 
 
 def test_nobody_leaps_from_where_the_start_is_given():

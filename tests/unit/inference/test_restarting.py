@@ -74,9 +74,3 @@ def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
     assert errors[-1] > forearm_px
     assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
     assert anew[0].warnings[0].endswith("about the last pose and its mirror image")
-
-
-def test_the_plain_filter_stays_lost(scene):
-    errors, forearm_px, _ = run(scene, lambda p, y, _: ParticleFilter(p, y, n_particles=PARTICLES), scene[2])
-    assert errors[CUT - 5 : CUT].mean() < forearm_px
-    assert errors[-1] > 3.0 * forearm_px

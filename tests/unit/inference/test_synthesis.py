@@ -1,4 +1,4 @@
-"""Synthesis: draws against the prior's own steps, starts, look-ahead, diagnostics, refusals."""
+"""Synthesis: draws against the prior's own steps, look-ahead, smoothing of jumps, and foot contact."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -6,13 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from workbench.body.limbs import person
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.body.shape import from_height
+from workbench.body.skeleton import N_ROOT, POSE_NAMES, person_skeleton
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.inference import synthesis
-from workbench.inference.synthesis import Synthesis, jump_deg
+from workbench.inference.synthesis import (
+    PLANTED_SPEED,
+    SETTLE,
+    FootContact,
+    Smoother,
+    Synthesis,
+    ankle_positions,
+    jump_deg,
+)
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
@@ -104,14 +115,6 @@ def test_without_a_start_or_an_activity_there_is_nothing_to_compare_with(windows
         list(inference.run(frames(2), None, streams()))
     steps = list(inference.run(frames(3), motions[0].poses[AT], streams()))
     assert all("same_activity" not in step.diagnostics for step in steps)
-
-
-def test_the_implicit_prior_without_look_ahead_takes_its_own_steps(windows, motions):
-    prior, own = Implicit(windows), streams()["prior"]
-    state = prior.start_after(motions[0].poses[AT - windows.length : AT + 1], 1)
-    for step in run(prior, motions[0], n=10):
-        assert (step.particles == state).all()
-        state = prior.step(state, 1 / 30, own)
 
 
 def test_a_start_from_the_pose_alone_is_told(windows, motions, monkeypatch):
@@ -206,15 +209,119 @@ def test_look_ahead_avoids_a_dead_end():
     assert 0.3 < np.mean(blind) < 0.7
 
 
-@pytest.mark.parametrize("options", [{"smoothing_s": -1.0}, {"look_ahead": -1}])
-def test_numbers_out_of_range_are_refused(windows, motions, options):
-    with pytest.raises(InputError, match=r"inference: \w+ must be"):
-        Synthesis(Implicit(windows), person(motions[0].shape), **options)
+DT, TAU, LIMIT = 1 / 30, 0.1, 0.3
+LET_GO = 1.0 - np.exp(-DT / TAU)
 
 
-def test_look_ahead_needs_an_implicit_prior_and_long_clips(windows, motions):
-    body = person(motions[0].shape)
-    with pytest.raises(InputError, match="look_ahead"):
-        Synthesis(Smooth(), body, look_ahead=3)
-    with pytest.raises(InputError, match="10000 frames"):
-        Synthesis(Implicit(windows), body, look_ahead=10000)
+def poses_of(angle):
+    poses = np.zeros((len(angle), len(POSE_NAMES)))
+    poses[:, 10] = angle
+    return poses
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0))
+def test_no_angle_changes_by_more_than_the_limit_and_what_is_let_go(seed, size):
+    poses = size * np.random.default_rng(seed).standard_normal((30, len(POSE_NAMES)))
+    smoother, shown, offset = Smoother(TAU, LIMIT), None, np.zeros(len(POSE_NAMES) - 3)
+    for pose in poses:
+        now = smoother.follow(pose, DT)
+        if shown is not None:
+            assert (np.abs(now - shown)[3:] <= LIMIT + LET_GO * np.abs(offset) + 1e-9).all()
+        turns = (now[3:] - smoother.offset - pose[3:]) / (2.0 * np.pi)
+        assert turns == pytest.approx(np.rint(turns), abs=1e-9)  # the pose and the offset, but for whole turns
+        assert (now[:3] == pose[:3]).all()
+        shown, offset = now, smoother.offset.copy()
+
+
+def test_a_jump_is_let_go_exponentially():
+    jump = 2.0
+    smoother = Smoother(TAU, LIMIT)
+    shown = np.array([smoother.follow(pose, DT)[10] for pose in poses_of([0.0] + [jump] * 40)])
+    left = (jump - LIMIT) * np.exp(-DT / TAU * np.arange(40))
+    assert shown[1:] == pytest.approx(jump - left)
+
+
+def test_motion_within_the_limit_passes_unchanged():
+    poses = poses_of(np.cumsum(np.random.default_rng(0).uniform(-LIMIT, LIMIT, 60)))
+    smoother = Smoother(TAU, LIMIT)
+    assert np.array([smoother.follow(pose, DT) for pose in poses]) == pytest.approx(poses)
+
+
+def test_a_whole_turn_is_no_jump():
+    smoother = Smoother(TAU, LIMIT)
+    shown = [smoother.follow(pose, DT)[10] for pose in poses_of([0.1, 0.2, 0.3 + 2.0 * np.pi, 0.4])]
+    assert shown == pytest.approx([0.1, 0.2, 0.3, 0.4])
+
+
+def test_without_smoothing_jumps_stay():
+    poses = poses_of([0.0, 3.0, -3.0])
+    smoother = Smoother(0.0, LIMIT)
+    assert (np.array([smoother.follow(pose, DT) for pose in poses]) == poses).all()
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return builtin_motions(n_subjects=1)[0].resampled(30.0)
+
+
+def follow(skeleton, poses, ground_m):
+    """The shifted poses (F, P), and which ankle is planted in each frame, -1 for none."""
+    contact, shifted, planted = FootContact(skeleton, ground_m), [], []
+    for pose in poses:
+        shifted.append(contact.follow(pose, DT))
+        planted.append(-1 if contact.planted is None else contact.planted)
+    return np.array(shifted), np.array(planted)
+
+
+def test_the_planted_ankle_stays_though_the_body_slides_and_sinks(walk):
+    skeleton = person_skeleton(walk.shape)
+    ground = ankle_positions(skeleton, walk.poses)[..., 2].min()
+    sliding = walk.poses.copy()
+    sliding[:, :3] += np.arange(len(walk))[:, None] * DT * [0.2, 0.1, -0.05]  # m/s
+    shifted, planted = follow(skeleton, sliding, ground)
+    assert (shifted[:, 3:] == sliding[:, 3:]).all()
+    ankles = ankle_positions(skeleton, shifted)
+    held = np.flatnonzero((planted[1:] == planted[:-1]) & (planted[1:] >= 0)) + 1
+    assert len(held) > len(walk) / 3  # it walks: most of the time a foot is flat on the ground
+    moved = ankles[held, planted[held]] - ankles[held - 1, planted[held]]
+    assert np.abs(moved[:, :2]).max() < 1e-9  # held exactly, to rounding
+    before = ankle_positions(skeleton, sliding)
+    slid = before[held, planted[held]] - before[held - 1, planted[held]]
+    assert np.abs(slid[:, :2]).max() > 0.2 * DT  # which is what it makes up for
+    # Without contact the walk ends 30 cm below the ground.
+    assert np.abs(ankles[held[-10:], planted[held[-10:]], 2] - ground).max() < 0.03
+
+
+def test_a_standing_foot_settles_on_the_ground():
+    skeleton = person_skeleton(from_height(1.75))
+    poses = np.zeros((6, len(POSE_NAMES)))
+    height = ankle_positions(skeleton, poses[:1])[0, 0, 2]
+    shifted, planted = follow(skeleton, poses, height - 0.08)
+    assert planted[0] == -1  # a first pose has no speed
+    assert (planted[1:] >= 0).all()
+    above = ankle_positions(skeleton, shifted)[:, 0, 2] - (height - 0.08)
+    assert above == pytest.approx(0.08 * (1.0 - SETTLE) ** np.arange(6))
+
+
+def test_a_body_in_flight_and_a_slow_foot_high_up_are_left_alone():
+    skeleton = person_skeleton(from_height(1.75))
+    flight = np.zeros((10, len(POSE_NAMES)))
+    flight[:, 0] = np.arange(10) * DT * 1.01 * PLANTED_SPEED
+    hanging = np.zeros((10, len(POSE_NAMES)))
+    ground = ankle_positions(skeleton, hanging[:1])[0, 0, 2]
+    for poses, below in ((flight, 0.0), (hanging, 1.0)):
+        shifted, planted = follow(skeleton, poses, ground - below)
+        assert (planted == -1).all()
+        assert (shifted == poses).all()
+
+
+def test_landing_and_taking_off_make_no_jump(walk):
+    skeleton = person_skeleton(walk.shape)
+    ground = ankle_positions(skeleton, walk.poses)[..., 2].min()
+    shifted, planted = follow(skeleton, walk.poses, ground)
+    assert set(planted) == {-1, 0, 1}
+    shift = np.diff(shifted[:, :3] - walk.poses[:, :3], axis=0)
+    # In a frame the shift makes up for at most a slow ankle's way, and half of what is missing to the ground.
+    assert np.linalg.norm(shift[:, :2], axis=1).max() <= PLANTED_SPEED * DT + 1e-12
+    assert np.abs(shift[planted[1:] == -1]).max() < 1e-12

@@ -33,12 +33,3 @@ def test_systematic_ancestors_are_the_same_in_one_walk_as_by_bisection(weights, 
     weights = weights / weights.sum()
     positions = (np.arange(n) + np.random.default_rng(seed).random()) / n
     assert (systematic(weights, np.random.default_rng(seed), n) == _pick(weights, positions)).all()
-
-
-def test_systematic_ancestors_of_many_particles_are_the_same_to_the_last_one():
-    weights = np.random.default_rng(0).gamma(0.05, size=10_000)
-    weights /= weights.sum()
-    positions = (np.arange(10_000) + np.random.default_rng(1).random()) / 10_000
-    found = systematic(weights, np.random.default_rng(1))
-    assert (found == _pick(weights, positions)).all()
-    assert 10 < len(np.unique(found)) < 5000

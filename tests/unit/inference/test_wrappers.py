@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from linear_gaussian import (
     MEAN0,
-    DrawnOnly,
     IsDensity,
     LinearPrior,
     Memoryless,
@@ -31,7 +30,6 @@ from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.priors.density import apart, log_normal
-from workbench.utils.errors import InputError
 
 T, SEEDS, N = 5, 16, 150
 EXACT = {
@@ -66,14 +64,6 @@ def test_the_last_frames_law_is_the_filters_and_earlier_ones_know_what_followed(
             steps = list(around(wrapper, move, measured).run(frames(T), MEAN0, streams(seed)))
             found.append(np.concatenate(moments(steps[t])))
         assert_agree(np.array(found), [*mean[t], *variance[t]])
-
-
-@pytest.mark.parametrize("wrapper", WRAPPERS)
-def test_annealing_says_what_it_is_inside_of_anything(wrapper):
-    steps = list(around(wrapper, "annealed", simulate(T, seed=3)).run(frames(T), MEAN0, streams(0)))
-    assert "no posterior" in steps[0].warnings[0]
-    assert all(step.diagnostics["is_posterior"] == 0.0 for step in steps)
-    assert all(set(step.diagnostics) <= set(steps[0].diagnostics) for step in steps)
 
 
 class Impossible(Position):
@@ -144,11 +134,6 @@ def test_columns_that_follow_from_others_are_completed_once_the_choice_is_made(m
             changes = step.particles[:, 0] - before.particles[step.ancestors, 0]
             np.testing.assert_array_equal(step.particles[:, 2], changes)
         before = step
-
-
-def test_columns_that_follow_from_others_cannot_be_parted():
-    with pytest.raises(InputError, match="independent"):
-        ParticleFilter(Follows(), None, move=MOVES["partitioned"])
 
 
 @pytest.mark.parametrize("move", sorted(EXACT.keys() - {"partitioned"}))
@@ -285,21 +270,3 @@ def test_the_number_of_particles_reaches_the_filter_through_all_wrappers():
     assert {len(step.particles) for step in whole.run(frames(T), MEAN0, streams(0))} == {30}
     assert plain.n_particles == 50
     assert whole.rebuilt(n_particles=20).n_particles == 20
-
-
-def test_what_cannot_stand_around_what_is_refused():
-    plain = ParticleFilter(LinearPrior(), None)
-    for wrong in (
-        lambda: Restarting(FixedLag(plain)),
-        lambda: BackwardSimulation(Restarting(plain)),
-        lambda: BackwardSimulation(FixedLag(plain)),
-        lambda: FixedLag(BackwardSimulation(plain)),
-    ):
-        with pytest.raises(InputError, match="the other way round"):
-            wrong()
-    with pytest.raises(InputError, match="prior=activity"):
-        Hybrid(plain, Fit())
-    with pytest.raises(InputError, match="can only be drawn from"):
-        BackwardSimulation(ParticleFilter(DrawnOnly(), None))
-    with pytest.raises(InputError, match="n_particles"):
-        Restarting(plain, n_particles=0)

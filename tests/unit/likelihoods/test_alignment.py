@@ -1,21 +1,17 @@
 """Dense alignment: cells against ray casting, slopes against differences, scene and occluders against made-up clips."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from still_clips import of_frames
+from dense_walker import third, tracked, walker
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
-from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.dense.background_model import (
     LEAST_PX,
     OWN,
@@ -34,8 +30,7 @@ from workbench.likelihoods.dense.surface_elements import (
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask, picture
-from workbench.utils.errors import InputError
+from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
@@ -175,13 +170,6 @@ def test_points_beside_a_limb_are_as_far_from_it_as_asked():
     assert on_others < 0.6 < drawn[y[kept], x[kept]].mean()
 
 
-def test_pictures_have_the_slope_of_a_plane():
-    rows, columns = np.mgrid[:40, :50].astype(np.float32)
-    values, gradients = picture(3.0 * columns - 2.0 * rows, 1.5).at(np.array([[20.25, 18.5], [30.0, 20.75]]))
-    np.testing.assert_allclose(values, [3.0 * 20.25 - 2.0 * 18.5, 90.0 - 41.5], atol=1e-3)
-    np.testing.assert_allclose(gradients, [[3.0, -2.0], [3.0, -2.0]], atol=1e-4)
-
-
 def block(rows, columns, shape=(60, 80)):
     mask = np.zeros(shape, dtype=bool)
     mask[rows, columns] = True
@@ -277,34 +265,16 @@ def test_an_arm_that_reaches_out_does_not_pass():
     assert not nothing_passing(image).followed(image, arm | person, person, person).mask.any()
 
 
-@pytest.fixture(scope="module")
-def walker():
-    return Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
-
-
-@pytest.fixture(scope="module")
-def tracked(walker):
-    """The likelihood after two frames seen in their true poses, and all frames."""
-    clip = FrameCache(walker)
-    frames = list(clip)
-    likelihood = DenseAlignment(walker.body, clip)
-    for before, frame in zip((None, frames[0]), frames[:2], strict=True):
-        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
-    return likelihood, frames
-
-
-def test_the_truth_is_likelier_than_what_is_beside_it(tracked):
-    likelihood, frames = tracked
-    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+def test_the_truth_is_likelier_than_what_is_beside_it():
+    look, truth = third()
     rng = np.random.default_rng(0)
     off = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
     heights = look.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
     assert (heights[0] > heights[1:]).all()
 
 
-def test_its_slope_points_back_to_the_truth(tracked):
-    likelihood, frames = tracked
-    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+def test_its_slope_points_back_to_the_truth():
+    look, truth = third()
     assert isinstance(look, SlopedLook)
     assert look.judges
     for seed in range(5):
@@ -317,9 +287,8 @@ def test_its_slope_points_back_to_the_truth(tracked):
         np.testing.assert_array_equal(judged, [look.slope(truth + off, look.levels - 1).log_prob])
 
 
-def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
-    likelihood, frames = tracked
-    look, truth, skeleton = likelihood.look(frames[1], frames[2]), frames[2].truth.pose, BODY.skeleton
+def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
+    (look, truth), skeleton = third(), BODY.skeleton
     off = truth.copy()
     off[skeleton.dof("left_shoulder_flexion")] += 0.8
     fits, misses = look.misfit(truth), look.misfit(off)
@@ -330,18 +299,10 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
     np.testing.assert_allclose(worse[skeleton.joint("right_knee")], 1.0, atol=0.2)
 
 
-def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
-    frames = tracked[1]
-    likelihood = DenseAlignment(walker.body, FrameCache(walker))
+def test_a_clip_that_was_tracked_teaches_more_of_the_scene():
+    frames = tracked()[1]
+    likelihood = DenseAlignment(walker().body, FrameCache(walker()))
     assert isinstance(likelihood, Relearning)
     again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
     assert again.look(None, frames[0]).judges
     assert not likelihood.look(None, frames[0]).judges
-
-
-def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):
-    other = replace(CAMERA, name="another")
-    frame = Frame(0, 0.0, (View(other, np.zeros(SHAPE, np.uint8)),))
-    look = DenseAlignment(walker.body, of_frames(tracked[1][:3])).look(None, frame)
-    with pytest.raises(InputError, match="camera another was not in the clip"):
-        look.remember(np.zeros(25))

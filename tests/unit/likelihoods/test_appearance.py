@@ -119,18 +119,6 @@ def test_the_texture_is_best_explained_where_it_went():
     assert shifts[np.argmax(found)] == 5
 
 
-def test_a_new_run_begins_with_nothing():
-    likelihood, pose = Appearance(ROD), scenes.root()
-    once = scenes.begun(likelihood, view(100), pose[0])
-    assert scenes.log_prob(once, view(0), view(0), pose, pose)[0] != 0.0
-    look = likelihood.look(view(0), view(0))
-    assert look.evaluate(pose, pose).log_prob[0] == 0.0
-    assert look.notes == ("appearance: nothing is known yet of how front sees the person",)
-    anew = scenes.begun(likelihood, view(200), pose[0]).memory.by_camera["front"]
-    assert set(np.unique(anew.n)) == {0.0, 1.0}
-    np.testing.assert_allclose(anew.mean[anew.n > 0], 200.0, rtol=1e-6)  # smoothed in float32
-
-
 def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_once():
     once = scenes.begun(Appearance(ROD), view(100), scenes.root()[0])
     assert once.look(view(100), view(150, 1)).notes == ()

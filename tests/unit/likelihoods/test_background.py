@@ -13,7 +13,6 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues.background import Background, points_about
 from workbench.likelihoods.cues.image_levels import log_ratio, still_scene
 from workbench.likelihoods.image_motion import ImageMotion, patch_samples
-from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -98,12 +97,6 @@ def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(
         ratio = scenes.log_prob(background, before, now, previous, poses)
         gained.append(ratio[0] - ratio[1])
     assert min(gained) > 5.0
-
-
-def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
-    frame = scenes.frame(0, (scenes.FRONT, scenes.flat(100)))
-    with pytest.raises(InputError, match="camera front was not in the clip"):
-        Background(walk.body, walk.clip).look(frame, frame)
 
 
 def test_the_frames_it_is_learned_from_are_spread_over_the_clip():

@@ -1,16 +1,18 @@
 """The fused kernel against its NumPy reference, and the same bits whatever the number of threads."""
 
 import likelihood_scenes as scenes
-import numba
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
+from analysis.benchmarks.likelihood import packed_lookups
 from tests.oracles import image_motion as oracle
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.camera import plain_camera
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
 from workbench.likelihoods.image_motion import kernel as image_motion_kernel
+from workbench.likelihoods.image_motion.kernel import GREY_STEP, packed
 
 
 def tolerance(likelihood):
@@ -135,22 +137,6 @@ def test_the_scenes_hold_what_they_should():
             assert (patches.cos_alpha[1:] > 0.0).all()
 
 
-def test_one_and_two_threads_give_the_same_bits():
-    most = numba.config.NUMBA_NUM_THREADS
-    if most < 2:
-        pytest.skip("numba has one thread only here")
-    likelihood = ImageMotion(scenes.PERSON)
-    before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            results.append(scenes.log_prob(likelihood, *scene(scenes.FRONT, 500)))
-    finally:
-        numba.set_num_threads(before)
-    np.testing.assert_array_equal(results[0], results[1])
-
-
 @pytest.mark.parametrize("camera", ["front", "cut off"])
 def test_what_children_of_one_parent_share_changes_no_bit(camera):
     """Runs of equal poses before, of all lengths, across the particles that are handled together."""
@@ -164,3 +150,16 @@ def test_what_children_of_one_parent_share_changes_no_bit(camera):
     apart[order] = scenes.log_prob(likelihood, previous, frame, shared[order], poses[order])
     np.testing.assert_array_equal(together, apart)
     assert len(np.unique(together)) > n / 2
+
+
+HEIGHT, WIDTH, N = 37, 53, 400
+
+
+def test_lookups_of_packed_levels():
+    rng = np.random.default_rng(0)
+    image = rng.uniform(0.0, 255.0, (HEIGHT, WIDTH)).astype(np.float32)
+    x, y = (rng.uniform(0.0, size - 1.001, N).astype(np.float32) for size in (WIDTH, HEIGHT))
+    expected = map_coordinates(image.astype(float), [y, x], order=1).sum()
+    # a rounded level is off by half a step at most, and independently of the others by 1/√12 of a step
+    spread = 6.0 * np.sqrt(N / 12.0)
+    assert packed_lookups(packed(image), x, y) * GREY_STEP == pytest.approx(expected, abs=spread * GREY_STEP + 0.01)

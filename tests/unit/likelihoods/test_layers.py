@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dense_walker import third
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import LayeredLook
-from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.layer_rendering import (
     LayerImage,
     drawn,
@@ -110,20 +108,9 @@ def test_log_ratios_are_the_same_on_any_number_of_threads(monkeypatch):
     np.testing.assert_array_equal(*found)
 
 
-@pytest.fixture(scope="module")
-def seen():
-    """A rendered walker and the look of whoever knows them at their second frame, with the true pose there."""
-    walker = Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
-    clip = FrameCache(walker)
-    likelihood, frames = DenseAlignment(walker.body, clip), list(clip)
-    for before, frame in zip((None, frames[0]), frames[:2], strict=True):
-        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
-    return likelihood.look(frames[1], frames[2]), frames[2].truth.pose
-
-
 @pytest.mark.parametrize("limb", ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])
-def test_a_limb_is_likelier_where_it_is_than_elsewhere(seen, limb):
-    look, truth = seen
+def test_a_limb_is_likelier_where_it_is_than_elsewhere(limb):
+    look, truth = third()
     assert isinstance(look, LayeredLook)
     own = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(limb)]
     rng, tried = np.random.default_rng(0), np.repeat(truth[None], 40, axis=0)
@@ -132,16 +119,16 @@ def test_a_limb_is_likelier_where_it_is_than_elsewhere(seen, limb):
     assert ratios[0] > ratios[1:].max() + 5.0
 
 
-def test_an_arm_that_is_seen_cannot_hide_for_nothing(seen):
-    look, truth = seen
+def test_an_arm_that_is_seen_cannot_hide_for_nothing():
+    look, truth = third()
     everything = np.ones(len(SKELETON.names), dtype=bool)
     visible = max(("left", "right"), key=lambda side: look.compare(truth[None], carried(f"{side}_shoulder"))[0])
     without = look.compare(truth[None], ~carried(f"{visible}_shoulder"))[0]
     assert look.compare(truth[None], everything)[0] > without + 5.0
 
 
-def test_what_passes_before_the_person_says_nothing(seen):
-    look, truth = seen
+def test_what_passes_before_the_person_says_nothing():
+    look, truth = third()
     (sight, known), = look.sights  # fmt: skip
     hidden = replace(look, sights=((replace(sight, free=np.zeros_like(sight.free)), known),))
     assert hidden.compare(truth[None], carried("left_hip"))[0] == 0.0

@@ -1,4 +1,4 @@
-"""Points on and about the limbs, against the reference of the image-motion likelihood and by hand."""
+"""Points on and about the limbs, by the reference of image motion and by hand; cues that are judged together."""
 
 import likelihood_scenes as scenes
 import numpy as np
@@ -6,9 +6,19 @@ import pytest
 
 from tests.oracles.image_motion import PosedView, cover, hidden_samples, inside_image, limb_patches
 from tests.oracles.kinematics import forward as forward_oracle
+from workbench.body.kinematics import forward
 from workbench.likelihoods.cues.image_levels import bilinear
-from workbench.likelihoods.cues.limb_points import levels_at, limb_points, mean_at
+from workbench.likelihoods.cues.limb_points import (
+    LimbLook,
+    ViewJudge,
+    evaluate_together,
+    levels_at,
+    limb_points,
+    limb_points_of_all,
+    mean_at,
+)
 from workbench.likelihoods.image_motion import patch_samples
+from workbench.likelihoods.product import Product
 
 LIMBS = scenes.PERSON.limbs
 SAMPLES = patch_samples(30, np.random.default_rng(0))
@@ -75,3 +85,62 @@ def test_points_about_a_rod_that_another_covers_do_not_count():
     )
     assert alone.tolist() == [False, True, True, True]
     assert both.tolist() == [False, False, False, True]
+
+
+OTHER = scenes.distorted(scenes.FRONT)
+SETS = [np.random.default_rng(n).uniform([0.0, -1.0], [1.0, 1.0], (n, 2)) for n in (16, 4, 24)]
+
+
+@pytest.mark.parametrize("n", [1, 37])
+@pytest.mark.parametrize("beside", [False, True])
+def test_points_placed_together_are_those_placed_alone(n, beside):
+    samples = [points * [1.0, 1.3] for points in SETS] if beside else SETS
+    frames = forward(scenes.PERSON.skeleton, scenes.people(np.random.default_rng(0), n))
+    together = limb_points_of_all(scenes.PERSON, samples, scenes.FRONT, frames, beside)
+    for points, found in zip(samples, together, strict=True):
+        alone = limb_points(scenes.PERSON, points, scenes.FRONT, frames, beside)
+        for name, values in vars(alone).items():
+            np.testing.assert_array_equal(getattr(found, name), values)
+            assert getattr(found, name).flags.c_contiguous
+
+
+def look(name, *judges, body=scenes.PERSON):
+    return LimbLook(name, body, judges, lambda expected_pose: None)
+
+
+def count(points, *beside):
+    """Something that depends on all points, and on which of the points are whose."""
+    parts = [(each.counts * each.pixels[..., 0]).sum(axis=(1, 2)) for each in (points, *beside)]
+    return sum((k + 1.0) * part for k, part in enumerate(parts))
+
+
+def test_looks_evaluated_together_find_what_each_finds_alone():
+    poses = scenes.people(np.random.default_rng(1), 20)
+    poses[3, 5] = np.nan
+    first, second, third = SETS
+    other = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
+    looks = [
+        look("one", ViewJudge(scenes.FRONT, first, count)),
+        look("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(OTHER, second, count)),
+        look("beside", ViewJudge(scenes.FRONT, third, count, third * [1.0, 1.5])),
+        look("nothing"),
+    ]
+    together = evaluate_together(looks, poses)
+    for found, each in zip(together, looks, strict=True):
+        alone = each.evaluate(poses, poses)
+        np.testing.assert_array_equal(found.log_prob, alone.log_prob)
+        assert found.log_prob[3] == -np.inf
+        assert found.notes == alone.notes == (f"{each.name}: 1 of 20 poses were not finite",)
+    assert np.ptp(together[2].log_prob[4:]) > 0.0
+
+    class Seen:
+        def __init__(self, seen):
+            self.seen = seen
+
+        def look(self, previous, frame):
+            return self.seen
+
+    looks[1] = look("rod", ViewJudge(scenes.FRONT, second, count), body=other)
+    terms = {each.name: Seen(each) for each in looks}
+    found = Product(terms, dict.fromkeys(terms, 1.0)).look(None, None).evaluate(poses, poses).log_prob
+    np.testing.assert_array_equal(found, sum(each.evaluate(poses, poses).log_prob for each in looks))

@@ -1,10 +1,7 @@
 """The silhouette term: unions of outlines against NumPy and closed forms, and where its maximum lies."""
 
-from dataclasses import replace
-
 import likelihood_scenes as scenes
 import numpy as np
-import pytest
 from still_clips import by_hand, clip, of_frames, with_block
 
 from tests.oracles import outlines as oracle
@@ -13,7 +10,6 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues.image_levels import still_scene, uncovered_scene
 from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
 from workbench.likelihoods.cues.silhouette import Silhouette
-from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -93,13 +89,6 @@ def test_without_a_first_frame_it_says_nothing_and_says_so():
     assert look.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
     assert "how large front sees the person is not known" in look.notes[0]
     assert Silhouette(ROD, still).look(None, frames[0]).notes == ()
-
-
-def test_a_camera_that_the_clip_does_not_have_is_an_error():
-    frame = scenes.frame(0, (scenes.FRONT, scenes.flat(100)))
-    other, _ = clip(*[scenes.flat(100)] * 3, camera=replace(scenes.FRONT, name="aside"))
-    with pytest.raises(InputError, match="camera front was not in the clip"):
-        Silhouette(ROD, other).look(frame, frame)
 
 
 def people(*centres, size=(60, 80)):

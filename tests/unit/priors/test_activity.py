@@ -78,13 +78,3 @@ def test_the_start_lies_at_the_pose_that_the_model_can_take(model):
     cloud = prior.start(pose, 2000, np.random.default_rng(5))
     assert np.abs(prior.pose(cloud).mean(axis=0)[:3] - pose[:3]).max() < 5 * 0.02 / np.sqrt(2000)
     assert set(np.unique(cloud[:, prior.space.slices["phase_speed"]])) <= set(model.cycle_rate_hz)
-
-
-def test_what_the_model_does_not_say_stays(model, cache):
-    legs = activity_model(cache=str(cache), n_components=2, angles=["lower_body"])
-    prior = Activity(legs)
-    pose = np.linspace(0.1, 0.2, len(POSE_NAMES))
-    state = prior.step(prior.start(pose, 10, np.random.default_rng(6)), DT, np.random.default_rng(7))
-    held = [POSE_NAMES.index(name) for name in POSE_NAMES[N_ROOT:] if name not in legs.angles]
-    np.testing.assert_array_equal(prior.pose(state)[:, held], np.repeat(pose[None, held], 10, axis=0))
-    assert set(prior.parameters) == {*POSE_NAMES[:N_ROOT], *legs.angles}

@@ -17,9 +17,7 @@ from workbench.priors.ar_offsets import SIGMA, Jitter
 from workbench.priors.density import apart
 from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import Flipping
 from workbench.priors.smooth import Smooth
-from workbench.utils.errors import InputError
 
 DT = 1 / 25
 N = 20_000
@@ -107,16 +105,6 @@ def test_the_smooth_priors_density_is_a_truncated_normal_distribution():
     assert (prior.log_transition(state, held, 1 / 30) == -np.inf).all()
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_states_broadcast(priors, name):
-    prior = priors[name].powers.density
-    parent, other, children = family(priors[name])
-    parents, states = np.concatenate([parent, other]), children[:5]
-    table = prior.log_transition(parents[None], states[:, None], DT)
-    assert table.shape == (5, 2)
-    np.testing.assert_array_equal(table[:, 1], prior.log_transition(other, states, DT))
-
-
 def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
     prior = priors["jitter"]
     parent, _, _ = family(prior)
@@ -189,18 +177,6 @@ def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wra
             assert (np.abs(one.mean(axis=0) - two.mean(axis=0)) <= 5.5 * error + 1e-9).all()
 
 
-def test_who_has_no_density(windows):
-    drawn = Implicit(windows, search="sign_tree")
-    calm, camera = Smooth(parameters=ARM), lambda: None
-    for prior in (
-        drawn,
-        Jitter(drawn),
-        Flipping(calm, camera),
-        Following(drawn, lambda: TRAJECTORY),
-    ):
-        assert prior.powers.density is None
-
-
 def test_offsets_are_as_large_as_what_the_model_misses():
     """Angle by angle, in the long run; those it knows nothing of, and bases that know nothing, have one number. Learned
     from three people, it is √3 as large for the next."""
@@ -221,9 +197,3 @@ def test_offsets_are_as_large_as_what_the_model_misses():
         np.testing.assert_allclose(drawn[:, which].std(axis=0), wide, rtol=5 * np.sqrt(0.5 / 20_000))
     assert set(Jitter(base_that_knows, sigma=0.05).sigma) == {0.05}
     assert set(Jitter(base).sigma) == {SIGMA}
-
-
-@pytest.mark.parametrize("options", [{"sigma": 0.0}, {"keep": 1.0}, {"parameters": ["root_x"]}])
-def test_wrong_options_are_named(options):
-    with pytest.raises(InputError, match=next(iter(options))):
-        Jitter(Smooth(), **options)

@@ -11,7 +11,6 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.ar_offsets import Jitter
 from workbench.priors.kinematic_flips import LIMBS, Flipping, angles, stratified_choice
 from workbench.priors.smooth import Smooth
-from workbench.utils.errors import InputError
 
 DT = 1 / 30
 SKELETON = person_skeleton(from_height(1.75))
@@ -92,14 +91,6 @@ def test_offsets_flip_as_well_as_angles_do():
     expected = prior.flip(pose[None], prior.limbs[0])[0]
     np.testing.assert_allclose(prior.pose(flipped[limb == 1]), np.repeat(expected[None], (limb == 1).sum(), axis=0))
     np.testing.assert_array_equal(flipped[limb == 0], state[limb == 0])
-
-
-def test_a_prior_without_angles_of_its_own_and_wrong_numbers_are_refused():
-    with pytest.raises(InputError, match="as smooth and jitter have; it has pose, velocity, held"):
-        Flipping(Smooth(parameters=["root"]), lambda: camera_at(4.0))
-    for options in ({"probability": 0.0}, {"probability": 0.5, "share": 0.2}, {"share": 1.0}):
-        with pytest.raises(InputError, match="probability <= share"):
-            flipping(**options)
 
 
 @pytest.mark.parametrize("n", [1, 7, 10, 1000])

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from keypoint_scenes import BODY
-from view_scenes import CAMERAS, errors_mm, frames, swinging
+from view_scenes import errors_mm, frames, swinging
 
-from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.evaluation.pose_errors import forearm_px
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
-from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.smooth import Smooth
@@ -57,21 +54,3 @@ def test_one_camera_counts_alone_where_it_is_named():
         np.testing.assert_array_equal(named.log_prob, expected.log_prob)
     with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
         KeypointLikelihood(BODY, which=["back"]).look(frame, frame)
-
-
-def test_one_camera_holds_the_arm_while_the_body_leans():
-    times, poses = swinging(SKELETON)
-    lively = Smooth(
-        parameters=["right_arm"], sigma_velocity={"shoulder": 1.35, "elbow": 0.8}
-    )  # as swings change theirs
-    prior = Following(lively, lambda: Trajectory(times, poses))
-    likelihood = KeypointLikelihood(BODY, which=["front"])
-    streams = {name: np.random.default_rng(k) for k, name in enumerate(("start", "prior", "resampling"))}
-    inference = ParticleFilter(prior, likelihood, n_particles=300)
-    steps = list(inference.run(frames(SKELETON, times, poses), poses[0], streams))
-    found = np.array([step.expected_pose for step in steps])
-    np.testing.assert_allclose(found[:, ~ARM], poses[:, ~ARM], atol=1e-9)
-    wrist, true = SKELETON.joint("right_wrist"), joints(SKELETON, poses)
-    apart = CAMERAS[0].project(joints(SKELETON, found)[:, wrist]) - CAMERAS[0].project(true[:, wrist])
-    widths = [forearm_px(CAMERAS[0], BODY, places, [wrist]) for places in true]
-    assert np.linalg.norm(apart, axis=1).mean() < np.mean(widths)

@@ -7,7 +7,6 @@ from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_search import exact_log_prob, group_equal
 from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
@@ -83,25 +82,6 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
         assert coefficients == pytest.approx(own[0, len(POSE_NAMES) : len(POSE_NAMES) + b], abs=1e-4)
 
 
-def test_the_entries_of_a_step_have_the_exact_odds(windows, poses):
-    prior = Implicit(windows, beta=0.3, epsilon=1e-6, **STILL)
-    probe = prior.start_after(poses[20:31] + 0.02, 20000)[:, prior.space.slices["coefficients"]]
-    entries = prior.draw(probe, np.random.default_rng(0))
-    p = np.exp(exact_log_prob(windows.coefficients, probe[0], 0.3))
-    seen = np.bincount(entries, minlength=len(p)) / len(entries)
-    assert np.abs(seen - p).max() < 5 * np.sqrt(p.max() / len(entries))
-
-
-def test_equal_probes_are_searched_once():
-    rng = np.random.default_rng(0)
-    parents = rng.normal(size=(5, 3))
-    which = rng.integers(5, size=50)
-    order, firsts = group_equal(parents[which])
-    assert len(firsts) == 5
-    for group in np.split(which[order], firsts[1:]):
-        assert len(set(group)) == 1
-
-
 def test_noise_has_the_stated_deviations(windows, poses):
     sigmas = {"sigma_position": (0.01, 0.02, 0.03), "sigma_rotation": (0.02, 0.01, 0.03), "sigma_angles": 0.05}
     prior = Implicit(windows, beta=1e-6, **sigmas)
@@ -112,18 +92,6 @@ def test_noise_has_the_stated_deviations(windows, poses):
     assert spread[:3] == pytest.approx(across, rel=0.03)
     assert spread[3:6] == pytest.approx([0.02, 0.01, 0.03], rel=0.03)
     assert spread[6:] == pytest.approx(0.05, rel=0.03)
-
-
-def test_an_arm_alone_leaves_the_rest_where_it_was(motions, poses):
-    arm = learn_windows(motions, angles=PARTS["left_arm"], root=False)
-    prior, rng = Implicit(arm, beta=0.1), np.random.default_rng(0)
-    state = prior.start(poses[30], 50, rng)
-    for _ in range(5):
-        state = prior.step(state, DT, rng)
-    moving = np.array([name in PARTS["left_arm"] for name in POSE_NAMES])
-    result = prior.pose(state)
-    assert (result[:, ~moving] == poses[30][~moving]).all()
-    assert (result[:, moving].std(axis=0) > 0).all()
 
 
 def start_constants(monkeypatch, **values):
@@ -159,14 +127,3 @@ def test_a_video_of_another_rate_is_refused(windows, poses):
     prior = Implicit(windows)
     with pytest.raises(InputError, match="30 Hz"):
         prior.step(prior.start(poses[30], 2, np.random.default_rng(0)), 1 / 50, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [({"search": "linear"}, "search"), ({"prediction": "guess"}, "prediction"), ({"leaf": "nearest"}, "leaf"),
-     ({"beta": 0.0}, "beta"), ({"pull": 1.5}, "pull"), ({"sigma_angles": (0.1, 0.2)}, "sigma_angles"),
-     ({"sigma_position": (0.1, 0.2)}, "sigma_position")],
-)  # fmt: skip
-def test_wrong_options_are_refused(windows, options, message):
-    with pytest.raises(InputError, match=message):
-        Implicit(windows, **options)

@@ -9,7 +9,6 @@ from tests.oracles import implicit as oracle
 from workbench.body.skeleton import POSE_NAMES
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.priors.density import SAME
 from workbench.priors.implicit import MOST_EXAMPLES, Implicit
 from workbench.priors.implicit_density import WindowWays, log_mixture
 from workbench.priors.implicit_search import exact_log_prob, kd_tree, nearest_entries
@@ -94,42 +93,6 @@ def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_wind
     assert 0.5 * np.abs(found - exact).sum() * (grid[1] - grid[0]) <= 0.01  # the total variation, at most epsilon
 
 
-def test_what_is_not_modelled_must_stay_and_the_memory_is_not_looked_at(elbow, poses):
-    prior = Implicit(elbow, **WARM)
-    density, before = prior.powers.density, parent(prior, poses)
-    after = prior.step(before, DT, np.random.default_rng(0))
-    found = density.log_transition(before, after, DT)
-    assert np.isfinite(found).all()
-    forgotten, moved = after.copy(), after.copy()
-    forgotten[:, P:] = np.nan
-    moved[:, 0] += 2 * SAME
-    assert (density.log_transition(before, forgotten, DT) == found).all()
-    assert (density.log_transition(before, moved, DT) == -np.inf).all()
-    assert (density.free == np.arange(P)).all()
-
-
-def test_a_memory_drawn_again_has_the_law_of_the_steps(elbow, poses):
-    """Means, variances and products of pose and memory; the memory that was there does not matter."""
-    prior = Implicit(elbow, **WARM)
-    before = parent(prior, poses, N)
-    stepped = prior.step(before, DT, np.random.default_rng(0))
-    forgotten = prior.step(before, DT, np.random.default_rng(1))
-    forgotten[:, P:] = np.nan
-    completed = prior.powers.density.complete(before, forgotten, DT, np.random.default_rng(2))
-    assert (completed[:, :P] == forgotten[:, :P]).all()
-    columns = [ELBOW, *range(P, len(prior.space))]
-    middle = stepped[:, columns].mean(axis=0)
-    mine, true = (states[:, columns] - middle for states in (completed, stepped))
-    for i in range(len(columns)):
-        for one, two in (
-            (mine, true),
-            (mine * mine[:, [i]], true * true[:, [i]]),
-            (mine**2 * mine[:, [i]], true**2 * true[:, [i]]),
-        ):
-            error = np.sqrt((one.var(axis=0) + two.var(axis=0)) / N)
-            assert (np.abs(one.mean(axis=0) - two.mean(axis=0)) <= 5 * error + 1e-9).all()
-
-
 def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow, poses):
     """By enumeration: each window leaves a memory of its own, and is drawn by p(i | c) N(pose; m_i, σ²)."""
     prior = Implicit(elbow, epsilon=1e-6, **WARM)
@@ -191,17 +154,6 @@ def test_the_density_turns_and_moves_with_the_body(body, poses):
     np.testing.assert_allclose(density.log_transition(*elsewhere, DT), density.log_transition(before, after, DT))
 
 
-def test_every_pair_of_a_table_is_as_it_is_alone(body, poses):
-    prior = Implicit(body)
-    density = prior.powers.density
-    before = prior.start(poses[30], 6, np.random.default_rng(0))
-    after = prior.step(before, DT, np.random.default_rng(1))
-    table = density.log_transition(before[None], after[:, None], DT)
-    assert table.shape == (6, 6)
-    for i in range(6):
-        np.testing.assert_array_equal(table[:, i], density.log_transition(before[i], after, DT))
-
-
 def test_the_mean_is_where_the_nearest_window_leads(body, poses):
     prior = Implicit(body)
     before = prior.start(poses[30], 8, np.random.default_rng(0))
@@ -210,13 +162,6 @@ def test_the_mean_is_where_the_nearest_window_leads(body, poses):
     assert (nearest_entries(prior.tree, probes, prior.beta) == nearest).all()
     expected = prior.predict(before, nearest, np.zeros((8, P)))
     assert (prior.powers.density.mean(before, DT) == expected).all()
-
-
-def test_no_states_have_no_densities(elbow, poses):
-    prior, rng = Implicit(elbow), np.random.default_rng(0)
-    density, none = prior.powers.density, np.empty((0, len(prior.space)))
-    assert density.log_transition(none, none, DT).shape == (0,)
-    assert density.complete(none, none, DT, rng).shape == density.mean(none, DT).shape == none.shape
 
 
 def test_a_restricted_or_colder_prior_has_the_density_of_its_own_draws(elbow, poses):

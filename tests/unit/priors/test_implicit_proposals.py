@@ -2,14 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.frame import Frame
-from workbench.core.likelihood import Evaluation
-from workbench.core.state_space import StateSpace
-from workbench.inference.smc.bootstrap import Bootstrap
-from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
@@ -77,83 +71,3 @@ def test_the_weights_of_two_frames_at_once_are_those_of_both(windows, parents):
     angles, expected = state[:, N_ROOT : len(POSE_NAMES)], exact_mean(prior, parents[:1], 2)
     assert apart(angles, np.exp(log_weights), expected).max() < 5
     assert apart(angles, np.ones(N_DRAWS), expected).max() > 10
-
-
-MOVES = np.array([[0.9, 0.1], [0.3, 0.7]])  # p(x_t | x_t−1)
-PROPOSED = np.array([[0.5, 0.5], [0.6, 0.4]])  # what is drawn from instead
-START = np.array([0.6, 0.4])
-LIKELY = np.array([[1.0, 1.0], [0.2, 0.7], [0.6, 0.1], [0.3, 0.5], [0.1, 0.9]])  # of x in each frame; frame 0 is given
-
-
-class TwoPoints:
-    """A Markov chain on {0, 1} that draws from another one."""
-
-    space = StateSpace.of({"x": (("x",), "")})
-    parameters = ()
-
-    def start(self, pose, n, rng):
-        return (rng.random((n, 1)) < START[1]).astype(float)
-
-    def step(self, state, dt_s, rng):
-        return (rng.random(state.shape) < PROPOSED[state[:, 0].astype(int), 1][:, None]).astype(float)
-
-    def pose(self, state):
-        return state.copy()
-
-
-class Corrected(TwoPoints):
-    """The same with the weights that make it draws of MOVES."""
-
-    def propose(self, state, dt_s, rng):
-        moved = self.step(state, dt_s, rng)
-        at = state[:, 0].astype(int), moved[:, 0].astype(int)
-        return moved, np.log(MOVES[at] / PROPOSED[at])
-
-
-class Looked:
-    notes, diagnostics, index = (), {}, 0
-
-    def look(self, previous, frame):
-        self.index = frame.index
-        return self
-
-    def evaluate(self, previous_pose, pose):
-        return Evaluation(np.log(LIKELY[self.index, pose[:, 0].astype(int)]))
-
-    def remember(self, expected_pose):
-        return self
-
-
-def enumerated(chain):
-    """p(x_T = 1 | frames) and p(frames), by the forward recursion over both points."""
-    joint = START
-    for likely in LIKELY[1:]:
-        joint = (joint @ chain) * likely
-    return joint[1] / joint.sum(), joint.sum()
-
-
-def filtered(prior, ess_threshold, n_seeds=60, n_particles=500):
-    """The filter's estimates of `enumerated`, (n_seeds, 2)."""
-    frames = [Frame(index=t, time_s=t * DT, views=()) for t in range(len(LIKELY))]
-    rows = []
-    for seed in range(n_seeds):
-        children = np.random.SeedSequence(seed).spawn(3)
-        streams = dict(zip(("start", "resampling", "prior"), map(np.random.default_rng, children), strict=True))
-        inference = ParticleFilter(
-            prior, Looked(), n_particles=n_particles, move=Bootstrap(ess_threshold=ess_threshold)
-        )
-        *_, last = inference.run(frames, np.zeros(1), streams)
-        assert logsumexp(last.log_weights) == pytest.approx(0.0, abs=1e-9)
-        rows.append([last.expected_pose[0], np.exp(last.log_evidence)])
-    return np.array(rows)
-
-
-@pytest.mark.parametrize("ess_threshold", [0.0, 0.5, 1.0])
-def test_the_filter_adds_a_proposals_weights_to_the_likelihoods(ess_threshold):
-    """Posterior and evidence by enumeration; without the weights it finds those of the chain drawn from."""
-    for prior, chain, other in ((Corrected(), MOVES, PROPOSED), (TwoPoints(), PROPOSED, MOVES)):
-        rows = filtered(prior, ess_threshold)
-        error = rows.std(axis=0) / np.sqrt(len(rows))
-        bias = np.array([2 / 500, 0.0])  # of the ratio of two estimates, O(1/N); the evidence itself has none
-        assert (np.abs(rows.mean(axis=0) - enumerated(chain)) < 5 * error + bias).all()
-        assert (np.abs(rows.mean(axis=0) - enumerated(other)) > 10 * error + bias).all()

@@ -18,7 +18,6 @@ from workbench.priors.implicit_search import (
 from workbench.priors.implicit_tree import (
     draw,
     fidelity,
-    log_importance,
     log_proposal,
     median_tree,
     sign_tree,
@@ -150,13 +149,6 @@ def test_the_search_kernel_agrees_with_numpy():
         assert visited == expected_visited
 
 
-def test_a_clustered_database_is_mostly_not_visited():
-    coefficients = database(5000, 10, seed=2)
-    result = fidelity(kd_tree(coefficients), coefficients, coefficients[:20], 0.02, np.random.default_rng(0))
-    assert result.visited < 0.2
-    assert result.total_variation < 0.01
-
-
 @pytest.mark.parametrize("n", [1, LANES, 333, 2 * LANES**2 + 5])
 def test_the_leaves_and_boxes_hold_their_entries(n):
     coefficients = database(n, 5)
@@ -223,13 +215,6 @@ def test_draws_are_the_same_however_they_are_shared():
     assert (together == apart).all()
 
 
-def test_far_probes_do_not_underflow():
-    coefficients = database()
-    found = search(kd_tree(coefficients), np.full((1, 8), 60.0), np.array([5]), 1e-3, np.linspace(0, 0.99, 5))
-    nearest = ((coefficients - 60.0) ** 2).sum(axis=1).argmin()
-    assert (found.entries == nearest).all()
-
-
 @pytest.mark.parametrize("beta", [1e-9, 1e-30])
 def test_far_probes_at_no_temperature_find_one_of_the_nearest(beta):
     """Where float32 cannot tell the reach from the nearest distance: an entry as near as it can tell."""
@@ -238,19 +223,6 @@ def test_far_probes_at_no_temperature_find_one_of_the_nearest(beta):
     found = search(kd_tree(coefficients), probes, np.ones(50, dtype=np.int64), beta, rng.random(50))
     squares = ((coefficients[None] - probes[:, None]) ** 2).sum(axis=2)
     assert squares[np.arange(50), found.entries] == pytest.approx(squares.min(axis=1), rel=1e-5)
-
-
-def test_importance_weights_turn_the_trees_draws_into_exact_ones():
-    """The weighted mean of a function of the draws is its exact mean, within five standard errors."""
-    coefficients, rng = database(), np.random.default_rng(4)
-    tree, probe, beta, n = sign_tree(coefficients), database()[7].astype(np.float64), 1.0, 40000
-    entries = draw(tree, np.repeat(probe[None], n, axis=0), beta, rng.random((n, 9)), "uniform")
-    weights = np.exp(log_importance(tree, probe, entries, beta, "uniform"))
-    exact = np.exp(exact_log_prob(coefficients, probe, beta)) @ coefficients
-    terms = weights[:, None] * coefficients[entries]
-    assert (np.abs(terms.mean(axis=0) - exact) < 5 * terms.std(axis=0) / np.sqrt(n)).all()
-    plain = coefficients[entries].mean(axis=0)
-    assert np.abs(plain - exact).max() > 5 * (coefficients.std(axis=0) / np.sqrt(n)).max()  # they were needed
 
 
 def test_fidelity_of_the_exact_distribution_is_perfect_and_of_the_tree_is_enumerated():

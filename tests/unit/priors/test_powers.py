@@ -15,7 +15,6 @@ from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
 from workbench.priors.kinematic_flips import Flipping
 from workbench.priors.smooth import Smooth
-from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +41,6 @@ def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
     assert prior.powers.motion is motion  # so that its splines are made once
 
 
-def test_the_motion_of_an_activity_prior_is_its_model(folder):
-    model = activity_model(cache=folder, n_components=2)
-    assert Activity(model).powers.motion is model
-
-
 def test_a_penalty_is_as_given_and_else_the_default(folder):
     model = activity_model(cache=folder, n_components=2)
     made = {
@@ -57,15 +51,6 @@ def test_a_penalty_is_as_given_and_else_the_default(folder):
     for make in made.values():
         assert make().powers.smoothness == Smoothness()
         assert make(penalty={"style": 0.1, "angle": 1.0}).powers.smoothness == Smoothness(style=0.1, angle=1.0)
-
-
-@pytest.mark.parametrize(
-    ("penalty", "message"),
-    [({"speed": 1.0}, "'speed'"), ({"angle": 0.0}, "penalty.angle"), ({"phase": float("nan")}, "penalty.phase")],
-)
-def test_wrong_penalties_are_refused(penalty, message):
-    with pytest.raises(InputError, match=message):
-        Smooth(penalty=penalty)
 
 
 def test_wrappers_pass_on_what_still_holds(folder, windows):

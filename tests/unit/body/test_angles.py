@@ -1,13 +1,18 @@
-"""The flexion of hips and knees: what bends which way, on the person's and on motion files' skeletons."""
+"""Angles of a pose: flexions on any skeleton, exchanged sides, and whole turns, which change nothing."""
 
 import numpy as np
 import pytest
 from full_skeleton_clips import BANDAI_LIKE, clip, wandering
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from single_steps import SKELETON
 
-from workbench.body.angles import FLEXIONS, flexions
+from workbench.body.angles import FLEXIONS, exchanged, flexions, nearest_turn
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES
 from workbench.evaluation.pose_errors import flexion_errors
 from workbench.motion.full_skeleton import full_skeleton
 
@@ -49,3 +54,35 @@ def test_whole_turns_are_no_flexion_and_no_error():
 def test_errors_on_a_full_skeleton_are_those_of_both_legs():
     errors = flexion_errors(BANDAI, bent(BANDAI, "right_hip", 0.1), np.zeros(len(BANDAI.dof_names)))
     assert errors == {"knee_deg": 0.0, "hip_deg": pytest.approx(np.degrees(0.1) / np.sqrt(2.0))}
+
+
+def test_sides_are_exchanged_and_the_root_stays():
+    poses = np.arange(50.0).reshape(2, 25)
+    other = exchanged(poses)
+    left, right = POSE_NAMES.index("left_knee_flexion"), POSE_NAMES.index("right_knee_flexion")
+    assert (other[:, [left, right]] == poses[:, [right, left]]).all()
+    assert (other[:, :9] == poses[:, :9]).all()
+    assert (exchanged(other) == poses).all()
+    assert (exchanged(poses[0]) == other[0]).all()
+
+
+def test_other_parameters_than_a_persons_stay_as_they_are():
+    pose = np.arange(66.0)
+    assert exchanged(pose) is pose
+
+
+POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
+
+
+@settings(deadline=None)  # the first call loads compiled kernels
+@given(POSES, arrays(float, 25, elements=st.floats(-20.0, 20.0)))
+def test_the_pose_stays_and_its_angles_come_near(poses, reference):
+    moved = nearest_turn(poses, reference)
+    assert np.abs(moved[:, 3:] - reference[3:]).max() <= np.pi + 1e-9
+    assert (moved[:, :3] == poses[:, :3]).all()
+    assert np.abs(joints(SKELETON, moved) - joints(SKELETON, poses)).max() < 1e-9
+
+
+def test_what_is_near_is_returned_as_it_is():
+    poses = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 25))
+    assert nearest_turn(poses, np.zeros(25)) is poses

@@ -1,0 +1,160 @@
+"""Every component refuses what it cannot take, in one sentence that names the key or the other component.
+
+The ranges themselves are tested in tests/unit/core/test_checks.py; here, that every class states its own.
+"""
+
+import numpy as np
+import pytest
+from linear_gaussian import DrawnOnly, LinearPrior, TwoJoints
+from still_clips import clip as clip_of
+
+from workbench.body.camera import plain_camera
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
+from workbench.inference.smc.gauss_newton import GaussNewton
+from workbench.inference.smc.hybrid import Hybrid
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.partitioned import Partitioned
+from workbench.inference.smc.reinitializing import Restarting
+from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
+from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
+from workbench.inference.synthesis import Synthesis
+from workbench.likelihoods.cues.appearance import Appearance
+from workbench.likelihoods.cues.background import Background
+from workbench.likelihoods.cues.edges import Edges
+from workbench.likelihoods.cues.silhouette import Silhouette
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
+from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.likelihoods.surface_points import SurfacePoints
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors import from_motions
+from workbench.priors.ar_offsets import Jitter
+from workbench.priors.implicit import Implicit
+from workbench.priors.kinematic_flips import Flipping
+from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
+
+BODY, PRIOR, DRAWN_ONLY = person(from_height(1.75)), LinearPrior(), DrawnOnly()
+PLAIN = ParticleFilter(PRIOR, None)
+
+
+def filtered(move, prior=PRIOR, **options):
+    return ParticleFilter(prior, None, move=move, **options)
+
+
+def still_clip():
+    return clip_of(*[np.full((240, 320), 100, np.uint8)] * 3)[0]
+
+
+def of_camera(prior, **options):
+    return Flipping(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
+
+
+MAKERS = {
+    "filter": lambda cache, **given: ParticleFilter(PRIOR, None, **given),
+    "bootstrap": lambda cache, **given: Bootstrap(**given),
+    "auxiliary": lambda cache, **given: Auxiliary(**given),
+    "gauss_newton": lambda cache, **given: GaussNewton(**given),
+    "partitioned": lambda cache, **given: Partitioned(**given),
+    "tempered_smc": lambda cache, **given: TemperedSMC(**given),
+    "annealed": lambda cache, **given: Annealed(**given),
+    "restarting": lambda cache, **given: Restarting(PLAIN, **given),
+    "fixed_lag": lambda cache, **given: FixedLag(PLAIN, **given),
+    "backward_simulation": lambda cache, **given: BackwardSimulation(PLAIN, **given),
+    "motion_fit": lambda cache, **given: MotionFit(**given),
+    "synthesis": lambda cache, **given: Synthesis(Smooth(), BODY, **given),
+    "jitter": lambda cache, **given: Jitter(Smooth(), **given),
+    "flipping": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
+    "walking": lambda cache, **given: from_motions.walking(motions="builtin", cache=cache, n_components=3, **given),
+    "smooth": lambda cache, **given: Smooth(**given),
+    "implicit": lambda cache, **given: Implicit(learn_windows(builtin_motions(n_subjects=1)), **given),
+    "image_motion": lambda cache, **given: ImageMotion(BODY, **given),
+    "background": lambda cache, **given: Background(BODY, still_clip(), **given),
+    "appearance": lambda cache, **given: Appearance(BODY, **given),
+    "edges": lambda cache, **given: Edges(BODY, **given),
+    "silhouette": lambda cache, **given: Silhouette(BODY, still_clip(), **given),
+    "keypoints": lambda cache, **given: KeypointLikelihood(BODY, **given),
+    "surface_points": lambda cache, **given: SurfacePoints(BODY, **given),
+    "alignment": lambda cache, **given: DenseAlignment(BODY, still_clip(), **given),
+}
+OUT_OF_RANGE = """
+filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5 | auxiliary flatten=1.5
+gauss_newton share=1.0 flatten=-0.1 steps=0 | partitioned flatten=2.0 | tempered_smc moves=0 ess_threshold=1.0
+annealed layers=0 | restarting share=0.0 n_particles=0 | fixed_lag lag=0 least_ancestors=0
+backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
+jitter sigma=0.0 keep=1.0
+flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
+implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5
+image_motion sigma=0 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving
+background k=0 epsilon=0 n_frames=2 n_samples=0 | appearance k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0 | edges k=0
+silhouette k=0 epsilon=1 n_frames=2 rim_px=-1 | keypoints sigma_px=0 temper=1.5 loss=cauchy scale=0
+surface_points sigma=0 epsilon=0 temper=1.5 loss=cauchy scale=0 kind=depth | alignment sigma=0 count=-1 n_frames=2
+"""
+RANGES = [
+    (name, *text.split("="))
+    for name, *texts in (part.split() for part in OUT_OF_RANGE.strip().replace("\n", "|").split("|"))
+    for text in texts
+]
+
+
+@pytest.mark.parametrize(("name", "key", "text"), RANGES)
+def test_a_value_out_of_range_is_named(name, key, text, cache):
+    value = text if text.isalpha() else float(text)
+    with pytest.raises(InputError, match=rf"\b{key}\b.*found|\b{key}\b.*must"):
+        MAKERS[name](str(cache), **{key: value})
+
+
+LIST_OF_OPTIONS = [
+    ("jitter", {"parameters": ["root_x"]}, "parameters"),
+    ("walking", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
+    ("implicit", {"sigma_position": (0.1, 0.2)}, "sigma_position"),
+    ("smooth", {"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
+    ("smooth", {"parameters": []}, "at least one"),
+    ("smooth", {"start_uniform": ["left_elbow_flexion"] * 2}, "named twice"),
+    ("smooth", {"start_uniform": ["root_x"]}, "root_x has no limits"),
+    ("smooth", {"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
+    ("smooth", {"sigma_velocity": {"elbow": float("nan")}}, r"sigma_velocity\.elbow"),
+    ("smooth", {"lowest": {"elbow_flexion": 3.0}}, "lowest and highest of left_elbow_flexion .* found 3.0 and 2.7"),
+    ("smooth", {"penalty": {"speed": 1.0}}, "'speed'"),
+    ("smooth", {"penalty": {"angle": 0.0}}, "penalty.angle"),
+    ("synthesis", {"look_ahead": 3}, "look_ahead"),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "said"), LIST_OF_OPTIONS)
+def test_what_a_list_or_a_mapping_may_not_hold_is_named(name, given, said, cache):
+    with pytest.raises(InputError, match=said):
+        MAKERS[name](str(cache), **given)
+
+
+TOGETHER = {
+    "can only be drawn from": [
+        lambda: filtered(TemperedSMC(), DRAWN_ONLY), lambda: filtered(Annealed(), DRAWN_ONLY),
+        lambda: filtered(Auxiliary(), DRAWN_ONLY), lambda: filtered(GaussNewton(), DRAWN_ONLY),
+        lambda: filtered(Partitioned(), DRAWN_ONLY), lambda: BackwardSimulation(ParticleFilter(DRAWN_ONLY, None)),
+    ],
+    "the other way round": [
+        lambda: Restarting(FixedLag(PLAIN)), lambda: BackwardSimulation(Restarting(PLAIN)),
+        lambda: BackwardSimulation(FixedLag(PLAIN)), lambda: FixedLag(BackwardSimulation(PLAIN)),
+    ],
+    "n_particles": [
+        lambda: filtered(TemperedSMC(), n_particles=1), lambda: filtered(GaussNewton(), n_particles=1),
+    ],
+    "all of which are in one part": [lambda: filtered(Partitioned())],
+    "tail": [lambda: filtered(Partitioned(parts=["root", "tail"]), TwoJoints())],
+    "prior=activity": [lambda: Hybrid(PLAIN, None)],
+    "as smooth and jitter have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
+    "10000 frames": [
+        lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("said", "make"), [(said, make) for said, makers in TOGETHER.items() for make in makers])
+def test_what_does_not_go_together_is_refused(said, make):
+    with pytest.raises(InputError, match=said):
+        make()

@@ -1,0 +1,28 @@
+"""A rendered walker, and the dense likelihood that has seen two frames in their true poses."""
+
+from functools import cache
+
+from workbench.core.frame_cache import FrameCache
+from workbench.datasets.synthetic import Synthetic
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
+
+
+@cache
+def walker():
+    return Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
+
+
+@cache
+def tracked():
+    """The likelihood after two frames, and all frames."""
+    clip = FrameCache(walker())
+    likelihood, frames = DenseAlignment(walker().body, clip), list(clip)
+    for before, frame in zip((None, frames[0]), frames[:2], strict=True):
+        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
+    return likelihood, frames
+
+
+def third():
+    """Its look at the third frame, and the true pose there."""
+    likelihood, frames = tracked()
+    return likelihood.look(frames[1], frames[2]), frames[2].truth.pose
