@@ -1,7 +1,5 @@
 """Many recordings as tables and plots, grouped by what varied in their configurations."""
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,15 +11,6 @@ from workbench.results.report.groups import group_runs
 from workbench.results.report.page import as_markdown, as_page, terminal
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
-    from workbench.cli.runs import exit_code
-
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(report)
-    return exit_code(app, argv, "workbench report")
 
 
 def report(
@@ -66,7 +55,3 @@ def report(
     print(terminal(found))
     if output is not None:
         print(f"\nlook at it: {output / 'report.html'}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -24,7 +24,7 @@ from workbench.utils.errors import InputError
 HOME = ("recordings/runs", "recordings/sweeps")
 N_ROWS = 40
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+app = typer.Typer(no_args_is_help=True, help=__doc__)
 
 Query = Annotated[
     list[str] | None,
@@ -37,22 +37,6 @@ Query = Annotated[
 ]  # fmt: skip
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or recording.")]
 Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Smallest first; -KEY: largest first.")]
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
-    return exit_code(app, argv, "workbench runs")
-
-
-def exit_code(app: typer.Typer, argv: Sequence[str] | None, name: str) -> int:
-    """Run an application with these words and return its exit code: 2 after an error, which is printed."""
-    try:
-        return app(argv, prog_name=name)
-    except InputError as error:
-        print(f"{name}: {printable(str(error))}", file=sys.stderr)
-        return 2
-    except SystemExit as end:
-        return int(end.code or 0)
 
 
 @app.command("list")
@@ -77,13 +61,13 @@ def list_runs(
     found = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
     if n_best is not None:
-        from workbench.cli import view
+        from workbench.cli.view import view
 
-        raise typer.Exit(view.main(_recordings(found if sort else best_first(found))[: n_best or None]))
-    if as_report:
+        view(_recordings(found if sort else best_first(found))[: n_best or None])
+    elif as_report:
         from workbench.cli.report import report
 
-        report(list(map(Path, _recordings(found))))
+        report(_recordings(found))
     elif as_json:
         print(json.dumps(records_of(found), indent=1))
     elif as_csv:
@@ -244,7 +228,7 @@ def _one(place: Path) -> pd.DataFrame:
     return runs
 
 
-def _recordings(runs: pd.DataFrame) -> list[str]:
+def _recordings(runs: pd.DataFrame) -> list[Path]:
     """Return the recordings of the runs, also of runs that have ended since they were listed."""
     recordings = []
     for recording in runs["recording"].dropna():
@@ -252,7 +236,7 @@ def _recordings(runs: pd.DataFrame) -> list[str]:
         if there is None:
             _warn(f"{recording}: left out, as it was removed meanwhile")
         else:
-            recordings.append(os.path.abspath(there) if there.startswith("-") else there)  # which is no option
+            recordings.append(Path(os.path.abspath(there) if there.startswith("-") else there))  # which is no option
     if not recordings:
         raise InputError("no run fits that has a recording")
     return recordings
@@ -260,7 +244,3 @@ def _recordings(runs: pd.DataFrame) -> list[str]:
 
 def _warn(sentence: str) -> None:
     print(f"workbench runs: {printable(sentence)}", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

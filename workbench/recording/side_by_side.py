@@ -51,7 +51,7 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
     """
     refuse_fatal([a.path, b.path])
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
-    with _written(path, "workbench-check", f"{a.id}-beside", _two(a, b, names)) as stream:
+    with _written(path, "workbench_side_by_side", f"{a.id}-beside", _two(a, b, names)) as stream:
         for side, run in (("a", a), ("b", b)):
             for chunk in read_chunks(run.path, EVERYTHING):
                 below = chunk.entity_path.removeprefix("/").removeprefix("__")
@@ -84,7 +84,7 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
     content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="how each came out"))
     colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
     words = [colour_of[group] for group in groups]
-    with _written(path, "workbench-runs", str(uuid4()), content) as stream:
+    with _written(path, "workbench_overlaid", str(uuid4()), content) as stream:
         stream.send_recording_name(OVERLAID)
         for k, (run, name, word) in enumerate(zip(runs, names, words, strict=True)):
             for metric in (each for each in metrics if each in run.metrics):

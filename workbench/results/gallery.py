@@ -52,7 +52,7 @@ def gallery(runs: pd.DataFrame) -> Iterator[Gallery]:
     from rerun.server import Server  # here, as it needs the extra
 
     cards, left_out = _cards(runs)
-    with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-runs-") as folder:
+    with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-") as folder:
         dataset = server.client().create_dataset("runs")
         refused = _register(dataset, {record["path"]: Path(record["recording"]) for _, record, _ in cards})
         left_out += [f"left out: {path}: the catalog refuses it: {reason}" for path, reason in refused.items()]

@@ -13,7 +13,7 @@ import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
-from workbench.cli import report
+from workbench.cli.main import main
 from workbench.core.study import StudyResult
 from workbench.recording.read.reader import read
 from workbench.recording.study.study_recorder import record_study
@@ -73,7 +73,7 @@ def sweep(run, tmp_path_factory):
 def written(sweep, tmp_path_factory):
     """The folder that a report was written to."""
     folder = tmp_path_factory.mktemp("written") / "report"
-    assert report.main([str(sweep), "-o", str(folder)]) == 0
+    assert main(["report", str(sweep), "-o", str(folder)]) == 0
     return folder
 
 
@@ -98,7 +98,7 @@ def rows_of(path):
 
 
 def test_the_terminal_says_what_is_there_and_what_is_not(sweep, capsys):
-    assert report.main([str(sweep)]) == 0
+    assert main(["report", str(sweep)]) == 0
     told = capsys.readouterr().out
     assert "11 recordings: 8 complete, 1 interrupted, 1 cut off or still running, 1 unreadable." in told
     assert "4 groups by prior, n_particles" in told
@@ -150,7 +150,7 @@ def test_markdown_shows_the_plots_and_tables(written):
 
 @pytest.mark.slow
 def test_the_same_recordings_give_the_same_report(sweep, written, tmp_path):
-    assert report.main([str(sweep), "-o", str(tmp_path)]) == 0
+    assert main(["report", str(sweep), "-o", str(tmp_path)]) == 0
     for path in written.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
@@ -171,7 +171,7 @@ def test_joint_errors_need_a_truth(run, tmp_path):
             recording.log(step, {})
         recording.set_result({"ess_mean": 1.0})
     assert joint_errors(read(path)) == {}
-    assert report.main([str(path), "-o", str(tmp_path / "out")]) == 0
+    assert main(["report", str(path), "-o", str(tmp_path / "out")]) == 0
     assert not list((tmp_path / "out").glob("*.png"))  # no error, so nothing to plot
 
 
@@ -180,7 +180,7 @@ def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
     with RecordingFile(tmp_path / "run.rrd", **labels) as recording:
         record_study(recording, StudyResult({"explained": 0.75}, (), "note"))
         recording.send_property("cost", {"seconds": 2.0})
-    assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     assert "One group, learn_walk" in told
     assert re.search(r"learn_walk +1 +1 +0\.7500 +– +– +– +–\n", told)
@@ -193,7 +193,7 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
         labels = {"run_id": name, "config_yaml": json.dumps({"seed": 0, "body": {"name": name}}), "provenance": {}}
         with Recorder(folder / "run.rrd", BODY, SPACE, **labels) as recording:
             recording.set_result({"error_abs_mm": 1.0, name: 2.0})
-    assert report.main([str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["report", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
     assert "name=a|b`* [2J" in capsys.readouterr().out
     page = Page((tmp_path / "out" / "report.html").read_text())
     assert "script" not in [tag for tag, _ in page.tags]
@@ -206,7 +206,7 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
 
 def test_what_cannot_be_reported_is_told(sweep, tmp_path, capsys):
     def failure(*arguments):
-        assert report.main([str(argument) for argument in arguments]) == 2
+        assert main(["report", *(str(argument) for argument in arguments)]) == 2
         return capsys.readouterr().err
 
     assert "expected recordings (.rrd, .rrd.part), found none" in failure(tmp_path)

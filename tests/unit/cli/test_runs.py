@@ -16,7 +16,7 @@ from run_folders import leave, leave_sweep
 from small_recordings import leave_recorded
 
 from workbench.cli import runs, view
-from workbench.cli.runs import main
+from workbench.cli.main import main
 from workbench.results import query
 from workbench.utils.run_lock import locked
 
@@ -33,7 +33,7 @@ def called(root, capsys):
     """Run a subcommand on the folder: (exit code, lines printed, what was printed as errors)."""
 
     def command(name, *words):
-        code = main([name, str(root), *words])
+        code = main(["runs", name, str(root), *words])
         out, err = capsys.readouterr()
         return code, out.splitlines(), err
 
@@ -72,13 +72,13 @@ def test_json_and_csv_hold_the_numbers_in_full(called, root):
 
 
 def test_the_difference_is_of_configuration_and_result(root, capsys):
-    assert main(["diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
+    assert main(["runs", "diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
     assert ["choice", "prior", "smooth", "walking"] in rows
     assert ["result", "error_abs_mm", "10.00", "16.00", "6.000"] in rows
     assert not any("n_particles" in row[1] for row in rows)
-    assert main(["diff", str(root), str(root / "lost")]) == 2
-    assert capsys.readouterr().err == f"workbench runs: {root}: expected one run, found 13\n"
+    assert main(["runs", "diff", str(root), str(root / "lost")]) == 2
+    assert capsys.readouterr().err == f"workbench: {root}: expected one run, found 13\n"
 
 
 def test_nothing_is_removed_unless_it_is_confirmed(called, root):
@@ -105,7 +105,7 @@ def test_a_run_that_cannot_be_removed_is_reported_and_the_others_are_removed(cal
 def test_what_cannot_be_met_is_a_sentence(called, words):
     code, _, err = called("list", *words)
     assert code == 2
-    assert err.startswith("workbench runs: ")
+    assert err.startswith("workbench: ")
     assert len(err.splitlines()) == 1
 
 
@@ -122,7 +122,7 @@ def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(t
     leave_recorded(tmp_path / "a", "a")
     leave(tmp_path / "b", status="failed", day=2)
     monkeypatch.setattr(signal, "pause", interrupt)
-    assert main(["gallery", str(tmp_path), "--serve"]) == 0
+    assert main(["runs", "gallery", str(tmp_path), "--serve"]) == 0
     out, err = capsys.readouterr()
     url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
     assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
@@ -134,7 +134,7 @@ def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(t
 def opened(monkeypatch):
     """The recordings that the viewer was given."""
     words = []
-    monkeypatch.setattr(view, "main", lambda recordings: words.extend(recordings) or 0)
+    monkeypatch.setattr(view, "view", lambda recordings: words.extend(map(str, recordings)))
     return words
 
 
@@ -142,10 +142,10 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
     for k, error in enumerate([30.0, 10.0, 20.0]):
         leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
     for order, expected in (([], "12"), (["--sort", "error_abs_mm"], "12"), (["--sort=-error_abs_mm"], "02")):
-        assert main(["list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
+        assert main(["runs", "list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
         assert opened == [str(tmp_path / k / "run.rrd") for k in expected]
         opened.clear()
-    assert main(["list", str(tmp_path), "--view", "0"]) == 0
+    assert main(["runs", "list", str(tmp_path), "--view", "0"]) == 0
     assert len(opened) == 3
 
 
@@ -162,7 +162,7 @@ def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_
         return query.best_first(found)
 
     monkeypatch.setattr(runs, "best_first", meanwhile)
-    assert main(["list", str(tmp_path), "--view", "0"]) == 0
+    assert main(["runs", "list", str(tmp_path), "--view", "0"]) == 0
     assert sorted(opened) == [str(tmp_path / "a" / "run.rrd"), str(tmp_path / "b" / "run.rrd")]
     assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
 
@@ -170,20 +170,20 @@ def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_
 def test_a_query_is_reported(tmp_path, capsys):
     for name in "ab":
         leave_recorded(tmp_path / name, name, prior=name)
-    assert main(["list", str(tmp_path), "prior=a", "--report"]) == 0
+    assert main(["runs", "list", str(tmp_path), "prior=a", "--report"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("1 recordings: ")
     assert f"{tmp_path}/a/run.rrd: expected a configuration with" in out
 
 
 def test_a_list_loads_neither_rerun_nor_hydra(root):
-    command = f"main({['list', str(root), 'prior=smooth']})"
-    code = f"import sys; from workbench.cli.runs import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
+    command = f"main({['runs', 'list', str(root), 'prior=smooth']})"
+    code = f"import sys; from workbench.cli.main import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.endswith("\nset()\n")
 
 
 @pytest.mark.parametrize("name", ["list", "diff", "gallery", "restore", "watch", "rm"])
 def test_every_command_explains_itself(name, capsys):
-    assert main([name, "--help"]) == 0
+    assert main(["runs", name, "--help"]) == 0
     assert f"workbench runs {name} " in capsys.readouterr().out

@@ -97,4 +97,4 @@ def write_layout(
         table_layout=table.TableLayout(columns=rows),
         previews_config=table.PreviewsConfig(timeline="frame"),
         sort_by=sort_by,
-    ).save("workbench-runs", path)
+    ).save("workbench_cards", path)

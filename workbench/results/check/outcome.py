@@ -112,7 +112,7 @@ def write_junit(path: Path, checks: Sequence[Check]) -> None:
     failures = sum(not finding.passed for _, finding in cases)
     refused = [check for check in checks if check.refused is not None]
     counts = {"tests": str(len(cases) + len(refused)), "failures": str(failures), "errors": str(len(refused))}
-    suite = ET.Element("testsuite", {"name": "workbench-check", **counts})
+    suite = ET.Element("testsuite", {"name": "workbench check", **counts})
     for check, finding in cases:
         names = {"classname": printable(check.name), "name": printable(finding.quantity)}
         case = ET.SubElement(suite, "testcase", names)
