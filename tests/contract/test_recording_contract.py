@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import rerun_cli
 from recorded import column, components, values
-from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
+from recording_steps import BODY, CAMERA, SPACE, errors, steps
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -43,7 +43,6 @@ def recorder(path, run_id="a run", **options):
         "config_yaml": CONFIG,
         "settings": SETTINGS,
         "provenance": PROVENANCE,
-        "coefficient_scale": SCALE,
         **options,
     }
     return Recorder(path, BODY, SPACE, run_id=run_id, **given)
@@ -385,20 +384,17 @@ def test_colour_images_keep_their_colours(tmp_path):
     assert image[240, 320] == pytest.approx([200, 60, 20], abs=4)  # JPEG's chroma
 
 
-def test_runs_without_images_coefficients_or_model(run, tmp_path):
+def test_runs_without_images_or_coefficients(run, tmp_path):
     space = StateSpace.of({"pose": (BODY.skeleton.dof_names, "m, rad")})
     blind = [replace(step, space=space, particles=step.poses, frame=replace(step.frame, views=())) for step in run[:2]]
     path = log_all(Recorder(tmp_path / "a.rrd", BODY, space, run_id="a", config_yaml="", provenance={}), blind)
     found = read(path)
     assert found.marginals.names == BODY.skeleton.dof_names
-    path = log_all(recorder(tmp_path / "b.rrd", coefficient_scale=None), run[:2])
-    assert ("/coefficients/1", False) in components(path)
-    assert ("/coefficients/1/model", True) not in components(path)
 
 
 def test_a_parameter_that_never_moves_is_recorded(run, tmp_path):
     still = [replace(step, particles=np.zeros_like(step.particles)) for step in run[:2]]
-    found = read(log_all(recorder(tmp_path / "run.rrd", coefficient_scale=None), still))
+    found = read(log_all(recorder(tmp_path / "run.rrd"), still))
     assert found.scalars["posterior/parameters/c1/high"].values[:, 0].tolist() == [0.0, 0.0]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from slurm_cluster import SlurmError, cluster, slurm
 
-from workbench.sweep.job import read_summary
+from workbench.utils.run_files import read_summary
 from workbench.utils.run_lock import is_locked
 
 N_JOBS = 4

@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument, Exit, Option
 
 from workbench.cli.hydra_quoting import quoted
-from workbench.cli.run_output import tell_warnings
+from workbench.cli.run_output import print_warnings
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults
@@ -55,7 +55,7 @@ def check(
 
     workbench check a.rrd b.rrd --record diff.rrd
     """
-    tell_warnings()
+    print_warnings()
     ways = {"--seeds": seeds is not None, "--paired": paired, "--against": against is not None}
     chosen = [name for name, given in ways.items() if given]
     if len(chosen) > 1:

@@ -8,7 +8,7 @@ import typer
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
-from workbench.results.report.page import as_markdown, as_page, terminal
+from workbench.results.report.page import render, terminal
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
@@ -42,15 +42,10 @@ def report(
         files = {f"{plot.name}.png": plot.png for plot in plots} | {
             "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
             "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
-            "report.md": as_markdown(title, found, plots).encode(),
-            "report.html": as_page(title, found, plots).encode(),
         }
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{output}: expected a folder to write to: {error.strerror}") from None
+        files |= {name: render(name, title, found, plots).encode() for name in ("report.md", "report.html")}
         for name, content in files.items():
-            with whole_file(output / name) as part:
+            with whole_file(output / name, parents=True) as part:
                 part.write_bytes(content)
     print(terminal(found))
     if output is not None:

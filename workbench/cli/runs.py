@@ -22,11 +22,11 @@ from workbench.utils import processes
 from workbench.utils.errors import InputError
 
 HOME = ("recordings/runs", "recordings/sweeps")
-N_ROWS = 40
+_N_ROWS = 40
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 
-Query = Annotated[
+_Query = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="FOLDER|KEY=VALUE", show_default=False,
@@ -40,13 +40,13 @@ Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Smalles
 
 
 @app.command("list")
-def list_runs(
-    query: Query = None,
+def _list_runs(
+    query: _Query = None,
     sort: Sort = None,
     columns: Annotated[
         str | None, typer.Option(metavar="KEY,…", help="Columns; varied: how the configurations differ.")
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {N_ROWS}.")] = False,
+    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {_N_ROWS}.")] = False,
     by_sweep: Annotated[bool, typer.Option("--sweeps", help="A row for each sweep.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="All that is known of the runs, as JSON.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="The columns, or all numbers, as CSV.")] = False,
@@ -79,7 +79,7 @@ def list_runs(
     elif found.empty:
         print("no run fits")
     else:
-        few = found if every else found[:N_ROWS]
+        few = found if every else found[:_N_ROWS]
         print(text(listing(few, names), longest=80))
         if len(few) < len(found):
             print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
@@ -102,7 +102,7 @@ def diff(first: Run, second: Run) -> None:
 
 @app.command()
 def gallery(
-    query: Query = None,
+    query: _Query = None,
     sort: Sort = None,
     serve: Annotated[bool, typer.Option("--serve", help="Open no viewer: print what opens one.")] = False,
 ) -> None:
@@ -176,7 +176,7 @@ def watch(sweep: Annotated[Path, typer.Argument(help="The sweep's folder.")]) ->
 
 @app.command()
 def rm(
-    query: Query = None,
+    query: _Query = None,
     yes: Annotated[bool, typer.Option("--yes", help="Delete them; without it, only list them.")] = False,
 ) -> None:
     """Delete runs, or list what would be deleted.

@@ -5,7 +5,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.cli.hydra_quoting import quoted, unquoted
+from workbench.cli.hydra_quoting import quoted
 
 
 def value_of(argument):
@@ -34,10 +34,3 @@ def test_what_can_be_meant_in_one_way_only_is_quoted(value):
 )  # fmt: skip
 def test_the_rest_stays_as_it_is(argument):
     assert quoted(argument) == argument
-
-
-@pytest.mark.parametrize(
-    ("value", "plain"), [("'Läufe'", "Läufe"), ('"a b"', "a b"), ("it's", "it's"), ("'", "'"), ("", "")]
-)
-def test_quotes_are_taken_off_again(value, plain):
-    assert unquoted(f"from={value}") == f"from={plain}"

@@ -12,7 +12,7 @@ import pytest
 import rerun as rr
 import rerun_cli
 from recorded import record
-from recording_steps import BODY, SCALE, SPACE, errors, steps
+from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.recording.condense import condense
@@ -34,7 +34,7 @@ def run():
 @pytest.fixture(scope="module")
 def recorded(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("reader") / "run.rrd"
-    given = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}, "coefficient_scale": SCALE}
+    given = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}}
     with Recorder(path, BODY, SPACE, run_id="read", **given) as recording:
         for step in run:
             recording.log(step, errors(step))

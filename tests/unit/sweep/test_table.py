@@ -65,7 +65,7 @@ def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_pa
     assert out.splitlines()[-1].split()[:2] == ["0", "kept"]
     assert err.splitlines()[1:] == [
         f"  {tmp_path / '1'}: never begun",
-        f"run them again: workbench -m seed=0,1 sweep.resume={tmp_path}",
+        f"run them again: workbench run -m seed=0,1 sweep.resume={tmp_path}",
     ]
 
 
