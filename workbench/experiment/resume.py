@@ -239,7 +239,8 @@ def branch(arguments: Sequence[str]) -> Summary:
     run, frame = _source(sources[0])
     config, command = branched(run, overrides, frame)
     was, _ = branched(run, _paths(overrides))
-    differences = changes(was, config)
+    first, second = (OmegaConf.to_container(each, resolve=True) for each in (was, config))
+    differences = changes(first, second)
     for sentence in differences:
         log.info(sentence)
     continued = None if frame is None else Continued(run, frame, was, changed=bool(differences))
@@ -281,7 +282,8 @@ def _source(text: str) -> tuple[Run, int | None]:
 def continued_at(run: Run, frame: int, overrides: Sequence[str]) -> Continued:
     """Continue from a frame of a run with these overrides; raises InputError for a frame that it does not have."""
     was, now = (branched(run, each)[0] for each in (_paths(overrides), overrides))
-    return Continued(run, frame, was, changed=bool(changes(was, now)))
+    first, second = (OmegaConf.to_container(each, resolve=True) for each in (was, now))
+    return Continued(run, frame, was, changed=bool(changes(first, second)))
 
 
 def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tuple[DictConfig, Command]:
