@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import rerun_cli
 from recorded import column, components, values
-from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
+from recording_steps import BODY, CAMERA, SPACE, errors, steps
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -41,7 +41,6 @@ def recorder(path, run_id="a run", **options):
         "config_yaml": CONFIG,
         "settings": SETTINGS,
         "provenance": PROVENANCE,
-        "coefficient_scale": SCALE,
         **options,
     }
     return Recorder(path, BODY, SPACE, run_id=run_id, **given)

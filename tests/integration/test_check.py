@@ -1,6 +1,7 @@
 """`workbench check`: runs stored configurations again, compares, and refuses what could do harm."""
 
 import shutil
+import subprocess
 import xml.etree.ElementTree as ET
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ import yaml
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.cli.check import main
+from workbench.cli.main import main
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.recording.read.reader import read
@@ -71,7 +72,7 @@ def check(capsys, *arguments, suspicious=False):
     with pytest.MonkeyPatch.context() as patch:
         if not suspicious:
             patch.setattr("workbench.recording.read.crash_probe.fatal", lambda paths, whole=False: set())
-        code = main([str(argument) for argument in arguments])
+        code = main(["check", *map(str, arguments)])
     printed = capsys.readouterr()
     return code, printed.out + printed.err
 
@@ -231,6 +232,21 @@ def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_is_
     code, told = check(capsys, recording, "--against", "HEAD~1", "--exact")
     assert code == 1, told
     assert against.git(clone, "worktree", "list").count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("revision", ["HEAD", "2853064^"])
+def test_a_commit_runs_recordings_by_its_own_command_line(revision, capsys, tmp_path, monkeypatch):
+    """By the command `workbench check`, or by `python -m workbench.cli.check` where there is no such command."""
+    name = "recordings/baselines/walk_straight.rrd"
+    shown = subprocess.run(["git", "-C", against.ROOT, "show", f"2853064^:{name}"], capture_output=True, check=False)
+    if shown.returncode != 0:
+        pytest.skip("no clone with this commit")
+    (tmp_path / "walk.rrd").write_bytes(shown.stdout)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes longer
+    shorter = ("dataset.n_frames=2", "inference.n_particles=20")
+    code, printed = check(capsys, tmp_path / "walk.rrd", *shorter, "--against", revision)
+    assert code == 0, printed
 
 
 def test_a_damaged_recording_is_refused_by_name_and_the_others_are_checked(walk, capsys, tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from workbench.cli.diagnose import main
+from workbench.cli.main import main
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=20", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
@@ -14,13 +14,13 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
     code, printed, folder = run("lost", "experiment=walk_circle", *SMALL, "body.scale=1.4")
     assert code == 0, printed
     path = str(folder / "run.rrd")
-    assert main([path, "--frame", "18", "--seeds", "2", "--jobs", "2", "-o", str(tmp_path / "kept")]) == 0
+    assert main(["diagnose", path, "--frame", "18", "--seeds", "2", "--jobs", "2", "-o", str(tmp_path / "kept")]) == 0
     out = capfd.readouterr().out
     assert "most likely: the true body, which keeps the track in 2 of 2" in out
     place = tmp_path / "kept" / "frame_18"
     whole, continued = (read(place / f"another_seed_alone{end}" / "1001" / "run.rrd") for end in ("_whole", ""))
     assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
-    assert main([path, "--frame", "99"]) == 2
+    assert main(["diagnose", path, "--frame", "99"]) == 2
     assert "expected a recorded frame after --frame, found 99" in capfd.readouterr().err
 
 
@@ -28,7 +28,7 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
 def test_a_track_that_was_kept_needs_no_cause(run, capfd):
     code, printed, folder = run("held", "experiment=walk_circle", *SMALL)
     assert code == 0, printed
-    assert main([str(folder / "run.rrd")]) == 0
+    assert main(["diagnose", str(folder / "run.rrd")]) == 0
     assert "never lost" in capfd.readouterr().out
-    assert main([str(folder / "nothing.rrd")]) == 2
+    assert main(["diagnose", str(folder / "nothing.rrd")]) == 2
     assert "no such recording" in capfd.readouterr().err

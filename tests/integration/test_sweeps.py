@@ -15,8 +15,8 @@ import pytest
 
 from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
-from workbench.sweep.job import read_summary
 from workbench.utils.errors import InputError
+from workbench.utils.run_files import read_summary
 from workbench.utils.run_lock import is_locked
 
 TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")

@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from workbench.sweep.job import read_summary
+from workbench.utils.run_files import read_summary
 
 SMALL = (
     "dataset.n_frames=30", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",

@@ -75,7 +75,7 @@ def test_a_recorded_command_is_quoted(called, home):
 
 def test_the_viewer_gets_files_and_no_options(called, monkeypatch):
     opened = []
-    monkeypatch.setattr(view, "main", lambda words: opened.extend(words) or 0)
+    monkeypatch.setattr(view, "view", lambda words: opened.extend(map(str, words)))
     assert called("list", ".", "--view", "0")[0] == 0
     assert len(opened) == len(NAMES)
     assert all(Path(word).is_file() and not word.startswith("-") for word in opened)

@@ -116,7 +116,7 @@ COMMANDS = (
 
 @pytest.mark.parametrize("words", COMMANDS)
 def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, capsys, monkeypatch):
-    folder = leave(tmp_path / "folder", status="running" if words == "runs list {folder}" else "complete")
+    folder = leave(tmp_path / "folder", status="running" if words.startswith("runs list {folder}") else "complete")
     for path in (folder / "run.rrd", tmp_path / "other.rrd"):
         path.write_bytes(kinds[0])
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))

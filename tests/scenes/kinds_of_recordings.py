@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from recording_steps import BODY, SCALE, SPACE, steps
+from recording_steps import BODY, SPACE, steps
 
 from workbench.core.study import Bars, StudyResult
 from workbench.recording.study.study_recorder import record_study
@@ -29,7 +29,7 @@ def _labels(name, **settings):
 
 
 def _leave(path, name, run, **settings):
-    with Recorder(path, BODY, SPACE, coefficient_scale=SCALE, **_labels(name, **settings)) as recorder:
+    with Recorder(path, BODY, SPACE, **_labels(name, **settings)) as recorder:
         for step in run:
             recorder.log(step, {"error_abs_mm": 1.0} if step.frame.truth else {})
         recorder.set_result({"error_abs_mm": 1.0, "frames": len(run)})

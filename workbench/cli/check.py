@@ -1,7 +1,6 @@
 """`workbench check`: whether the configurations stored in recordings still give what was recorded."""
 
 import os
-import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import Annotated
 from typer import Argument, Exit, Option
 
 from workbench.cli.hydra_quoting import quoted
-from workbench.cli.run_output import tell_warnings
-from workbench.cli.single_command import run_command
+from workbench.cli.run_output import print_warnings
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults
@@ -25,8 +23,10 @@ from workbench.results.check.rerun import Request, check_each, check_groups, che
 from workbench.results.formatting import printable
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
+from workbench.utils.signals import interruptible
 
 
+@interruptible()
 def check(
     what: Annotated[
         list[str],
@@ -41,7 +41,7 @@ def check(
     reason: Annotated[str | None, Option(help="With --update: why, for reasons.md next to the recordings.")] = None,
     record: Annotated[Path | None, Option(metavar="DIFF.rrd", help="Write both runs side by side.")] = None,
     junit: Annotated[Path | None, Option(metavar="OUT.xml", help="Write the outcome for a build server.")] = None,
-    output: Annotated[Path | None, Option("-o", "--output", "--keep", help="Keep the new runs in this folder.")] = None,
+    output: Annotated[Path | None, Option("-o", "--output", help="Keep the new runs in this folder.")] = None,
     verbose: Annotated[bool, Option("-v", "--verbose", help="Print the numbers that passed, too.")] = False,
 ) -> None:
     """Run recordings again and compare every number: identical, equal to rounding, within tolerance, or changed.
@@ -55,7 +55,7 @@ def check(
 
     workbench check a.rrd b.rrd --record diff.rrd
     """
-    tell_warnings()
+    print_warnings()
     ways = {"--seeds": seeds is not None, "--paired": paired, "--against": against is not None}
     chosen = [name for name, given in ways.items() if given]
     if len(chosen) > 1:
@@ -79,7 +79,7 @@ def check(
         raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
     runs, checks = read_sound(paths)
     prepare_hydra()
-    with TemporaryDirectory(prefix="workbench-check-") if output is None else nullcontext(output) as folder:
+    with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
         request = Request(overrides, own_defaults(overrides), Path(folder), exact)
         if two:
             by_path = {run.path: run for run in runs}
@@ -116,12 +116,3 @@ def _record(path: Path, checks: Sequence[Check]) -> None:
     with whole_file(path) as part:
         write_side_by_side(part, pairs[0].was, pairs[0].now)
     print(f"{pairs[0].name}: both runs: workbench view {os.path.relpath(path)}")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 0 all passed, 1 a number failed, 2 wrong input."""
-    return run_command(check, "workbench check", argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

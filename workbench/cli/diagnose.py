@@ -1,8 +1,6 @@
 """`workbench diagnose`: why a run lost the track, by repeating it with one thing changed at a time."""
 
 import os
-import sys
-from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,15 +8,16 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from workbench.cli.single_command import run_command
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.results.diagnose import AFTER, BEFORE, lost_frames, sentence, table
 from workbench.results.diagnose import diagnose as repeat_with_changes
 from workbench.utils.errors import InputError
+from workbench.utils.signals import interruptible
 
 
+@interruptible()
 def diagnose(
     recording: Annotated[Path, Argument(metavar="RUN.rrd", help="A run that lost the track.")],
     overrides: Annotated[
@@ -50,17 +49,8 @@ def diagnose(
     for each in lost if frame is None else [frame]:
         stretch = f"{max(each - BEFORE, int(run.poses[0][0]))} to {each + AFTER}"
         print(f"{run.path}: lost in frame {each}; repeated in frames {stretch}", flush=True)
-        with TemporaryDirectory(prefix="workbench-diagnose-") if output is None else nullcontext(output) as folder:
+        with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
             outcomes, refused = repeat_with_changes(run, each, words, seeds, jobs, Path(folder, f"frame_{each}"))
         print("\n".join([*(f"left out: {words}" for words in refused), table(outcomes), sentence(outcomes)]))
     if output is not None:
         print(f"repetitions: workbench view {output}")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    return run_command(diagnose, "workbench diagnose", argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

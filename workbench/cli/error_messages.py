@@ -21,7 +21,6 @@ _KEY = re.compile(r"Key '([^']+)' not in '")
 _PLACE = re.compile(r"full_key: (\S+)")
 _FILE = re.compile(r"In '(\w+)/([^',]+)[^']*':(?: \w+ raised while composing config:)?")
 _COMPONENT = re.compile(r"object_type=(\w+)_keys")
-_WORD = re.compile(r"([a-z]\w*)=(.*)", re.DOTALL)
 _MAX_LISTED = 40
 
 
@@ -32,16 +31,16 @@ def report_error(error: BaseException) -> int | None:
     """
     if isinstance(error, KeyboardInterrupt):
         number = error.number if isinstance(error, Interrupted) else signal.SIGINT
-        print_error([f"interrupted by {signal.Signals(number).name}; what was recorded is kept"])
+        _print_error([f"interrupted by {signal.Signals(number).name}; what was recorded is kept"])
         return 128 + number
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
     if not is_full and not isinstance(error, (*_BAD_INPUT, RunFailure)):
         return None
-    print_error(message_of(error))
+    _print_error(message_of(error))
     return 2 if isinstance(error, _BAD_INPUT) else 1
 
 
-def print_error(message: Sequence[str]) -> None:
+def _print_error(message: Sequence[str]) -> None:
     """Print the lines of a message to stderr; the last is its sentence."""
     *listed, sentence = message
     print(*listed, f"workbench: {shortened(sentence)}", sep="\n", file=sys.stderr)
@@ -66,29 +65,6 @@ def message_of(error: BaseException) -> list[str]:
         *listed, sentence = _explained(whole.replace(place[0], file), chain, place[2])
         return [*listed, sentence if sentence.startswith(file) else f"{file} {sentence}"]
     return _explained(whole, chain)
-
-
-def mistyped(arguments: Sequence[str]) -> list[str]:
-    """Return the message on the first `group=option` or `key=value` that does not exist; empty where all do.
-
-    Hydra would refuse it, too, after importing the components of the run. Left to Hydra are keys of components, choices
-    of a sweep, and everything where --config-dir names a folder with more options.
-    """
-    from workbench.experiment.config.options import GROUPS, options
-    from workbench.experiment.config.schema import RunSchema
-
-    others = [text for text in arguments if text not in ("-m", "--multirun")]
-    if any("=" not in text or text.startswith("-") for text in others):
-        return []
-    groups, keys = ("experiment", "paper", *GROUPS), {"experiment", *(each.name for each in fields(RunSchema))}
-    for found in filter(None, map(_WORD.fullmatch, arguments)):
-        name, value = found.groups()
-        if name in groups and re.fullmatch(r"[a-zA-Z]\w*", value) and value.lower() != "null":
-            if value not in options(name):
-                return _unknown_option(name, value)
-        elif name not in (*keys, "hydra", "when"):
-            return _unknown(f"there is no key {name}", name, sorted(keys))
-    return []
 
 
 def _file(group: str, name: str) -> str:

@@ -26,13 +26,6 @@ def quoted(argument: str) -> str:
     return f"{key}='{value.replace(chr(39), chr(92) + chr(39))}'"
 
 
-def unquoted(argument: str) -> str:
-    """Remove the quotes around the value of `key=value`."""
-    key, sign, value = argument.partition("=")
-    is_quoted = len(value) > 1 and value[0] == value[-1] in ("'", '"')
-    return f"{key}{sign}{value[1:-1]}" if is_quoted else argument
-
-
 def _is_read(argument: str) -> bool:
     """Return whether Hydra reads a value, and as a single one where it is a folder's."""
     try:

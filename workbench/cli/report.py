@@ -1,7 +1,5 @@
 """Many recordings as tables and plots, grouped by what varied in their configurations."""
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,18 +8,9 @@ import typer
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
-from workbench.results.report.page import as_markdown, as_page, terminal
+from workbench.results.report.page import render, terminal
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
-    from workbench.cli.runs import exit_code
-
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(report)
-    return exit_code(app, argv, "workbench report")
 
 
 def report(
@@ -53,20 +42,11 @@ def report(
         files = {f"{plot.name}.png": plot.png for plot in plots} | {
             "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
             "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
-            "report.md": as_markdown(title, found, plots).encode(),
-            "report.html": as_page(title, found, plots).encode(),
         }
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{output}: expected a folder to write to: {error.strerror}") from None
+        files |= {name: render(name, title, found, plots).encode() for name in ("report.md", "report.html")}
         for name, content in files.items():
-            with whole_file(output / name) as part:
+            with whole_file(output / name, parents=True) as part:
                 part.write_bytes(content)
     print(terminal(found))
     if output is not None:
         print(f"\nlook at it: {output / 'report.html'}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

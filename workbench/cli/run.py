@@ -13,9 +13,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.cli.error_messages import mistyped, print_error, report_error
-from workbench.cli.hydra_quoting import quoted, unquoted
-from workbench.cli.run_output import summary_lines, tell_warnings
+from workbench.cli.error_messages import report_error
+from workbench.cli.hydra_quoting import quoted
+from workbench.cli.run_output import print_warnings, summary_lines
 from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.early_stop import stop_when
@@ -33,6 +33,8 @@ app = typer.Typer(add_completion=False)
 _LAUNCHER_DIED = RuntimeError
 """Base of what joblib (TerminatedWorkerError) and submitit (UncompletedJobError) raise when a worker is killed."""
 
+_NOT_FOR_HYDRA = ("from=", "hydra.run.dir=")
+"""Arguments that Hydra does not read where a recorded run goes on."""
 _ENVIRONMENT = {
     "HYDRA_FULL_ERROR": "1",  # errors reach `run` instead of Hydra's own report
     "RUST_LOG": "warn,re_log_encoding=off,re_sdk=off",  # a full disk ends the run, which prints one sentence
@@ -70,8 +72,10 @@ def run(
     code, arguments = 0, list[str]()
     with interruptible(first=Watch.end):
         try:
-            arguments = sorted(map(quoted, overrides or []), key=_is_override)
-            code = _run(arguments)
+            words = overrides or []
+            plain = _NOT_FOR_HYDRA if any(text.startswith("from=") for text in words) else ()
+            arguments = sorted((text if text.startswith(plain) else quoted(text) for text in words), key=_is_override)
+            _run(arguments)
         except (Exception, KeyboardInterrupt) as error:
             if (reported := report_error(error)) is None:
                 raise
@@ -88,7 +92,7 @@ def _is_override(argument: str) -> bool:
     return argument not in ("-m", "--multirun") and not re.match("--[a-z-]+=", argument)
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str]) -> None:
     if unnamed := [text for text in arguments if text.startswith("=")]:
         raise InputError(f"expected key=value, found {unnamed[0]!r}")
     name_parts(parts_in(arguments))
@@ -96,14 +100,9 @@ def _run(arguments: list[str]) -> int:
     if any(text.startswith("--experimental-rerun") for text in arguments):
         raise InputError("--experimental-rerun would unpickle a file; from=RUN.rrd runs a recorded configuration")
     if any(text.startswith("from=") for text in arguments):
-        plain = ("from=", "hydra.run.dir=")  # not for Hydra here
-        _branch([unquoted(text) if text.startswith(plain) else text for text in arguments])
-    elif message := mistyped(arguments):
-        print_error(message)
-        return 2
+        _branch(arguments)
     else:
         _whole_sweep(arguments)
-    return 0
 
 
 def _branch(arguments: list[str]) -> None:
@@ -113,7 +112,7 @@ def _branch(arguments: list[str]) -> None:
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))
     root.setLevel(logging.INFO)
-    tell_warnings()
+    print_warnings()
     _log(branch(arguments))
 
 
@@ -141,7 +140,7 @@ def _whole_sweep(arguments: list[str]) -> None:
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
 def _job(config: DictConfig) -> float | None:
     """Run one job and return the number that a tuner minimises, see `metric_of`."""
-    tell_warnings()
+    print_warnings()
     settings, sweep = HydraConfig.get(), config.sweep
     config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as when it runs alone
     experiment = str(settings.runtime.choices.get("experiment") or "custom")

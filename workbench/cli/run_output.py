@@ -51,7 +51,7 @@ def summary_lines(summary: "Summary") -> Iterator[str]:
     yield f"look at it: {_command()} view {quote(_shortest(summary.recording))}"
 
 
-def tell_warnings() -> None:
+def print_warnings() -> None:
     """Print Python's warnings as a sentence each, without the file and the line that raised them."""
     logging.captureWarnings(True)
     warnings.formatwarning = lambda message, category, filename, lineno, line=None: str(message)

@@ -22,11 +22,11 @@ from workbench.utils import processes
 from workbench.utils.errors import InputError
 
 HOME = ("recordings/runs", "recordings/sweeps")
-N_ROWS = 40
+_N_ROWS = 40
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+app = typer.Typer(no_args_is_help=True, help=__doc__)
 
-Query = Annotated[
+_Query = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="FOLDER|KEY=VALUE", show_default=False,
@@ -39,30 +39,14 @@ Run = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or reco
 Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Smallest first; -KEY: largest first.")]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
-    return exit_code(app, argv, "workbench runs")
-
-
-def exit_code(app: typer.Typer, argv: Sequence[str] | None, name: str) -> int:
-    """Run an application with these words and return its exit code: 2 after an error, which is printed."""
-    try:
-        return app(argv, prog_name=name)
-    except InputError as error:
-        print(f"{name}: {printable(str(error))}", file=sys.stderr)
-        return 2
-    except SystemExit as end:
-        return int(end.code or 0)
-
-
 @app.command("list")
-def list_runs(
-    query: Query = None,
+def _list_runs(
+    query: _Query = None,
     sort: Sort = None,
     columns: Annotated[
         str | None, typer.Option(metavar="KEY,…", help="Columns; varied: how the configurations differ.")
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {N_ROWS}.")] = False,
+    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {_N_ROWS}.")] = False,
     by_sweep: Annotated[bool, typer.Option("--sweeps", help="A row for each sweep.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="All that is known of the runs, as JSON.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="The columns, or all numbers, as CSV.")] = False,
@@ -77,13 +61,13 @@ def list_runs(
     found = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
     if n_best is not None:
-        from workbench.cli import view
+        from workbench.cli.view import view
 
-        raise typer.Exit(view.main(_recordings(found if sort else best_first(found))[: n_best or None]))
-    if as_report:
+        view(_recordings(found if sort else best_first(found))[: n_best or None])
+    elif as_report:
         from workbench.cli.report import report
 
-        report(list(map(Path, _recordings(found))))
+        report(_recordings(found))
     elif as_json:
         print(json.dumps(records_of(found), indent=1))
     elif as_csv:
@@ -95,7 +79,7 @@ def list_runs(
     elif found.empty:
         print("no run fits")
     else:
-        few = found if every else found[:N_ROWS]
+        few = found if every else found[:_N_ROWS]
         print(text(listing(few, names), longest=80))
         if len(few) < len(found):
             print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
@@ -118,7 +102,7 @@ def diff(first: Run, second: Run) -> None:
 
 @app.command()
 def gallery(
-    query: Query = None,
+    query: _Query = None,
     sort: Sort = None,
     serve: Annotated[bool, typer.Option("--serve", help="Open no viewer: print what opens one.")] = False,
 ) -> None:
@@ -192,7 +176,7 @@ def watch(sweep: Annotated[Path, typer.Argument(help="The sweep's folder.")]) ->
 
 @app.command()
 def rm(
-    query: Query = None,
+    query: _Query = None,
     yes: Annotated[bool, typer.Option("--yes", help="Delete them; without it, only list them.")] = False,
 ) -> None:
     """Delete runs, or list what would be deleted.
@@ -244,7 +228,7 @@ def _one(place: Path) -> pd.DataFrame:
     return runs
 
 
-def _recordings(runs: pd.DataFrame) -> list[str]:
+def _recordings(runs: pd.DataFrame) -> list[Path]:
     """Return the recordings of the runs, also of runs that have ended since they were listed."""
     recordings = []
     for recording in runs["recording"].dropna():
@@ -252,7 +236,7 @@ def _recordings(runs: pd.DataFrame) -> list[str]:
         if there is None:
             _warn(f"{recording}: left out, as it was removed meanwhile")
         else:
-            recordings.append(os.path.abspath(there) if there.startswith("-") else there)  # which is no option
+            recordings.append(Path(os.path.abspath(there) if there.startswith("-") else there))  # which is no option
     if not recordings:
         raise InputError("no run fits that has a recording")
     return recordings
@@ -260,7 +244,3 @@ def _recordings(runs: pd.DataFrame) -> list[str]:
 
 def _warn(sentence: str) -> None:
     print(f"workbench runs: {printable(sentence)}", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

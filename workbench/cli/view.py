@@ -12,7 +12,6 @@ from typing import Annotated
 
 from typer import Argument, Exit, Option
 
-from workbench.cli.single_command import run_command
 from workbench.recording.read.chunks import HEAD, end_of_whole
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
@@ -21,8 +20,10 @@ from workbench.recording.write.file import HOST
 from workbench.results.report.variation import flat, label, what_varied
 from workbench.utils import processes
 from workbench.utils.errors import InputError
+from workbench.utils.signals import interruptible
 
 
+@interruptible()
 def view(
     recordings: Annotated[list[Path], Argument(metavar="RUN|FOLDER...", help="Recordings, or folders of them.")],
     web: Annotated[bool, Option("--web", help="For a browser, on a server too: prints what to open.")] = False,
@@ -37,7 +38,7 @@ def view(
     """
     program, runs = viewer(), _readable(recordings)
     pair = len(recordings) == len(runs) == 2 and all(path.is_file() for path in recordings)
-    with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
+    with TemporaryDirectory(prefix="workbench-") as folder:  # kept as long as the viewer is open
         files = _side_by_side(runs, recordings, Path(folder)) if pair else _together(runs, Path(folder))
         code = show([str(program), "--bind", HOST, *_ports(web)], files)
     if code:
@@ -144,12 +145,3 @@ def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
     print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
     print("\n".join(f"  {name}" for name in (*named, OVERLAID)))
     return [*paths, *write_names(folder, paths, named), folder / "overlaid.rrd"]  # the viewer shows the last file
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 1 when the viewer failed, 2 when there is nothing to open."""
-    return run_command(view, "workbench view", argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

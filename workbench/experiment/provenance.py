@@ -22,7 +22,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.processes import CAPTURED, run
 from workbench.utils.source_hash import digest_of, read_sources
 
-CODE = ("workbench", "conf")
+_CODE = ("workbench", "conf")
 """Folders of the clone that a run's numbers depend on."""
 MOST_CHANGED = 100_000
 """Characters of a difference that are kept."""
@@ -86,15 +86,15 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
 def code_state(root: Path) -> dict[str, str]:
     """The commit of the clone at `root`, whether its code was changed, and the difference as `git apply` takes it.
 
-    Of the folders CODE, files that git does not know yet included; the difference ends with CUT after MOST_CHANGED
+    Of the folders _CODE, files that git does not know yet included; the difference ends with CUT after MOST_CHANGED
     characters. Empty where `root` is no clone of its own, as when the workbench was installed without one, or there is
     no git.
     """
     top = _git(root, "rev-parse", "--show-toplevel")
     if not top or Path(top.strip()).resolve() != root.resolve() or not (commit := _git(root, "rev-parse", "HEAD")):
         return {}
-    new = (_git(root, "ls-files", "--others", "--exclude-standard", "-z", "--", *CODE) or "").split("\0")
-    parts = [_git(root, "diff", "HEAD", "--", *CODE)]
+    new = (_git(root, "ls-files", "--others", "--exclude-standard", "-z", "--", *_CODE) or "").split("\0")
+    parts = [_git(root, "diff", "HEAD", "--", *_CODE)]
     parts += [_git(root, "diff", "--no-index", "--", "/dev/null", name) for name in new if name]
     difference = "".join(part or "" for part in parts)
     if len(difference) > MOST_CHANGED:

@@ -71,17 +71,17 @@ class Continued:
             )
 
     @cached_property
-    def told(self) -> tuple[IntArray, FloatArray]:
-        """The numbers of the frames that the run, or the one that it goes on from, told of, and their poses."""
+    def recorded(self) -> tuple[IntArray, FloatArray]:
+        """The numbers of the frames of the run, and of the one that it goes on from, and their poses."""
         return recorded_poses(self.run)
 
     @property
     def skipped(self) -> int:
         """Count the run's frames before this one."""
-        return int((self.told[0] < self.frame).sum())
+        return int((self.recorded[0] < self.frame).sum())
 
     def identity(self, configuration: str) -> str:
-        """Tell apart what comes out from a whole run of the configuration of this identity, unless it is one."""
+        """Return an identity other than that of a whole run of this configuration, unless it is one."""
         if self.earlier is not None:
             return configuration
         return hashlib.sha256(f"{configuration} from {self.run.id}@{self.frame}".encode()).hexdigest()
@@ -110,9 +110,9 @@ class Continued:
         steps = self._steps(parts, seed, expected)
         first = next(steps)
         before: list[tuple[int, float, FloatArray]] = []
-        for number, pose, frame in zip(*(each[: self.skipped] for each in self.told), parts.clip, strict=False):
+        for number, pose, frame in zip(*(each[: self.skipped] for each in self.recorded), parts.clip, strict=False):
             if frame.index != number:
-                raise InputError(f"config: the run began with frame {self.told[0][0]}, this one would with another")
+                raise InputError(f"config: the run began with frame {self.recorded[0][0]}, this one would with another")
             meter.catch_up(replace(first, frame=frame, expected_pose=pose))
             before.append((frame.index, frame.time_s, pose))
         if own is None:
@@ -122,7 +122,7 @@ class Continued:
             yield step, meter.errors(step)
 
     def _steps(self, parts: Parts, seed: int, expected: list[FloatArray]) -> Iterator[Step]:
-        """Yield the steps from the frame on; `expected` is filled with what the likelihood was told up to it."""
+        """Yield the steps from the frame on; `expected` is filled with the poses given to the likelihood up to it."""
         after = continuing(parts.inference)
         if not self.changed:
             yield from self._on(parts, expected)
@@ -150,7 +150,7 @@ class Continued:
         past = past_before(self.run, self.frame)
         expected += [] if past is None else list(past.expected)
         start, n = parts.start if past is None else past, self.skipped - len(expected)
-        recorded, same = dict(zip(self.told[0].tolist(), self.told[1], strict=True)), True
+        recorded, same = dict(zip(self.recorded[0].tolist(), self.recorded[1], strict=True)), True
         log.info("%d frames are repeated before frame %d", n, self.frame)
         with tqdm(total=n, desc="repeat", unit="frame", disable=None, leave=False) as bar:
             for step in continuing(parts.inference).run(parts.clip, start, rng_streams(int(self.was.seed))):

@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-Stop = Callable[[Mapping[str, float]], bool]
+_Stop = Callable[[Mapping[str, float]], bool]
 """Whether a run ends, by its numbers so far; as text it is the condition."""
 
 
 def execute(
     config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
-    continued: "Continued | None" = None, stop: Stop | None = None,
+    continued: "Continued | None" = None, stop: _Stop | None = None,
 ) -> Summary:  # fmt: skip
     """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it makes and locks.
 
@@ -101,7 +101,7 @@ def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
 
 def run_checked(
     config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: "Continued | None",
-    stop: Stop | None,
+    stop: _Stop | None,
 ) -> None:  # fmt: skip
     """Check the configuration and run it, counted in the summary; parameters and errors as of `execute`."""
     _check(config, command.choices)
@@ -158,7 +158,7 @@ def _with_assumptions(config: DictConfig) -> DictConfig:
 
 def _track(
     config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: "Continued | None",
-    stop: Stop | None,
+    stop: _Stop | None,
 ) -> None:  # fmt: skip
     parts = build_parts(config, partial(_timed, summary))
     summary.counted = parts.clip.known.counted
@@ -171,13 +171,13 @@ def _track(
         record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
         summary.compiling_s = compiled_s() - before_s
         measured = evidence.measured()
-        summary.verdict = verdict(measured, _told(config, summary.settings, parts))
+        summary.verdict = verdict(measured, _run_inputs(config, summary.settings, parts))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
 
 
-def _told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
+def _run_inputs(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
     """Collect what a run was given that its frames may contradict; settings: the configuration, resolved."""
     known, body = parts.clip.known, settings.get("body") or {}
     iterations = (settings.get("inference") or {}).get("max_iterations")
@@ -224,7 +224,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 def record(
     parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: "Continued | None" = None, stop: Stop | None = None, evidence: Evidence | None = None,
+    continued: "Continued | None" = None, stop: _Stop | None = None, evidence: Evidence | None = None,
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
     evidence: takes in every step, too."""
@@ -262,15 +262,8 @@ def record(
 
 def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
-    space = parts.inference.space
-    n_coefficients = len(range(len(space))[space.slices.get("coefficients", slice(0))])
-    live = {
-        "path": summary.recording,
-        "constant": sorted(_constant(config, parts)),
-        "body": parts.body,
-        "space": space,
-        "coefficient_scale": np.ones(n_coefficients),  # every prior counts them in standard deviations
-    }
+    live = {"path": summary.recording, "body": parts.body, "space": parts.inference.space}
+    live |= {"constant": sorted(_constant(config, parts))}
     live |= {"decode": parts.prior.pose} if parts.prior is not None and continues(parts.inference) else {}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder

@@ -1,7 +1,6 @@
 """Several recordings in one viewer: two in one, under a/ and b/, or many as they are, with names and their curves."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from workbench.recording.read.crash_probe import refuse_fatal
 from workbench.recording.read.reader import Run
 from workbench.recording.study.study_recorder import entity
 from workbench.recording.write import styles
-from workbench.recording.write.file import new_stream
+from workbench.recording.write.file import written_file
 from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
@@ -32,18 +31,6 @@ _OKABE_ITO = {
 }  # fmt: skip
 
 
-@contextmanager
-def _written(
-    path: Path, application: str, recording_id: str, content: rrb.Container | None = None, **options: Any
-) -> Iterator[rr.RecordingStream]:
-    """Write what the block sends to a stream into an .rrd; content: of its layout."""
-    stream = new_stream(application, recording_id, **options)
-    stream.set_sinks(rr.FileSink(path), default_blueprint=None if content is None else page(content, fps=None))
-    yield stream
-    stream.flush()
-    stream.disconnect()
-
-
 def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
     """Write both recordings to an .rrd with a layout that shows them side by side, under these names.
 
@@ -51,7 +38,8 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
     """
     refuse_fatal([a.path, b.path])
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
-    with _written(path, "workbench-check", f"{a.id}-beside", _two(a, b, names)) as stream:
+    layout = page(_two(a, b, names), fps=None)
+    with written_file(path, "workbench_side_by_side", f"{a.id}-beside", layout) as stream:
         for side, run in (("a", a), ("b", b)):
             for chunk in read_chunks(run.path, EVERYTHING):
                 below = chunk.entity_path.removeprefix("/").removeprefix("__")
@@ -66,7 +54,7 @@ def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) 
     """
     paths = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
     for path, recording, name in zip(paths, recordings, names, strict=True):
-        with _written(path, *recording_of(recording), send_properties=False) as stream:
+        with written_file(path, *recording_of(recording), send_properties=False) as stream:
             stream.send_recording_name(name)
     return paths
 
@@ -84,7 +72,7 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
     content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="how each came out"))
     colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
     words = [colour_of[group] for group in groups]
-    with _written(path, "workbench-runs", str(uuid4()), content) as stream:
+    with written_file(path, "workbench_overlaid", str(uuid4()), page(content, fps=None)) as stream:
         stream.send_recording_name(OVERLAID)
         for k, (run, name, word) in enumerate(zip(runs, names, words, strict=True)):
             for metric in (each for each in metrics if each in run.metrics):

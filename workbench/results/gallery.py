@@ -13,7 +13,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from workbench.evaluation.headline import SHORT_TITLES
-from workbench.recording.write.cards import CARD, column, preview_of, recording_id, write_card, write_layout
+from workbench.recording.read.chunks import recording_of
+from workbench.recording.write.cards import CARD, column, preview_of, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS
 from workbench.results.formatting import printable
 from workbench.results.query import varied
@@ -26,11 +27,11 @@ _LONGEST_TITLE = 200
 _N_PREVIEWED = 6
 """Runs in which images and a layout are searched for: about what a screen shows."""
 
-Card = tuple[str, dict[str, Any], tuple[str, str]]
+_Card = tuple[str, dict[str, Any], tuple[str, str]]
 """Title, record, and ids of the application and the recording."""
 
 
-class Gallery(NamedTuple):
+class _Gallery(NamedTuple):
     """Runs that are served. url: what the viewer opens. left_out: a sentence for each run that is not served."""
 
     url: str
@@ -39,7 +40,7 @@ class Gallery(NamedTuple):
 
 
 @contextmanager
-def gallery(runs: pd.DataFrame) -> Iterator[Gallery]:
+def gallery(runs: pd.DataFrame) -> Iterator[_Gallery]:
     """Serve the runs of `read_runs` in their order, at a free port of 127.0.0.1, until the block ends.
 
     Raises InputError without the extra `catalog`, and where none of the runs has a recording that can be read.
@@ -52,7 +53,7 @@ def gallery(runs: pd.DataFrame) -> Iterator[Gallery]:
     from rerun.server import Server  # here, as it needs the extra
 
     cards, left_out = _cards(runs)
-    with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-runs-") as folder:
+    with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-") as folder:
         dataset = server.client().create_dataset("runs")
         refused = _register(dataset, {record["path"]: Path(record["recording"]) for _, record, _ in cards})
         left_out += [f"left out: {path}: the catalog refuses it: {reason}" for path, reason in refused.items()]
@@ -61,7 +62,7 @@ def gallery(runs: pd.DataFrame) -> Iterator[Gallery]:
             raise InputError("; ".join(left_out) or "no run fits")
         _add_cards(dataset, cards, Path(folder))
         _lay_out(dataset, [record for _, record, _ in cards], Path(folder) / "runs.rbl")
-        yield Gallery(f"{server.url()}/entry/{dataset.id}", len(cards), left_out)
+        yield _Gallery(f"{server.url()}/entry/{dataset.id}", len(cards), left_out)
 
 
 def titles(runs: pd.DataFrame) -> list[str]:
@@ -73,15 +74,15 @@ def titles(runs: pd.DataFrame) -> list[str]:
     return found
 
 
-def _cards(runs: pd.DataFrame) -> tuple[list[Card], list[str]]:
+def _cards(runs: pd.DataFrame) -> tuple[list[_Card], list[str]]:
     """Return the runs with a recording of an id of its own, and a sentence for each of the others."""
-    cards: dict[str, Card] = {}
+    cards: dict[str, _Card] = {}
     left_out = []
     for title, record in tqdm(list(zip(titles(runs), records_of(runs), strict=True)), unit="run", disable=None):
         try:
             if record["recording"] is None:
                 raise InputError(f"{record['path']}: it has no recording ({record['status']})")
-            ids = recording_id(Path(record["recording"]))
+            ids = recording_of(Path(record["recording"]))
             if ids[1] in cards:
                 raise InputError(f"{record['path']}: it has the same id as {cards[ids[1]][1]['path']}")
             cards[ids[1]] = title, record, ids
@@ -100,7 +101,7 @@ def _register(dataset: Any, files: Mapping[str, Path], **options: str) -> dict[s
     return {names[each.uri]: " ".join(each.error.split())[:300] for each in results if each.error}
 
 
-def _add_cards(dataset: Any, cards: Sequence[Card], folder: Path) -> None:
+def _add_cards(dataset: Any, cards: Sequence[_Card], folder: Path) -> None:
     files = {}
     for k, (title, record, ids) in enumerate(tqdm(cards, unit="card", disable=None)):
         texts = {"title": title} | {name: printable(record[name]) for name in _TEXTS}

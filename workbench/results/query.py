@@ -18,7 +18,7 @@ from workbench.utils.errors import InputError
 Condition = tuple[str, str, str]
 """Key, sign and value."""
 USUAL = ("path", "started", "status", "experiment", "varied", "seed", *SHORT_TITLES)
-VARIED = "varied"
+_VARIED = "varied"
 """The column of how a run's configuration differs from the others'."""
 _CONDITION = re.compile(r"([\w./@-]+?)(<=|>=|!=|=|<|>|~)(.*)", re.DOTALL)
 _ORDERS: dict[str, Callable[[Any, Any], bool]] = {
@@ -91,8 +91,8 @@ def best_first(runs: pd.DataFrame) -> pd.DataFrame:
 
 def listing(runs: pd.DataFrame, columns: Sequence[str] | None) -> pd.DataFrame:
     """Return the columns to list, keys as in a query; None: those of USUAL that are not empty."""
-    names = [name for name in USUAL if name in (*FIELDS, VARIED) or f"metrics.{name}" in runs]
-    cells = {name: varied(runs) if name == VARIED else values_of(runs, name) for name in columns or names}
+    names = [name for name in USUAL if name in (*FIELDS, _VARIED) or f"metrics.{name}" in runs]
+    cells = {name: varied(runs) if name == _VARIED else values_of(runs, name) for name in columns or names}
     if columns is None:
         cells = {name: values for name, values in cells.items() if any(value not in ("", None) for value in values)}
     return table_of(list(cells), zip(*cells.values(), strict=True))

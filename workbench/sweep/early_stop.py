@@ -24,7 +24,7 @@ class StopWhen:
     bound: float
 
     def __call__(self, metrics: Mapping[str, float]) -> bool:
-        """Tell whether it holds; what is not there yet, or not a number, holds nothing."""
+        """Return whether it holds; what is not there yet, or not a number, holds nothing."""
         return self.name in metrics and _ORDERS[self.sign](metrics[self.name], self.bound)
 
     def __str__(self) -> str:

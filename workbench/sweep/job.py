@@ -18,7 +18,7 @@ from workbench.evaluation.headline import ERRORS
 from workbench.sweep.early_stop import StopWhen, stop_when
 from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY
+from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY, read_summary
 from workbench.utils.run_lock import is_locked, locked
 
 log = logging.getLogger(__name__)
@@ -146,15 +146,6 @@ def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhe
         return True
     _set_aside(folder)
     return take_over(wanted, folder, places)
-
-
-def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Read summary.json in a folder; None where there is none or it cannot be read."""
-    try:
-        summary = json.loads((folder / SUMMARY).read_text())
-    except (OSError, ValueError):
-        return None
-    return summary if isinstance(summary, dict) else None
 
 
 def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:

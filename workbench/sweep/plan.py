@@ -8,7 +8,6 @@ from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -103,11 +102,11 @@ def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     loader = GlobalHydra.instance().config_loader() if GlobalHydra.instance().is_initialized() else None
     given = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()] + task
     chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
-    return {key: _values(each) for key, each in chosen.items() if each.is_sweep_override()}
-
-
-def _values(swept: Override) -> list[str]:
-    return list(islice(swept.sweep_string_iterator(), MOST_JOBS + 1)) if swept.is_discrete_sweep() else []
+    swept = {key: each for key, each in chosen.items() if each.is_sweep_override()}
+    return {
+        key: list(islice(each.sweep_string_iterator(), MOST_JOBS + 1)) if each.is_discrete_sweep() else []
+        for key, each in swept.items()
+    }
 
 
 def read_plan(folder: Path) -> Plan:

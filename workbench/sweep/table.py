@@ -16,10 +16,10 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.results.formatting import printable
-from workbench.sweep.job import ASIDE, FAILED, metric_of, read_summary
+from workbench.sweep.job import ASIDE, FAILED, metric_of
 from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import SUMMARY
+from workbench.utils.run_files import SUMMARY, read_summary
 from workbench.utils.run_lock import is_locked, run_folder
 
 _ENDED = ("complete", "stopped", "failed", "interrupted")

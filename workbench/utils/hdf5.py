@@ -14,9 +14,9 @@ from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS, check_file, chec
 from workbench.utils.sandbox import parse_limited
 
 MOST_BYTES = 1 << 40  # of a file
-MOST_OBJECTS = 1_000_000  # groups and data sets of a file
-MOST_PACKED = 100  # bytes of numbers for each stored byte, in files with more than SMALL_BYTES of them
-SMALL_BYTES = 100_000_000
+_MOST_OBJECTS = 1_000_000  # groups and data sets of a file
+_MOST_PACKED = 100  # bytes of numbers for each stored byte, in files with more than _SMALL_BYTES of them
+_SMALL_BYTES = 100_000_000
 OTHER = "values that are neither numbers nor a text"
 _ATTRIBUTES = "attributes"
 
@@ -57,7 +57,7 @@ def contents(path: Path) -> dict[str, AnyArray]:
             attributes[group.name] = dict(group.attrs)
             for name in group:
                 place = f"{group.name.rstrip('/')}/{name}"
-                check_number(path, "groups and data sets", n_objects := n_objects + 1, MOST_OBJECTS)
+                check_number(path, "groups and data sets", n_objects := n_objects + 1, _MOST_OBJECTS)
                 if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                     raise InputError(f"{path}: {place}: expected data in the file itself, found a link")
                 if isinstance(each := group[name], h5py.Group):
@@ -65,7 +65,7 @@ def contents(path: Path) -> dict[str, AnyArray]:
                     pending.append(place)
                 elif isinstance(each, h5py.Dataset):
                     n_bytes += _size(f"{path}: {place}", each)
-                    most = max(SMALL_BYTES, MOST_PACKED * path.stat().st_size)
+                    most = max(_SMALL_BYTES, _MOST_PACKED * path.stat().st_size)
                     check_number(path, "bytes of numbers in a file of this size", n_bytes, most)
                     numbers = each.dtype.kind in "biuf" and each.shape is not None
                     text = h5py.check_string_dtype(each.dtype) and each.shape == ()

@@ -19,10 +19,10 @@ if TYPE_CHECKING:  # the command line reads this module before it needs arrays
 
 MOST_JOINTS, MOST_FRAMES = 1_000, 1_000_000  # of a motion file
 MOST_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-MOST_TEXT, MOST_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
+_MOST_TEXT, MOST_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
 DEEPEST = 50  # levels of lists and mappings in one another
-MOST_COUNT, LARGEST, MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
-MOST_JOBS, MOST_PROCESSES = 100_000, 1_000  # of a sweep
+MOST_COUNT, LARGEST, _MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
+MOST_JOBS = 100_000  # of a sweep
 
 RATES_HZ = (0.1, 1e5)
 LARGEST_M, LARGEST_PX = 1e7, 1e7  # of positions
@@ -71,7 +71,7 @@ def check_sizes(value: object, place: str = "") -> None:
     elif isinstance(value, int | float):
         key = place.rpartition(".")[2]
         counts = isinstance(value, int) and not key.startswith(("most_", "max_"))
-        most = MOST_SEED if key == "seed" else MOST_COUNT if counts else LARGEST
+        most = _MOST_SEED if key == "seed" else MOST_COUNT if counts else LARGEST
         least = 1 if key in ("n_frames", "n_particles") else -most
         if not least <= value <= most:
             shown = "a longer one" if isinstance(value, int) and abs(value) >= 2**64 else value
@@ -95,7 +95,7 @@ def _memory_bytes() -> int:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def check_file(path: Path, most: int = MOST_TEXT) -> None:
+def check_file(path: Path, most: int = _MOST_TEXT) -> None:
     """Raise InputError for anything but a regular file of at most `most` bytes; a pipe would block."""
     try:
         found = os.stat(path)

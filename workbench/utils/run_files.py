@@ -1,4 +1,8 @@
-"""Names of the files in a run's folder."""
+"""Names of the files in a run's folder, and its summary."""
+
+import json
+from pathlib import Path
+from typing import Any
 
 RECORDING = "run.rrd"
 PART = "run.rrd.part"
@@ -13,3 +17,12 @@ LOCK = ".lock"
 
 EARLIER = ".earlier"
 """Folder of the runs and attempts that the folder held before, hidden from readers of recordings."""
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Read summary.json in a folder; None where there is none or it cannot be read."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return summary if isinstance(summary, dict) else None

@@ -19,7 +19,7 @@ from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
 from workbench.utils.processes import module, run
 
-CPU_S, BYTES_PER_S = 5, 5_000_000  # processor time of the child: 5 s, and 1 s for every 5 MB
+_CPU_S, _BYTES_PER_S = 5, 5_000_000  # processor time of the child: 5 s, and 1 s for every 5 MB
 MEMORY_BYTES = 4_000_000_000  # of the child, and of its output, plus ten times the size of the files
 _WALL = 20  # wall time over processor time
 _REFUSED = 3  # exit code of the child after an InputError
@@ -31,7 +31,7 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
     Raises InputError where it raises any error, crashes or exceeds a limit. what: the expected kind of file.
     """
     place, size = f"{paths[0]}: expected {what}", sum(path.stat().st_size for path in paths if path.exists())
-    call, wall_s = (f"{parse.__module__}:{parse.__qualname__}", str(size)), _WALL * (CPU_S + size // BYTES_PER_S)
+    call, wall_s = (f"{parse.__module__}:{parse.__qualname__}", str(size)), _WALL * (_CPU_S + size // _BYTES_PER_S)
     command = module(__name__, *call, *map(str, paths))
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         try:
@@ -57,7 +57,7 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
 def main(name: str, size: str, *paths: str) -> None:
     """Call package.module:function within the limits for `size` bytes, and write its arrays to standard output."""
     parse, memory = resolve_name(name), MEMORY_BYTES + 10 * int(size)
-    cpu_s = CPU_S + int(size) // BYTES_PER_S + int(time.process_time()) + 1
+    cpu_s = _CPU_S + int(size) // _BYTES_PER_S + int(time.process_time()) + 1
     for limit, most in {"DATA": memory, "FSIZE": memory, "CPU": cpu_s, "CORE": 0}.items():
         number = getattr(resource, f"RLIMIT_{limit}")
         hard = resource.getrlimit(number)[1]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Sent by a person, by a cluster or a service manager, and by a terminal that closes."""
 
 
@@ -32,14 +32,14 @@ class _Request:
 
 @contextmanager
 def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
-    """Raise Interrupted when one of SIGNALS arrives in the block; `first` is called before that.
+    """Raise Interrupted when one of _SIGNALS arrives in the block; `first` is called before that.
 
     Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
     (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
     """
     usual, before = (signal.SIG_DFL, signal.default_int_handler), {}
     if threading.current_thread() is threading.main_thread():
-        before = {number: handler for number in SIGNALS if (handler := signal.getsignal(number)) in usual}
+        before = {number: handler for number in _SIGNALS if (handler := signal.getsignal(number)) in usual}
 
     def handle(number: int, _: FrameType | None) -> None:
         for each in before:

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from workbench.cli import check
+from workbench.cli.main import main
 
 BASELINES = Path(__file__).parents[3] / "recordings" / "baselines"
 
 
 def test_another_part_is_refused_in_a_sentence_that_says_what_runs_it(capsys):
     recording = BASELINES / "walk_prior_only.rrd"
-    assert check.main([str(recording), "inference=annealed"]) == 2
+    assert main(["check", str(recording), "inference=annealed"]) == 2
     told = capsys.readouterr().out
     assert "REFUSED" in told
     assert "inference of a recording has keys of its own" in told
@@ -18,7 +18,7 @@ def test_another_part_is_refused_in_a_sentence_that_says_what_runs_it(capsys):
 
 def test_of_two_recordings_the_keys_that_differ_are_told(capsys):
     first, second = (str(BASELINES / f"{name}.rrd") for name in ("points_walk_steady", "points_walk_variable"))
-    assert check.main([first, second]) == 1
+    assert main(["check", first, second]) == 1
     head, *rows = capsys.readouterr().out.splitlines()
     assert head == "configured otherwise:"
     assert "  inference.problem.frames_per_style: None → not there" in rows

@@ -13,7 +13,7 @@ import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
-from workbench.cli import report
+from workbench.cli.main import main
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.results.report.page import escaped
@@ -70,7 +70,7 @@ def sweep(run, tmp_path_factory):
 def written(sweep, tmp_path_factory):
     """The folder that a report was written to."""
     folder = tmp_path_factory.mktemp("written") / "report"
-    assert report.main([str(sweep), "-o", str(folder)]) == 0
+    assert main(["report", str(sweep), "-o", str(folder)]) == 0
     return folder
 
 
@@ -125,7 +125,7 @@ def test_the_page_needs_nothing_but_itself(written):
 
 @pytest.mark.slow
 def test_the_same_recordings_give_the_same_report(sweep, written, tmp_path):
-    assert report.main([str(sweep), "-o", str(tmp_path)]) == 0
+    assert main(["report", str(sweep), "-o", str(tmp_path)]) == 0
     for path in written.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
@@ -144,7 +144,7 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
         labels = {"run_id": name, "config_yaml": json.dumps({"seed": 0, "body": {"name": name}}), "provenance": {}}
         with Recorder(folder / "run.rrd", BODY, SPACE, **labels) as recording:
             recording.set_result({"error_abs_mm": 1.0, name: 2.0})
-    assert report.main([str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["report", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
     assert "name=a|b`* [2J" in capsys.readouterr().out
     page = Page((tmp_path / "out" / "report.html").read_text())
     assert "script" not in [tag for tag, _ in page.tags]
@@ -157,7 +157,7 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
 
 def test_what_cannot_be_reported_is_told(sweep, tmp_path, capsys):
     def failure(*arguments):
-        assert report.main([str(argument) for argument in arguments]) == 2
+        assert main(["report", *(str(argument) for argument in arguments)]) == 2
         return capsys.readouterr().err
 
     assert "expected recordings (.rrd, .rrd.part), found none" in failure(tmp_path)

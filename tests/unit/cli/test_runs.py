@@ -12,7 +12,7 @@ from run_folders import leave, leave_sweep
 from small_recordings import leave_recorded
 
 from workbench.cli import view
-from workbench.cli.runs import main
+from workbench.cli.main import main
 from workbench.utils.run_lock import locked
 
 
@@ -28,7 +28,7 @@ def called(root, capsys):
     """Run a subcommand on the folder: (exit code, lines printed, what was printed as errors)."""
 
     def command(name, *words):
-        code = main([name, str(root), *words])
+        code = main(["runs", name, str(root), *words])
         out, err = capsys.readouterr()
         return code, out.splitlines(), err
 
@@ -56,13 +56,13 @@ def test_json_and_csv_hold_the_numbers_in_full(called, root):
 
 
 def test_the_difference_is_of_configuration_and_result(root, capsys):
-    assert main(["diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
+    assert main(["runs", "diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
     assert ["choice", "prior", "smooth", "walking"] in rows
     assert ["result", "error_abs_mm", "10.00", "16.00", "6.000"] in rows
     assert not any("n_particles" in row[1] for row in rows)
-    assert main(["diff", str(root), str(root / "lost")]) == 2
-    assert capsys.readouterr().err == f"workbench runs: {root}: expected one run, found 13\n"
+    assert main(["runs", "diff", str(root), str(root / "lost")]) == 2
+    assert capsys.readouterr().err == f"workbench: {root}: expected one run, found 13\n"
 
 
 def test_nothing_is_removed_unless_it_is_confirmed(called, root):
@@ -89,7 +89,7 @@ def test_a_run_that_cannot_be_removed_is_reported_and_the_others_are_removed(cal
 def test_what_cannot_be_met_is_a_sentence(called, words):
     code, _, err = called("list", *words)
     assert code == 2
-    assert err.startswith("workbench runs: ")
+    assert err.startswith("workbench: ")
     assert len(err.splitlines()) == 1
 
 
@@ -97,7 +97,7 @@ def test_what_cannot_be_met_is_a_sentence(called, words):
 def opened(monkeypatch):
     """The recordings that the viewer was given."""
     words = []
-    monkeypatch.setattr(view, "main", lambda recordings: words.extend(recordings) or 0)
+    monkeypatch.setattr(view, "view", lambda recordings: words.extend(map(str, recordings)))
     return words
 
 
@@ -105,15 +105,15 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
     for k, error in enumerate([30.0, 10.0, 20.0]):
         leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
     for order, expected in (([], "12"), (["--sort", "error_abs_mm"], "12"), (["--sort=-error_abs_mm"], "02")):
-        assert main(["list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
+        assert main(["runs", "list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
         assert opened == [str(tmp_path / k / "run.rrd") for k in expected]
         opened.clear()
-    assert main(["list", str(tmp_path), "--view", "0"]) == 0
+    assert main(["runs", "list", str(tmp_path), "--view", "0"]) == 0
     assert len(opened) == 3
 
 
 def test_a_list_loads_neither_rerun_nor_hydra(root):
-    command = f"main({['list', str(root), 'prior=smooth']})"
-    code = f"import sys; from workbench.cli.runs import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
+    command = f"main({['runs', 'list', str(root), 'prior=smooth']})"
+    code = f"import sys; from workbench.cli.main import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.endswith("\nset()\n")

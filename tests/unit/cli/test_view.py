@@ -18,6 +18,7 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
+from workbench.cli.main import main
 from workbench.recording.write.recorder import Recorder
 
 N_FRAMES = 2
@@ -69,14 +70,14 @@ def shown(monkeypatch):
 
 
 def test_one_recording_is_opened_as_it_is(sweep, shown):
-    assert view.main([str(sweep / "1")]) == 0
+    assert main(["view", str(sweep / "1")]) == 0
     assert shown.files == [sweep / "1" / "run.rrd"]
     assert shown.options == ["--bind", "127.0.0.1", "--port", "auto"]  # reached from this machine only; a new viewer
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
-    assert view.main([str(sweep)]) == 0
+    assert main(["view", str(sweep)]) == 0
     own = {}
     for k, name in enumerate(["run.rrd", "run.rrd", "run.rrd", "run.rrd.part"]):
         store = RrdReader(sweep / str(k) / name).recordings()[0]
@@ -110,8 +111,7 @@ def test_several_files_are_piped_one_after_the_other_of_one_cut_off_what_is_whol
 @pytest.mark.parametrize("place", ["0", "."])
 def test_a_browser_is_served_on_this_machine_alone(sweep, place):
     """Of a run, and of a sweep, whose recordings go through a pipe."""
-    code = "import sys; from workbench.cli.view import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "--web", str(sweep / place)]
+    command = [sys.executable, "-m", "workbench", "view", "--web", str(sweep / place)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         address = next(line.split()[1] for line in process.stdout if line.startswith("open "))
         forward = process.stdout.readline()
@@ -135,7 +135,7 @@ def test_a_browser_is_served_on_this_machine_alone(sweep, place):
 def test_two_recordings_are_shown_side_by_side_in_the_order_given(sweep, tmp_path, monkeypatch, capsys):
     first, second, kept = sweep / "2" / "run.rrd", sweep / "0" / "run.rrd", tmp_path / "both.rrd"
     monkeypatch.setattr(view, "show", lambda command, files: shutil.copy(*files, kept) and 0)
-    assert view.main([str(first), str(second)]) == 0
+    assert main(["view", str(first), str(second)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"a: {first} (n_particles=30)", f"b: {second} (n_particles=20)"]
     entities = {chunk.entity_path for chunk in RrdReader(kept).stream()}
@@ -147,7 +147,7 @@ def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, caps
     shutil.copy(good, tmp_path / "same.rrd")
     (tmp_path / "junk.rrd").write_bytes(b"no recording")
     record(tmp_path / "odd.rrd", seed=5, config="- a list")
-    assert view.main([str(tmp_path)]) == 0
+    assert main(["view", str(tmp_path)]) == 0
     assert shown.files == [good]
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 3

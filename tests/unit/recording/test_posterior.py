@@ -36,7 +36,7 @@ def steps(prior, n_particles=40):
 
 
 def posterior(prior, taken):
-    collected = Posterior(prior.space, BODY.skeleton, None, N_BINS)
+    collected = Posterior(prior.space, BODY.skeleton, N_BINS)
     for step in taken:
         collected.add(step)
     return collected
@@ -72,7 +72,7 @@ def test_names_units_bands_and_marginals_belong_together(priors, name):
     """Each parameter's marginal and band are those of the column of its name, or of the pose's angle."""
     prior = priors[name]
     taken = steps(prior)
-    collected = Posterior(prior.space, BODY.skeleton, None, N_BINS)
+    collected = Posterior(prior.space, BODY.skeleton, N_BINS)
     numbers = [collected.add(step) for step in taken]
     entities, axes = collected.pictures()
     log_mass = dict(entities)["posterior/marginals"].data.as_arrow_array().to_pylist()[0]["buffer"]
@@ -102,7 +102,7 @@ def uneven(n_particles):
     particles, k = first.particles.copy(), prior.space.names.index("root_x")
     particles[:, k] = rng.normal(size=n_particles)
     step = replace(first, particles=particles, log_weights=np.log(weights / weights.sum()))
-    numbers = Posterior(prior.space, BODY.skeleton, None, N_BINS).add(step)
+    numbers = Posterior(prior.space, BODY.skeleton, N_BINS).add(step)
     ends = [numbers[f"posterior/parameters/root_x/{row}"] for row in ("low", "high")]
     return ends, particles[:, k], np.exp(step.log_weights)
 

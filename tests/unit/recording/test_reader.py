@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rerun as rr
 import rerun_cli
-from recording_steps import BODY, SCALE, SPACE, errors, steps
+from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.recording.read.crash_probe import open_sound_runs
@@ -30,7 +30,7 @@ def run():
 @pytest.fixture(scope="module")
 def recorded(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("reader") / "run.rrd"
-    given = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}, "coefficient_scale": SCALE}
+    given = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}}
     with Recorder(path, BODY, SPACE, run_id="read", **given) as recording:
         for step in run:
             recording.log(step, errors(step))

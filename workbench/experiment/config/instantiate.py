@@ -15,7 +15,7 @@ from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
 
-LIVE = frozenset(
+_LIVE = frozenset(
     {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
 )
 """Parameters that the run fills with live objects, so that they are no keys of a configuration; as are those whose type
@@ -87,7 +87,7 @@ def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
     constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
     types = get_type_hints(target.__init__ if constructed else target)
     found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
-    return {name: each for name, each in found.items() if name not in LIVE and not _is_live(each[0])}
+    return {name: each for name, each in found.items() if name not in _LIVE and not _is_live(each[0])}
 
 
 def _is_live(hint: Any) -> bool:

@@ -21,7 +21,7 @@ OURS = "workbench"
 GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
 """What a run is made of, in the order in which it is built."""
 
-ENTRY_POINTS = OURS + ".parts"
+_ENTRY_POINTS = OURS + ".parts"
 """Group of entry points by which an installed package says that it has parts; the value is the package's name."""
 
 VARIABLE = "WORKBENCH_PARTS"
@@ -50,7 +50,7 @@ class Option:
 
     @property
     def about(self) -> str:
-        """Tell what it is: the first sentence of the comment that begins on line 2."""
+        """Return the first sentence of the comment that begins on line 2."""
         lines: list[str] = []
         for line in self.text.splitlines()[1:]:
             if not line.startswith("#") or _NOTE.fullmatch(line):
@@ -60,7 +60,7 @@ class Option:
 
     @property
     def notes(self) -> dict[str, str]:
-        """Tell what its comments say about keys, by their names: `#   key: note`, or `key: value # note`."""
+        """Return the notes on keys in its comments, by their names: `#   key: note`, or `key: value # note`."""
         found: dict[str, str] = {}
         for line in self.text.splitlines():
             if noted := _NOTE.fullmatch(line) or re.match(r"(\w+):.*? # (.+)", line):
@@ -108,11 +108,11 @@ def packages() -> tuple[str, ...]:
 
 @cache
 def _installed() -> tuple[str, ...]:
-    return tuple(point.value for point in entry_points(group=ENTRY_POINTS))
+    return tuple(point.value for point in entry_points(group=_ENTRY_POINTS))
 
 
 def is_allowed(target: str) -> bool:
-    """Tell whether a dotted name lies in one of the packages, by the name alone: nothing is imported."""
+    """Return whether a dotted name lies in one of the packages, by the name alone: nothing is imported."""
     return any(target.startswith(f"{package}.") for package in packages())
 
 
@@ -175,7 +175,7 @@ def options(group: str) -> dict[str, Option]:
 
 
 def targets() -> set[str]:
-    """Tell what the options of all packages build, parts within parts included: nothing else is ever called."""
+    """Return what the options of all packages build, parts within parts included: nothing else is ever called."""
     files = ((path, path.stat()) for each in packages() for path in folder(each).glob("**/*.yaml"))
     return {target for path, stat in files for target in _targets_of(path, stat.st_mtime_ns, stat.st_size)}
 

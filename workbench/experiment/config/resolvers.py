@@ -16,10 +16,10 @@ from omegaconf import ListConfig
 from workbench.motion.formats.names import clip_name, left_out
 from workbench.utils.errors import InputError
 
-HALVES = ("report", "choose")
+_HALVES = ("report", "choose")
 """Of the clips, by the hash of their names: whose numbers are reported, and those to choose parameters by."""
 
-Activities = Mapping[str, Mapping[str, int]]
+_Activities = Mapping[str, Mapping[str, int]]
 """The first frame shown of every clip, by the clip's name, by the activity."""
 
 
@@ -32,25 +32,25 @@ def _hashed(text: str, *options: object) -> object:
 
 
 def _half_of(clip: object) -> str:
-    """Tell which of HALVES a clip belongs to, by its name or what a command line takes for it, see `clip_name`."""
-    return HALVES[hashlib.sha256(clip_name(str(clip)).encode()).digest()[0] % 2]
+    """Return which of _HALVES a clip belongs to, by its name or what a command line takes for it, see `clip_name`."""
+    return _HALVES[hashlib.sha256(clip_name(str(clip)).encode()).digest()[0] % 2]
 
 
-def _clips_of(activities: Activities, half: str | None = None) -> list[str]:
+def _clips_of(activities: _Activities, half: str | None = None) -> list[str]:
     """List the clips of all activities, of one half or of both; raises InputError for another half."""
-    if half is not None and half not in HALVES:
-        raise InputError(f"clips: half must be one of {', '.join(HALVES)} or null, found {half!r}")
+    if half is not None and half not in _HALVES:
+        raise InputError(f"clips: half must be one of {', '.join(_HALVES)} or null, found {half!r}")
     every = [clip for clips in activities.values() for clip in clips]
     return [clip for clip in every if half in (None, _half_of(clip))]
 
 
-def _activity_of(activities: Activities, clip: object) -> str | None:
+def _activity_of(activities: _Activities, clip: object) -> str | None:
     """Name what the person does in a clip; None for a clip that is not listed."""
     return next((name for name, clips in activities.items() if clip_name(str(clip)) in clips), None)
 
 
-def _first_frame(activities: Activities, clip: object) -> int:
-    """Tell the first frame shown of a clip, at 30 Hz; 0 of one that is not listed."""
+def _first_frame(activities: _Activities, clip: object) -> int:
+    """Return the first frame shown of a clip, at 30 Hz; 0 of one that is not listed."""
     name = clip_name(str(clip))
     return next((int(clips[name]) for clips in activities.values() if name in clips), 0)
 

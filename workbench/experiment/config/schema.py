@@ -35,7 +35,7 @@ _PLAIN = (str, int, float, bool)
 WHEN = "when"
 """Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
 
-LITERAL = "paper.literal"
+_LITERAL = "paper.literal"
 """Place under `when` of what an experiment sets where it is to be as its paper writes it."""
 
 
@@ -197,19 +197,19 @@ class ComponentSource(ConfigSource):
 
     @staticmethod
     def scheme() -> str:
-        """Tell what its places begin with."""
+        """Return what its places begin with."""
         return "parts"
 
     def available(self) -> bool:
-        """Tell whether it leads anywhere; names are looked up when they are given."""
+        """Return whether it leads anywhere; names are looked up when they are given."""
         return True
 
     def is_group(self, config_path: str) -> bool:
-        """Tell whether a package has this folder."""
+        """Return whether a package has this folder."""
         return any((folder / config_path).is_dir() for folder in self._folders)
 
     def is_config(self, config_path: str) -> bool:
-        """Tell whether a package has this file, or it is one of those made up here."""
+        """Return whether a package has this file, or it is one of those made up here."""
         return config_path.startswith(f"{WHEN}/") or self._find(config_path) is not None
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
@@ -253,20 +253,20 @@ class ComponentSource(ConfigSource):
         ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
         """
         settings, found = dict(self._settings(experiment)), OmegaConf.create({})
-        if LITERAL in chosen and LITERAL not in settings.get(experiment, {}):
+        if _LITERAL in chosen and _LITERAL not in settings.get(experiment, {}):
             raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
         every = list(settings.items())
-        every += [(name, own.get(LITERAL, {})) for name, own in every] if LITERAL in chosen else []
+        every += [(name, own.get(_LITERAL, {})) for name, own in every] if _LITERAL in chosen else []
         for name, own in every:
             for place, keys in ((str(place), keys) for place, keys in own.items()):
                 group, _, option = place.partition(".")
-                if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                if place != _LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
                     raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
                 if not isinstance(keys, DictConfig):
                     raise ConfigCompositionException(
                         f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
                     )
-                if place != LITERAL and place in chosen:
+                if place != _LITERAL and place in chosen:
                     found.merge_with({group: keys})
         return found
 

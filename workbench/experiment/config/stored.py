@@ -113,7 +113,7 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
 
 
 def _leads_out(text: str, allowed: Iterable[str]) -> bool:
-    """Tell whether a text could be a path, or an address, that leads out of the folders allowed and the current one."""
+    """Return whether a text could be a path or an address outside the allowed folders and the current one."""
     path, other = PurePosixPath(text), PureWindowsPath(text)
     if ".." in other.parts or "://" in text:
         return True

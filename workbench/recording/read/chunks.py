@@ -19,7 +19,7 @@ from rerun.error_utils import RerunWarning
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-DAMAGES = (
+_DAMAGES = (
     pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
 """Errors of converting values of unexpected types."""
@@ -51,7 +51,7 @@ def sound(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except DAMAGES as error:
+    except _DAMAGES as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{path}: expected values of the kinds that runs record, found others: {text}") from None
 
@@ -158,25 +158,22 @@ def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
     return found
 
 
-def cells(
-    path: Path, contents: Sequence[str], frames: Iterable[int] | None = None
-) -> dict[str, dict[str, dict[int, Any]]]:
+def cells(path: Path, contents: Sequence[str]) -> dict[str, dict[str, dict[int, Any]]]:
     """Read by entity path, component and frame what is there and not static, as Arrow, and as "time" the frames' times.
 
-    frames: only these; None: all. Raises InputError as `read_chunks` does.
+    Raises InputError as `read_chunks` does.
     """
-    wanted = None if frames is None else set(frames)
     found: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in read_chunks(path, contents):
         if chunk.is_static:
             continue
         batch = chunk.to_record_batch()
         numbers = batch.column("frame").to_pylist()
-        rows = [row for row, frame in enumerate(numbers) if wanted is None or frame in wanted]
-        for name in batch.schema.names if rows else ():
+        for name in batch.schema.names:
             if ":" in name or name == "time":
                 column = found.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
-                column |= {numbers[row]: batch.column(name)[row] for row in rows if batch.column(name)[row].is_valid}
+                values = zip(numbers, batch.column(name), strict=True)
+                column |= {frame: value for frame, value in values if value.is_valid}
     return found
 
 

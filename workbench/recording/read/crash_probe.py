@@ -1,16 +1,15 @@
 """Decode recordings made elsewhere in the sandbox first: some damage crashes Rerun's decoder."""
 
-import json
 import platform
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
-from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, read_each
+from workbench.recording.read.reader import Run, Unreadable, find_recordings, read
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import SUMMARY
+from workbench.utils.run_files import read_summary
 from workbench.utils.sandbox import parse_limited
 
 _BATCH = 20  # recordings that one child process decodes
@@ -24,8 +23,13 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
     """
     paths = find_recordings(*places)
     crashing = fatal(paths)
-    runs, problems = read_each(path for path in paths if path not in crashing)
-    problems += [Unreadable(path, damage(path)) for path in crashing]
+    runs, problems = list[Run](), [Unreadable(path, damage(path)) for path in crashing]
+    for path in paths:
+        if path not in crashing:
+            try:
+                runs.append(read(path))
+            except InputError as error:
+                problems.append(Unreadable(path, str(error)))
     return runs, sorted(problems, key=lambda problem: problem.path)
 
 
@@ -68,11 +72,7 @@ def _crashing(paths: Sequence[Path]) -> list[Path]:
 
 def is_own(path: Path) -> bool:
     """Return whether a run of this machine left the recording, by its summary.json."""
-    try:
-        summary = json.loads(path.with_name(SUMMARY).read_text(encoding="utf-8"))
-        return bool(summary["host"] == platform.node())
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
-        return False
+    return (read_summary(path.parent) or {}).get("host") == platform.node()
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:

@@ -1,7 +1,6 @@
 """What a run needs to be continued, and the frames of a run that was cut off that its continuation can take over."""
 
 import io
-import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from workbench.recording.read.reader import Run
 from workbench.recording.write.checkpoints import ARCHETYPE, EXPECTED, MEMORY, RANKS, TOLD
 from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_limits import parse_json
 
 _MOST_BYTES = 2_000_000_000  # of a checkpoint's arrays; a recording may be untrusted
 _REWRITTEN = ("/__properties/", "/posterior/marginals")  # by a continuation
@@ -73,10 +73,7 @@ def _unpacked(packed: bytes, place: str) -> dict[str, AnyArray]:
 
 
 def _parsed(text: str, place: str) -> dict[str, dict[str, Any]]:
-    try:
-        states = json.loads(text)
-    except (ValueError, TypeError, RecursionError):
-        states = None
+    states = parse_json(place, text)
     if not isinstance(states, dict) or not all(isinstance(state, dict) for state in states.values()):
         raise InputError(f"{place}: expected the states of random streams, found something else")
     return states

@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import DEEPEST
 
 Properties = dict[str, dict[str, Any]]
 
 _GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
 _MAPPINGS = ("paths", "check", "learn", "people", "clips", "protocol", "sweep")
-MOST_WHOLE = 2**63 - 1
+_MOST_WHOLE = 2**63 - 1
 
 
 _Kind = tuple[str, Callable[[Any], bool]]
@@ -24,11 +23,11 @@ def _is_text(value: object) -> bool:
 
 def _is_number(value: object) -> bool:
     """Return whether a value is a float, or a whole number within 64 bits, and no truth."""
-    return isinstance(value, float) or (type(value) is int and abs(value) <= MOST_WHOLE)
+    return isinstance(value, float) or (type(value) is int and abs(value) <= _MOST_WHOLE)
 
 
 def _is_whole(value: object) -> bool:
-    return type(value) is int and 0 <= value <= MOST_WHOLE
+    return type(value) is int and 0 <= value <= _MOST_WHOLE
 
 
 def _is_plain(value: object) -> bool:
@@ -82,7 +81,7 @@ def checked(path: Path, found: Properties) -> Properties:
 def check_settings(path: Path, settings: Mapping[str, Any]) -> None:
     """Raise InputError for a configuration with anything but texts, numbers, truths, lists and mappings by texts;
     and for components, paths and tolerances that are no mappings, and a seed that is no whole number."""
-    _check_plain(path, settings, "configuration", 0)
+    _check_plain(path, settings, "configuration")
     for name in (*_GROUPS, *_MAPPINGS):
         if not isinstance(settings.get(name), dict | None):
             raise InputError(f"{path}: {name}: expected a mapping, found {settings[name]!r}")
@@ -91,16 +90,14 @@ def check_settings(path: Path, settings: Mapping[str, Any]) -> None:
         raise InputError(f"{path}: expected {expected}, found {settings['seed']!r}")
 
 
-def _check_plain(path: Path, value: object, place: str, depth: int) -> None:
-    if depth > DEEPEST:
-        raise InputError(f"{path}: expected at most {DEEPEST} levels in one another, found more")
+def _check_plain(path: Path, value: object, place: str) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
             if not _is_text(key):
                 raise InputError(f"{path}: {place}: expected texts as keys, found {key!r}")
-            _check_plain(path, item, key, depth + 1)
+            _check_plain(path, item, key)
     elif isinstance(value, list):
         for item in value:
-            _check_plain(path, item, place, depth + 1)
+            _check_plain(path, item, place)
     elif value is not None and not _is_plain(value):
         raise InputError(f"{path}: {place}: expected a text or a number, found {value!r}")

@@ -1,6 +1,6 @@
 """Read recordings of runs and studies back, finished or cut off."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -142,14 +142,10 @@ class Run:
         """
         if self.is_study:
             raise InputError(f"{self.path}: expected a run that tracks a person, found a study, which has no poses")
-        with sound(self.path):
-            curve = curves(read_chunks(self.path, ["/estimate/pose"])).get("estimate/pose")
-        n = len(self.properties["body"]["pose"])
-        if curve is None:
-            return np.empty(0, dtype=np.int64), np.empty((0, n))
-        if curve.values.shape[1:] != (n,):
-            raise InputError(f"{self.path}: expected poses of {n} numbers, found {curve.values.shape[1:]}")
-        return curve.frames, curve.values
+        n, (frames, _, poses) = len(self.properties["body"]["pose"]), chunks.timed(self.path, "poses")
+        if len(frames) and poses.shape[1:] != (n,):
+            raise InputError(f"{self.path}: expected poses of {n} numbers, found {poses.shape[1:]}")
+        return frames, poses.reshape(len(frames), n)
 
     @cached_property
     def joints(self) -> Joints:
@@ -276,18 +272,6 @@ def read(path: str | Path) -> Run:
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")
     return Run(path, checked(path, found), metrics)
-
-
-def read_each(paths: Iterable[Path]) -> tuple[list[Run], list[Unreadable]]:
-    """Read recordings; and those that cannot be read, also because they were removed in the meantime."""
-    runs: list[Run] = []
-    problems: list[Unreadable] = []
-    for path in paths:
-        try:
-            runs.append(read(path))
-        except InputError as error:
-            problems.append(Unreadable(path, str(error)))
-    return runs, problems
 
 
 def find_recordings(*places: str | Path) -> list[Path]:

@@ -1,20 +1,16 @@
 """Cards of a gallery: one for each recording, in a file of its own, and their layout."""
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint import table
 from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from workbench.recording.settings import numbers_and_texts
-from workbench.recording.write.file import CHOICES, SETTINGS, arrow, new_stream
-from workbench.utils.errors import InputError
+from workbench.recording.write.file import CHOICES, SETTINGS, arrow, written_file
 
 CARD = "card"
 """The property that a card adds to a recording."""
@@ -22,19 +18,6 @@ _OPEN = "recording link"
 """The viewer's own column of what a card opens, and shows a preview of."""
 _IMAGE = "EncodedImage:blob"
 _SCENE = "/world/"
-
-
-def recording_id(path: Path) -> tuple[str, str]:
-    """Read the ids of the application and of the recording in a file; raises InputError unless there is one."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RerunWarning)  # a recording cut off has no footer
-            found = [store for store in RrdReader(path).recordings() if store.kind == "recording"]
-    except (RuntimeError, ValueError, OSError) as error:
-        raise InputError(f"{path}: expected a whole Rerun recording: {error}") from None
-    if len(found) != 1:
-        raise InputError(f"{path}: expected one recording, found {len(found)}")
-    return found[0].application_id, found[0].recording_id
 
 
 def preview_of(path: Path) -> tuple[list[str], bool]:
@@ -59,15 +42,11 @@ def write_card(
     card: strings and numbers by name. settings, choices: as `numbers_and_texts` takes them, of recordings older than
     these were recorded.
     """
-    application, recording = ids
-    stream = new_stream(application, recording, send_properties=False)
-    stream.set_sinks(rr.FileSink(path))
     numbers, texts = numbers_and_texts(settings, choices)
-    for name, values in ((CARD, card), (SETTINGS, numbers), (CHOICES, texts)):
-        if values:
-            stream.send_property(name, arrow(values))
-    stream.flush()
-    stream.disconnect()
+    with written_file(path, *ids, send_properties=False) as stream:
+        for name, values in ((CARD, card), (SETTINGS, numbers), (CHOICES, texts)):
+            if values:
+                stream.send_property(name, arrow(values))
 
 
 def column(name: str, key: str) -> str:
@@ -97,4 +76,4 @@ def write_layout(
         table_layout=table.TableLayout(columns=rows),
         previews_config=table.PreviewsConfig(timeline="frame"),
         sort_by=sort_by,
-    ).save("workbench-runs", path)
+    ).save("workbench_cards", path)

@@ -21,7 +21,7 @@ SHARE = 0.1
 some frames are stored, and a run that continues from another frame repeats the frames since the last of these."""
 MEMORY, EXPECTED, TOLD, RANKS = (f"checkpoint/{name}" for name in ("memory", "expected", "told", "ranks"))
 ARCHETYPE = "Checkpoint"
-PAUSE = 5
+_PAUSE = 5
 """Frames until the next attempt after a checkpoint did not fit, as packing takes time."""
 
 
@@ -70,7 +70,7 @@ class Checkpoints:
             return
         packed = self._packed(before.memory, None if self._owed else step.memory.parents)
         if len(packed) > room and not self._owed:
-            self._pause = PAUSE
+            self._pause = _PAUSE
             return
         self._spent, self._owed = self._spent + len(packed), False
         fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([json.dumps(before.memory.streams)])}

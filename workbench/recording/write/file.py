@@ -13,8 +13,8 @@ import shutil
 import socket
 import subprocess
 import warnings
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic
@@ -23,6 +23,7 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -219,6 +220,18 @@ def new_stream(application: str, recording: str, **options: Any) -> rr.Recording
     stream = rr.RecordingStream(application, recording_id=recording, **options)
     stream.set_log_time_enabled(False)
     return stream
+
+
+@contextmanager
+def written_file(
+    path: Path, application: str, recording: str, layout: rrb.Blueprint | None = None, **options: Any
+) -> Iterator[rr.RecordingStream]:
+    """Write what the block sends to a stream into an .rrd with this layout."""
+    stream = new_stream(application, recording, **options)
+    stream.set_sinks(rr.FileSink(path), default_blueprint=layout)
+    yield stream
+    stream.flush()
+    stream.disconnect()
 
 
 def give_up(stream: rr.RecordingStream) -> None:

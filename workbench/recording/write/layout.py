@@ -17,7 +17,7 @@ from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION
 from workbench.recording.write.styles import title
 from workbench.utils.arrays import FloatArray
 
-MOST_ABREAST = 4
+_MOST_ABREAST = 4
 """Cameras whose images are shown in one row; of more, one at a time."""
 KEY = {
     "truth": "truth blue", "marks": "marks blue", "particles": "particles purple", "keypoints": "keypoints green",
@@ -177,7 +177,7 @@ def _images(shown: LayoutInput) -> rrb.Container:
         rrb.Spatial2DView(origin=f"{each.path}/image", name=each.camera.name if several else name)
         for each in shown.cameras
     ]
-    return rrb.Horizontal(*images) if len(images) <= MOST_ABREAST else rrb.Tabs(*images)
+    return rrb.Horizontal(*images) if len(images) <= _MOST_ABREAST else rrb.Tabs(*images)
 
 
 def _world(shown: LayoutInput) -> rrb.Spatial3DView:

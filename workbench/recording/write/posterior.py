@@ -1,6 +1,6 @@
 """The posterior over frames: marginals as brightness plots, 5–95 % bands, coefficients, and the ranks of the truth."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import cv2
@@ -14,13 +14,12 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.posterior_calibration import rank_histogram
-from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram
 from workbench.utils.arrays import Float32Array, FloatArray
 
-SHOWN_ANGLES = tuple(
+_SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
 )
 """The joint angles whose posterior is recorded as well as that of the state's columns."""
@@ -35,6 +34,7 @@ _LABEL_ABOVE = 13.0  # points from a label to its point below
 _FAVOURITES = 4
 _BAND, _MOST_SORTED = (0.05, 0.95), 1000
 _COEFFICIENTS_SHOWN, _COEFFICIENT_BINS, _RANK_BINS = 3, 32, 10
+_EDGES = 4.0 * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
 _CURVES = {
     "mean": ("estimate", styles.ESTIMATE, 2.5),
     "low": ("5 %", styles.BAND, 1.0),
@@ -45,13 +45,13 @@ _CURVES = {
 
 
 class Posterior:
-    """Collects the marginals of the state's columns, but those of UNSEEN slices, and of SHOWN_ANGLES, frame by frame.
+    """Collects the marginals of the state's columns, but those of UNSEEN slices, and of _SHOWN_ANGLES, frame by frame.
 
     names, units: one per parameter, the state's columns first.
     """
 
-    def __init__(self, space: StateSpace, skeleton: Skeleton, scale: FloatArray | None, n_bins: int) -> None:
-        angles = [name for name in SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
+    def __init__(self, space: StateSpace, skeleton: Skeleton, n_bins: int) -> None:
+        angles = [name for name in _SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
         unseen = [part for group, part in space.slices.items() if group.rpartition(".")[2] in UNSEEN]
         hidden = {i for part in unseen for i in range(len(space))[part]}  # also of a mixture's "<prior>.held"
         self._columns = [i for i in range(len(space)) if i not in hidden]
@@ -63,7 +63,6 @@ class Posterior:
         self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
-        self._scale, self._edges = scale, list[FloatArray]()
         self._values = np.empty((len(self.names), 0))
         self._band_paths = [_band(name, row) for row in ("mean", "low", "high") for name in self.names]
 
@@ -73,7 +72,7 @@ class Posterior:
 
         Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
         """
-        shown = [name for name in SHOWN_ANGLES if name in self._varying]
+        shown = [name for name in _SHOWN_ANGLES if name in self._varying]
         if len(shown) < _FAVOURITES:
             shown = [name for name in self._skeleton.dof_names if name in self._varying]
         return tuple(shown or self._varying)[:_FAVOURITES]
@@ -119,31 +118,26 @@ class Posterior:
     def begin(self, step: Step) -> Entities:
         """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
 
-        The bins reach to four standard deviations of the model, or without one to twice the first step's samples.
+        Every prior counts coefficients in standard deviations of its Gaussian model; the bins reach to four of them.
         """
         for name in self.favourites:
             compared = name in self._skeleton.dof_names  # with a truth
             for row in [*_CURVES] if compared else [*_CURVES][:3]:
                 for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
                     yield _band(name, row, root), styles.line(*_CURVES[row])
-        for k, column in enumerate(self.coefficients, start=1):
-            samples = step.particles[:, column]
-            reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
-            edges = max(float(reach), 1e-6) * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
-            self._edges.append(edges)
-            empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(edges, 1.0), color=styles.ESTIMATE)
+        density = np.exp(-0.5 * ((_EDGES[1:] + _EDGES[:-1]) / 2.0) ** 2)
+        for k in range(1, len(self.coefficients) + 1):
+            empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(1.0), color=styles.ESTIMATE)
             values = rr.BarChart.descriptor_values()  # static ones would stand for those of every frame
             yield f"coefficients/{k}", [b for b in empty.as_component_batches() if b.component_descriptor() != values]
-            if self._scale is not None:
-                density = np.exp(-0.5 * ((edges[1:] + edges[:-1]) / (2.0 * self._scale[k - 1])) ** 2)
-                model = rr.BarChart(density / density.sum(), **_bars(edges, 0.25), color=styles.MODEL)
-                yield f"coefficients/{k}/model", model
+            model = rr.BarChart(density / density.sum(), **_bars(0.25), color=styles.MODEL)
+            yield f"coefficients/{k}/model", model
 
     def histograms(self, step: Step) -> Rows:
         """Yield the weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
         weights = np.exp(step.log_weights)
-        for k, (column, edges) in enumerate(zip(self.coefficients, self._edges, strict=True), start=1):
-            heights = histogram(step.particles[:, column], weights, edges)
+        for k, column in enumerate(self.coefficients, start=1):
+            heights = histogram(step.particles[:, column], weights, _EDGES)
             yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
@@ -160,13 +154,12 @@ class Posterior:
         dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
         tensor = rr.Tensor(log_mass, dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
-        drawn = [each for name in self.favourites for each in self._picture(name, low, high, log_mass)]
+        drawn: list[tuple[str, Any]] = []
+        for name in self.favourites:
+            k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
+            axis = (float(low[k]), float(high[k]))
+            drawn += marginal_picture(name, self.units[k], axis, log_mass[k], self.frames, truth)
         return iter([("posterior/marginals", tensor), ("posterior/legend", legend), *drawn]), axes
-
-    def _picture(self, name: str, low: FloatArray, high: FloatArray, log_mass: Float32Array) -> Entities:
-        k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
-        axis = (float(low[k]), float(high[k]))
-        return marginal_picture(name, self.units[k], axis, log_mass[k], self.frames, truth)
 
 
 def marginal_picture(
@@ -202,31 +195,17 @@ def marginal_picture(
     yield f"{path}/values", rr.Points2D(spots, labels=labels, show_labels=True, colors=grey, radii=none)
 
 
-class Ranks:
-    """Collects the ranks of the true pose's numbers, frame by frame; not of the first frame, which is given."""
-
-    def __init__(self) -> None:
-        self._ranks: list[FloatArray] = []
-
-    def add(self, step: Step) -> FloatArray:
-        """Add one step; returns the ranks (k,) that count."""
-        self._ranks.append(pose_ranks(step) if self._ranks else np.zeros(0))
-        return self._ranks[-1]
-
-    def take_over(self, ranks: FloatArray) -> None:
-        """Add the ranks (k,) of an earlier frame."""
-        self._ranks.append(ranks)
-
-    def pictures(self) -> Entities:
-        """Yield each tenth's share of all ranks so far, to be logged static, and even shares; without truth none."""
-        counts = rank_histogram(np.concatenate([np.zeros(0), *self._ranks]), _RANK_BINS)
-        if not counts.sum():
-            return
-        left = np.arange(_RANK_BINS) / _RANK_BINS
-        wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
-        yield RANKS, rr.BarChart(counts / counts.sum(), abscissa=left, widths=wide, color=styles.ESTIMATE)
-        even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=styles.MODEL)
-        yield f"{RANKS}/even", even
+def rank_pictures(ranks: Sequence[FloatArray]) -> Entities:
+    """Yield each tenth's share of all ranks (k,) of the frames so far, to be logged static, and even shares; without
+    truth none."""
+    counts = rank_histogram(np.concatenate([np.zeros(0), *ranks]), _RANK_BINS)
+    if not counts.sum():
+        return
+    left = np.arange(_RANK_BINS) / _RANK_BINS
+    wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
+    yield RANKS, rr.BarChart(counts / counts.sum(), abscissa=left, widths=wide, color=styles.ESTIMATE)
+    even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=styles.MODEL)
+    yield f"{RANKS}/even", even
 
 
 def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -246,8 +225,8 @@ def _band(name: str, row: str, root: str = PARAMETERS) -> str:
     return f"{root}/{name}/{row}"
 
 
-def _bars(edges: FloatArray, fill: float) -> dict[str, FloatArray]:
+def _bars(fill: float) -> dict[str, FloatArray]:
     """Return bars in the middle of their bins, `fill` of a bin wide; the viewer's abscissa is a bar's left edge."""
-    bin_width = edges[1] - edges[0]
-    left = edges[:-1] + 0.5 * (1.0 - fill) * bin_width
+    bin_width = _EDGES[1] - _EDGES[0]
+    left = _EDGES[:-1] + 0.5 * (1.0 - fill) * bin_width
     return {"abscissa": left, "widths": np.full(len(left), fill * bin_width)}

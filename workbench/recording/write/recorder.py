@@ -20,6 +20,7 @@ from workbench.core.frame import true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import checkpoints as stored
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import FloatArray
@@ -38,7 +39,7 @@ LONG, OF_LONG, MOST_TOGETHER = 100, 10, 60
 with a column for each of some 190 kinds of values, 8 kB a piece that stay in memory to the end."""
 MOST_WAITING = 1_000_000
 """Bytes of one path: images do not wait longer, since writing takes several times their room."""
-PICTURES_EVERY = 10  # frames, at most
+_PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_quality": (1, 100)}
 
@@ -57,7 +58,6 @@ class Recorder:
     n_particles_shown : skeletons drawn per frame at most.
     marginal_bins : bins of a marginal.
     surface : record the expected pose's implicit surface as a mesh; a warning says where scikit-image is missing.
-    coefficient_scale : (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
     checkpoints : store what the run needs to be continued, see `Checkpoints`.
     decode : gives the poses (N, P) of states (N, D); without it no checkpoints are stored.
     constant : uninformative metrics, equal in all runs of such components: recorded, but not shown.
@@ -72,7 +72,7 @@ class Recorder:
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
         n_particles_shown: int = 50,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
-        coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
+        checkpoints: bool = False,
         decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
         chosen = (n_particles_shown, marginal_bins, jpeg_quality)
@@ -80,8 +80,9 @@ class Recorder:
             if not least <= value <= most:
                 raise InputError(f"recorder: {name} must lie between {least} and {most}, found {value}")
         self._body, self._figure = body, scene.figure(body)
-        self._posterior = posterior.Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._bands, self._columns, self._ranks = columns.Columns(), columns.Columns(), posterior.Ranks()
+        self._posterior = posterior.Posterior(space, body.skeleton, marginal_bins)
+        self._bands, self._columns = columns.Columns(), columns.Columns()
+        self._ranks: list[FloatArray] = []  # (k,) by frame; the first, which is given, has none
         self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
@@ -136,8 +137,7 @@ class Recorder:
         """
         self._stream.send_chunks(chunks)
         self._posterior.take_over(frames, *picture)
-        for each in ranks:
-            self._ranks.take_over(each)
+        self._ranks += ranks
         paths = {chunk.entity_path for chunk in chunks}
         if any(path.startswith(f"/{scene.TRAILS}") for path in paths):
             self._places += [joints(self._body.skeleton, pose[None])[0] for pose in poses]
@@ -174,7 +174,7 @@ class Recorder:
         numbers |= {} if frame.points is None else scene.flexion_angles(self._body.skeleton, step)
         self._columns.add_numbers(frame.index, time, numbers)
         self._file.send(scene.activities(step))
-        ranks = self._ranks.add(step)
+        self._ranks.append(pose_ranks(step) if self._ranks else np.zeros(0))
         for name, value in measured.items():
             self._measured.setdefault(name, []).append(value)
         self._diagnostics = tuple(step.diagnostics)
@@ -184,7 +184,7 @@ class Recorder:
         pose = columns.curves({"estimate/pose": step.expected_pose})
         self._columns.add(frame.index, time, chain(pose, self._scene(step), self._posterior.histograms(step)))
         if self._checkpoints is not None:
-            self._columns.add(frame.index, time, self._checkpoints.per_frame(step, ranks))
+            self._columns.add(frame.index, time, self._checkpoints.per_frame(step, self._ranks[-1]))
             self._checkpoints.log(self._stream, step, self.part.stat().st_size)
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
@@ -193,7 +193,7 @@ class Recorder:
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
         # What was not in one when a run is killed is lost to a continuation from its checkpoints.
         growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
-        if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
+        if self._n_frames % _PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
         self._file.write(self._columns, least_bytes=MOST_WAITING)
         together = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
@@ -311,8 +311,8 @@ class Recorder:
         if self._n_frames == self._n_frames_pictured:
             return
         self._file.write(self._bands)  # a hundred curves: few long pieces of each take least room and time
-        pictures, axes = self._posterior.pictures()
-        self._file.send(chain(pictures, self._ranks.pictures()), static=True)  # every frame shows the whole run
+        pictures, axes = self._posterior.pictures()  # every frame shows the whole run
+        self._file.send(chain(pictures, posterior.rank_pictures(self._ranks)), static=True)
         self._file.send_property("marginals", axes)
         if self._places:
             places, warned = np.stack(self._places), self._shown is not None and self._shown.warned

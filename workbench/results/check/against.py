@@ -61,7 +61,7 @@ def check_against(runs: Sequence[Run], request: Request, revision: str, root: Pa
 @contextmanager
 def _worktree(commit: str, root: Path) -> Iterator[Path]:
     """Check a commit out in a folder of its own, which is removed when the block ends."""
-    with TemporaryDirectory(prefix="workbench-code-") as place:
+    with TemporaryDirectory(prefix="workbench-") as place:
         folder = Path(place) / "code"
         git(root, "worktree", "add", "--quiet", "--detach", str(folder), commit)
         try:

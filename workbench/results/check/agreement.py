@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.utils.arrays import AnyArray
 
-RELATIVE, ABSOLUTE = 1e-9, 1e-12
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-12
 """What rounding may change: relative to the largest value of a quantity, and in the quantity's own unit near zero."""
 
 
@@ -88,8 +88,8 @@ def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> A
     Returns
     -------
     Agreement
-        Of the number that agrees least. Rounding is RELATIVE times the largest finite magnitude in the array, plus
-        ABSOLUTE; of float32 at least one unit in the last place of each number.
+        Of the number that agrees least. Rounding is _RELATIVE times the largest finite magnitude in the array, plus
+        _ABSOLUTE; of float32 at least one unit in the last place of each number.
     """
     first, second = np.asarray(was), np.asarray(now)
     if first.shape != second.shape or first.dtype.kind != second.dtype.kind:
@@ -114,5 +114,5 @@ def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> A
 
 def _rounding(values: AnyArray) -> AnyArray:
     finite = np.abs(values[np.isfinite(values)])
-    bound = np.full(values.shape, RELATIVE * float(finite.max(initial=0.0)) + ABSOLUTE)
+    bound = np.full(values.shape, _RELATIVE * float(finite.max(initial=0.0)) + _ABSOLUTE)
     return np.maximum(bound, np.spacing(np.abs(values))) if values.dtype == np.float32 else bound

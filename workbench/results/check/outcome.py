@@ -14,7 +14,7 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
-MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
+_MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
 """Numbers of which a check says by how much they may change unseen."""
 
 
@@ -37,11 +37,6 @@ class Check:
     def passed(self) -> bool:
         """Whether it was checked and nothing in it failed."""
         return self.refused is None and all(finding.passed for finding in self.findings)
-
-    @property
-    def unmoved(self) -> bool:
-        """Whether it passed and every number is what it was, but for rounding."""
-        return self.passed and not any(map(has_moved, self.findings))
 
 
 def has_moved(finding: MetricChange) -> bool:
@@ -90,9 +85,9 @@ def _difference(was: Run, now: Run) -> str:
 
 
 def _unseen(group: Sequence[Check]) -> str:
-    """Say up to what share of itself each of MAIN may change in these recordings without being seen."""
+    """Say up to what share of itself each of _MAIN may change in these recordings without being seen."""
     words = []
-    for name in MAIN:
+    for name in _MAIN:
         shares = []
         for check in group:
             tolerance = check.demand.of(name) if check.demand is not None else None
@@ -112,7 +107,7 @@ def write_junit(path: Path, checks: Sequence[Check]) -> None:
     failures = sum(not finding.passed for _, finding in cases)
     refused = [check for check in checks if check.refused is not None]
     counts = {"tests": str(len(cases) + len(refused)), "failures": str(failures), "errors": str(len(refused))}
-    suite = ET.Element("testsuite", {"name": "workbench-check", **counts})
+    suite = ET.Element("testsuite", {"name": "workbench check", **counts})
     for check, finding in cases:
         names = {"classname": printable(check.name), "name": printable(finding.quantity)}
         case = ET.SubElement(suite, "testcase", names)

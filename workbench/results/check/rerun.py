@@ -29,7 +29,7 @@ from workbench.utils.run_files import RECORDING
 
 TOLERANCES = "tolerances.json"
 """Next to recordings that are checked: by how much their numbers may move in another environment."""
-REASONS = "reasons.md"
+_REASONS = "reasons.md"
 """Next to renewed recordings: why they were."""
 
 
@@ -166,7 +166,7 @@ def renew(checks: Sequence[Check], reason: str | None) -> int:
     """Replace recordings by their new runs and return the exit code; what was refused or crashed stays.
 
     What came out the same and has no pictures stays byte for byte, as every version of a recording kept with the code
-    takes room. reason: is kept in the file REASONS next to the recordings whose numbers moved.
+    takes room. reason: is kept in the file _REASONS next to the recordings whose numbers moved.
     """
     renewed = []
     for check in checks:
@@ -174,9 +174,9 @@ def renew(checks: Sequence[Check], reason: str | None) -> int:
             why = check.findings[0].detail if check.refused is None else check.refused
             print(f"{check.name}: stays as it is: {why}", file=sys.stderr)
             continue
-        if any(map(has_moved, check.findings)):
+        if moved := any(map(has_moved, check.findings)):
             renewed.append(check.was.path)
-        if not (check.unmoved and same_environment(check.was, check.now) and is_condensed(check.was)):
+        if moved or not (same_environment(check.was, check.now) and is_condensed(check.was)):
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
     if reason is not None:
@@ -187,9 +187,9 @@ def renew(checks: Sequence[Check], reason: str | None) -> int:
 
 
 def _keep_reason(renewed: Sequence[Path], reason: str) -> None:
-    """Add a line to REASONS in every folder of these recordings: the date, their names, and the reason."""
+    """Add a line to _REASONS in every folder of these recordings: the date, their names, and the reason."""
     for folder in sorted({path.parent for path in renewed}):
-        file, names = folder / REASONS, sorted(path.stem for path in renewed if path.parent == folder)
+        file, names = folder / _REASONS, sorted(path.stem for path in renewed if path.parent == folder)
         before = file.read_text(encoding="utf-8") if file.is_file() else "# Why these recordings were renewed\n\n"
         with whole_file(file) as part:
             line = f"- {date.today()}: {', '.join(names)}: {' '.join(reason.split())}\n"

@@ -18,7 +18,7 @@ LEVEL = 0.05
 POWER = 0.95
 ROUNDING = 1e-9
 """Part of a number by which it may differ through the order of sums or another library's last bits."""
-DISTRIBUTIONS = ("error_abs_mm", "error_rel_mm", "error_px")
+_DISTRIBUTIONS = ("error_abs_mm", "error_rel_mm", "error_px")
 """Metrics whose values in single frames are compared as distributions, too."""
 
 
@@ -129,7 +129,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _over_frames(was: Sequence[Run], now: Sequence[Run]) -> list[str]:
-    return [name for name in DISTRIBUTIONS if all(name in run.metrics for run in (*was, *now))]
+    return [name for name in _DISTRIBUTIONS if all(name in run.metrics for run in (*was, *now))]
 
 
 def _values(name: str, was: Sequence[Run], now: Sequence[Run]) -> tuple[FloatArray, FloatArray] | MetricChange:

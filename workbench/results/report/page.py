@@ -29,16 +29,6 @@ def terminal(found: Contents) -> str:
     return "\n".join(map(printable, "\n\n".join(parts).split("\n")))
 
 
-def as_markdown(title: str, found: Contents, plots: Sequence[Plot]) -> str:
-    """Return the report in Markdown, which shows the plots that lie next to it."""
-    return _render("report.md", title, found, plots)
-
-
-def as_page(title: str, found: Contents, plots: Sequence[Plot]) -> str:
-    """Return the report as HTML with its plots inside. It has no scripts, and forbids itself to load anything."""
-    return _render("report.html", title, found, plots)
-
-
 def escaped(words: str) -> str:
     """Escape untrusted text for Markdown: nothing in it is markup, and it stays within its cell."""
     for mark in "\\|`*_<>[]":
@@ -46,7 +36,9 @@ def escaped(words: str) -> str:
     return " ".join(words.split())
 
 
-def _render(template: str, title: str, found: Contents, plots: Sequence[Plot]) -> str:
+def render(template: str, title: str, found: Contents, plots: Sequence[Plot]) -> str:
+    """Return the report as `report.md`, which shows the plots that lie next to it, or as `report.html` with its plots
+    inside, which has no scripts and forbids itself to load anything."""
     environment = Environment(
         loader=PackageLoader("workbench.results.report", "."), autoescape=select_autoescape(["html"]),
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,

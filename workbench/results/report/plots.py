@@ -33,7 +33,7 @@ _N_PARTICLES = "inference.n_particles"
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 3.0, "alpha": 0.45, "markeredgewidth": 0.0}
 _BAND: dict[str, Any] = {"alpha": 0.3, "solid_capstyle": "butt"}
 
-Colour = tuple[float, float, float]
+_Colour = tuple[float, float, float]
 
 
 class Series(NamedTuple):
@@ -44,9 +44,9 @@ class Series(NamedTuple):
 
     label: str
     groups: list[int]
-    colour: Colour
+    colour: _Colour
 
-    def shade(self, group: int) -> Colour:
+    def shade(self, group: int) -> _Colour:
         """Return the group's own colour: the series' for most particles, lighter for fewer."""
         behind = len(self.groups) - 1 - self.groups.index(group)
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
@@ -257,7 +257,7 @@ def _round_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: Colour, width: float) -> None:
+def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: _Colour, width: float) -> None:
     """Draw mean and interval of a sample on a line of its own."""
     axes.plot(interval(sample), [y, y], color=colour, linewidth=width, **_BAND)
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
@@ -272,7 +272,7 @@ def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
     return errors.assign(particles=pd.to_numeric(pd.Series(particles, errors.index), errors="coerce"), seconds=seconds)
 
 
-def _mixed(colour: Colour, other: float, part: float) -> Colour:
+def _mixed(colour: _Colour, other: float, part: float) -> _Colour:
     """Return a colour with a part of white (other = 1) or black (0)."""
     red, green, blue = (value + part * (other - value) for value in colour)
     return red, green, blue

@@ -50,17 +50,16 @@ def what_varied(settings: Sequence[Settings]) -> Variation:
     following: list[str] = []
     choices = {name for name in varied if all(isinstance(row.get(name, ""), str) for row in settings)}
     for name in sorted(varied, key=lambda name: (name != EXPERIMENT, not name.endswith(TARGET), name not in choices)):
-        leaders = [known for known in kept if _leads(columns[known], columns[name], known in choices)]
+        leaders = []  # keys whose values this one repeats or, where those are choices, follows
+        for known in kept:
+            pairs = set(zip(columns[known], columns[name], strict=True))
+            if columns[known] == columns[name] or (known in choices and len(pairs) == len(set(columns[known]))):
+                leaders.append(known)
         if not leaders:
             kept.append(name)
         elif not any(name.startswith(known.removesuffix(TARGET) + ".") for known in leaders):
             following.append(name)
     return Variation(tuple(kept), tuple(following))
-
-
-def _leads(first: Sequence[str], second: Sequence[str], choice: bool) -> bool:
-    """Whether the second column repeats the first or, where that is a choice, has one value for each of its values."""
-    return first == second or (choice and len(set(zip(first, second, strict=True))) == len(set(first)))
 
 
 def comparable(row: Settings, name: str) -> str:
