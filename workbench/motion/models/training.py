@@ -46,7 +46,7 @@ GAP_SEED = 2000  # seed of the gaps made for `cyclic_model`, so that one trainin
 def walking_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
-    n_components: int | None = 8, scaling: str = "joints",
+    n_components: int | None = 8, scaling: str = "joints", root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
@@ -55,19 +55,13 @@ def walking_model(
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance=variance, n_components=n_components, scaling=scaling, root=False)
+    options: dict[str, Any] = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
+    code = code_digest(walking, model_discrepancy)
 
+    def learn() -> WalkingModel:
+        return _with_discrepancy(learn_walking(training, **options), training)
 
-def gait_model(
-    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), n_components: int = 8,
-) -> WalkingModel:  # fmt: skip
-    """Learn the walking model with how the root sways, channels scaled by how far they move the joints.
-
-    Otherwise as `walking_model`.
-    """
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance=0.95, n_components=n_components, scaling="joints", root=True)
+    return _learned(WalkingModel, "walking", cache, training, code, learn, **options)
 
 
 def cyclic_model(
@@ -86,13 +80,6 @@ def cyclic_model(
 
     code = code_digest(walking, imputation, model_discrepancy)
     return _learned(WalkingModel, "cyclic", cache, training, code, learn, q=q, missing=missing, gap_seed=GAP_SEED)
-
-
-def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
-    def learn() -> WalkingModel:
-        return _with_discrepancy(learn_walking(training, **options), training)
-
-    return _learned(WalkingModel, "walking", cache, training, code_digest(walking, model_discrepancy), learn, **options)
 
 
 def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
