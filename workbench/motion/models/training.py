@@ -19,14 +19,7 @@ from workbench.motion.models.imputation import with_gaps
 from workbench.motion.models.linear_motion import LinearMotion, learn_linear_motion
 from workbench.motion.models.model_discrepancy import learn_discrepancy
 from workbench.motion.models.store import Provenance, Stored, keep, load
-from workbench.motion.models.walking import (
-    ANGLES,
-    CHANNEL_NAMES,
-    WalkingModel,
-    learn_cyclic,
-    learn_walking,
-    walking_cycles,
-)  # fmt: skip
+from workbench.motion.models.walking import ANGLES, WalkingModel, learn_cyclic, learn_walking
 from workbench.motion.models.windows import Windows, learn_windows
 from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
@@ -84,9 +77,9 @@ def cyclic_model(
 
 def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
     """Add the discrepancy of a model with as many components to walkers that are left out."""
-    cycles, subjects = walking_cycles(training), {motion.name: motion.subject for motion in training}
+    cycles, subjects = walking.walking_cycles(training), {motion.name: motion.subject for motion in training}
     people, curves = [subjects[source] for source in cycles.sources], cycles.curves[:, :, ANGLES]
-    missed = learn_discrepancy(CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
+    missed = learn_discrepancy(walking.CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
     return replace(model, discrepancy=missed)
 
 
