@@ -98,7 +98,7 @@ class Scene:
 class Take:
     """A person's motion in the F frames of a dataset, at its rate, and F truths. body: the person's, or of the motion
     file's full skeleton, as a tracker is told; the poses (F, P) of motion and truths are this body's. phases: (F,)
-    cycles, see `Spliced`. subject: who is really shown, whose joints the truths have."""
+    cycles, see `concatenation.splice`. subject: who is really shown, whose joints the truths have."""
 
     motion: Motion
     body: Body
