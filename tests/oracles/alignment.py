@@ -16,8 +16,8 @@ from workbench.core.residual import projection_jacobian
 from workbench.likelihoods.dense.background_model import BESIDE_PX, KEPT, LEAST_NOISE, BackgroundModel, grown
 from workbench.likelihoods.dense.kernels import COARSE_PX, THICK_M
 from workbench.likelihoods.dense.layer_rendering import ODD, Facets, Layer, LayerImage
-from workbench.likelihoods.dense.surface_elements import PLACES, Beside, Cells, Placed, PointMotion, inside
-from workbench.likelihoods.dense.view_likelihood import Residuals, SmoothedImage
+from workbench.likelihoods.dense.surface_elements import PLACES, Cells, Placed, PointMotion, inside
+from workbench.likelihoods.dense.view_likelihood import Residuals
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 STEPS = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, None]
@@ -147,13 +147,13 @@ def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[F
     return weighted.T @ residuals.misses, weighted.T @ rows
 
 
-def picture_at(picture: SmoothedImage, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+def picture_at(picture: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Interpolate an image bilinearly, and differentiate it by half the differences of what is a pixel to either side.
 
     Parameters
     ----------
-    picture : SmoothedImage
-        Values (height, width).
+    picture : (height, width) array
+        Values.
     pixels : (K, 2) array
         x and y, px, at least 2 px inside.
 
@@ -165,12 +165,14 @@ def picture_at(picture: SmoothedImage, pixels: FloatArray) -> tuple[FloatArray, 
         Gradients, 1/px.
     """
     rows, columns = (pixels + STEPS).reshape(-1, 2).T[::-1]
-    found = map_coordinates(picture.values.astype(np.float64), (rows, columns), order=1)
+    found = map_coordinates(picture.astype(np.float64), (rows, columns), order=1)
     here, right, left, below, above = found.reshape(5, -1)
     return here, 0.5 * np.column_stack([right - left, below - above])
 
 
-def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
+def beside(
+    limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]
+) -> tuple[FloatArray, IntArray, FloatArray]:
     """Place points at distances from the outlines of limbs, at their axes' depth.
 
     Parameters
@@ -186,8 +188,8 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
 
     Returns
     -------
-    Beside
-        Points (L · 2 PLACES · D, 3), m, their joints and pixels.
+    (L · 2 PLACES · D, 3) array
+        Points, m; then their joints and pixels.
     """
     turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
     starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
@@ -196,7 +198,7 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
     points = np.concatenate([edges + distance * metres_per_px * outwards for distance in distances_px], axis=1)
     joints = np.repeat(limbs.joints, points.shape[1])
     flat = points.reshape(-1, 3)
-    return Beside(flat, joints, camera.project(flat))
+    return flat, joints, camera.project(flat)
 
 
 def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:

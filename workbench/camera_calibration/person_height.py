@@ -57,7 +57,7 @@ class Measurements:
 
 
 @dataclass(frozen=True, eq=False)
-class HeightCalibration:
+class _HeightCalibration:
     """camera: in a world with z up, its origin on the floor below the camera, x ahead. values, sigma: estimates and
     standard deviations of focal_px, tilt_deg, roll_deg, height_m. frames: of the segments. errors_px: (F, 4), residuals
     of head and feet, [u, v]. focal_information: 0 where the prior alone determines the focal length, up to 1 where
@@ -93,7 +93,7 @@ def head_foot_segments(marks: Marks) -> tuple[tuple[int, ...], FloatArray, Float
 
 def calibrate_by_height(
     name: str, size: tuple[int, int], frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, known: Measurements
-) -> HeightCalibration:
+) -> _HeightCalibration:
     """Calibrate a camera with its principal point in the image's middle, square pixels and no distortion.
 
     Parameters
@@ -126,7 +126,7 @@ def calibrate_by_height(
     sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
     information = 1.0 if known.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
-    return HeightCalibration(camera, values, sigma, frames, errors, information)
+    return _HeightCalibration(camera, values, sigma, frames, errors, information)
 
 
 class _Problem:

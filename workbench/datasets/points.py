@@ -13,24 +13,9 @@ from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, 
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.datasets.rendering import render
-from workbench.datasets.rendering.sequence import (
-    Scene,
-    Take,
-    find_take,
-    given_start,
-    offered_start,
-    take_camera,
-    told_camera,
-)
-from workbench.datasets.rendering.surroundings import (
-    Surroundings,
-    bar,
-    clutter_points,
-    in_box,
-    not_hidden,
-    surroundings,
-)
+from workbench.datasets.rendering import render, surroundings
+from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start, take_camera
+from workbench.datasets.rendering.surroundings import in_box, not_hidden
 from workbench.datasets.rendering.visible import visible_points
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.rng import stream
@@ -117,7 +102,7 @@ class Points(Scene):
     @cached_property
     def told_camera(self) -> Camera:
         """The camera as a calibration found it, by which what it sees was placed in the world."""
-        return told_camera(self, self.take, self.view_camera)
+        return self.calibrated(self.view_camera, self.take.motion)
 
     def _subject(self, i: int) -> Body:
         """The body that is seen in frame i."""
@@ -130,16 +115,16 @@ class Points(Scene):
         n_outliers = int(rng.binomial(self.n_points, self.outliers))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
         if self.bar_m > 0.0:
-            surface = not_hidden(surface, camera, bar(self.take, camera, self.bar_m), np.zeros(len(pose)))
+            surface = not_hidden(surface, camera, surroundings.bar(self.take, camera, self.bar_m), np.zeros(len(pose)))
         if self.clutter:
-            others = clutter_points(self._surroundings, pose[:3], camera, self.clutter, rng)
+            others = surroundings.clutter_points(self._surroundings, pose[:3], camera, self.clutter, rng)
             surface = np.concatenate([surface, not_hidden(others, camera, body, pose)])
         noisy = with_depth_noise(surface, camera, self.sigma_m, rng, self.told_camera)
         return rng.permutation(np.concatenate([noisy, in_box(pose[:3], n_outliers, rng)]))
 
     @cached_property
-    def _surroundings(self) -> Surroundings:
-        return surroundings(self.take, self.view_camera)
+    def _surroundings(self) -> surroundings.Surroundings:
+        return surroundings.surroundings(self.take, self.view_camera)
 
     def _image(self, i: int) -> ByteArray:
         noise = stream(self.seed, "sensor", i)

@@ -17,15 +17,7 @@ from workbench.core.frame import Frame, View
 from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
-from workbench.datasets.rendering.sequence import (
-    Scene,
-    Take,
-    find_take,
-    given_start,
-    offered_start,
-    take_camera,
-    told_camera,
-)
+from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start, take_camera
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
@@ -110,7 +102,7 @@ class Stereo(Scene):
     @cached_property
     def told_cameras(self) -> tuple[Camera, Camera]:
         """Both cameras as a calibration found them: the pair as a whole is off."""
-        left = told_camera(self, self.take, self.cameras[0])
+        left = self.calibrated(self.cameras[0], self.take.motion)
         return self.cameras if left is self.cameras[0] else self._pair(left)
 
     def _pair(self, left: Camera) -> tuple[Camera, Camera]:

@@ -19,19 +19,12 @@ from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.side_information import START_POSE
-from workbench.datasets.rendering import render, surroundings
+from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
 from workbench.datasets.rendering.concatenation import splice
-from workbench.datasets.rendering.perturbations import calibrated, calibration_error
-from workbench.datasets.rendering.sequence import (
-    Scene,
-    automatic_camera,
-    motion_names,
-    rough_pose,
-    standing_height,
-    start_error,
-)
+from workbench.datasets.rendering.perturbations import calibration_error
+from workbench.datasets.rendering.sequence import Scene
 from workbench.datasets.rendering.subject import SceneSubject, subject_of
 from workbench.datasets.rendering.surroundings import passing_board
 from workbench.motion.pose_sequence import Motion
@@ -97,7 +90,7 @@ class Synthetic(Scene):
             has_keypoints=self.keypoint_sigma_px is not None,
             departures={
                 **self._subject.factors, **calibration_error(self.view_camera, self.told_camera),
-                **start_error(self._start, motion.poses[0]),
+                **sequence.start_error(self._start, motion.poses[0]),
             },
         )  # fmt: skip
 
@@ -137,9 +130,7 @@ class Synthetic(Scene):
     @cached_property
     def told_camera(self) -> Camera:
         """The camera as a tracker is told."""
-        motion, off = self._used_motion, self.departure
-        middle = motion.poses[len(motion) // 2, :3]
-        return calibrated(self.view_camera, middle, off["camera"], off["camera_deg"], self.seed)
+        return self.calibrated(self.view_camera, self._used_motion)
 
     @cached_property
     def _start(self) -> FloatArray:
@@ -147,12 +138,12 @@ class Synthetic(Scene):
         pose, off = self._used_motion.poses[0], self.departure
         if off["start_m"] == off["start_rad"] == 0.0:
             return pose
-        return rough_pose(self.body.skeleton, pose, self.seed, off["start_m"], off["start_rad"])
+        return sequence.rough_pose(self.body.skeleton, pose, self.seed, off["start_m"], off["start_rad"])
 
     def _automatic_camera(self, places: FloatArray) -> Camera:
-        tall = standing_height(self._used_motion, places)
+        tall = sequence.standing_height(self._used_motion, places)
         wanted = self.focal_px * tall / self.person_px
-        camera, distance = automatic_camera(self, self._used_motion, places, wanted)
+        camera, distance = sequence.automatic_camera(self, self._used_motion, places, wanted)
         if distance > 1.01 * wanted:
             tall_px = f"{self.focal_px * tall / distance:.0f} px tall instead of {self.person_px:g}"
             words = f"synthetic: the person is {tall_px}, so that the whole motion fits into the image"
@@ -163,7 +154,7 @@ class Synthetic(Scene):
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
         end = self.first_frame + self.n_frames
-        motions = [find_motion(name, **self.source(self.rate_hz)) for name in motion_names(self.motion)]
+        motions = [find_motion(name, **self.source(self.rate_hz)) for name in sequence.motion_names(self.motion)]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
             frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected at least first_frame + n_frames = {end}"

@@ -32,7 +32,7 @@ class RunMeasurements:
     frames: (F,) their numbers. times_s: (F,). cameras: V names. off_px: (F, V) median distance of the estimate's joints
     from the view's keypoints, px of the source. height_px: (F, V) of the person in the keypoints. expected, found:
     (F, V) whether the estimate lies in the view's image, and whether the view has keypoints of a person. apart: by pair
-    of cameras (F,), see `Meeting`. joints: (F, J, 3), m, where the cameras' rays meet. moved: (F,) by how much the
+    of cameras (F,), see `meeting`. joints: (F, J, 3), m, where the cameras' rays meet. moved: (F,) by how much the
     keypoints moved since the frame before, the median over joints and views in heights of the person. marked: (J,)
     which joints any keypoint shows. errors: (F,) by name, as `step_errors` has them. mark_height_px: (F,) of the person
     in the marks that errors are measured by. lengths_m: of the body tracked, by limb.
@@ -82,7 +82,7 @@ class Evidence:
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
         frame, skeleton = step.frame, self._body.skeleton
-        together = meeting([view for view in frame.views if view.keypoints is not None])
+        apart, meeting_points = meeting([view for view in frame.views if view.keypoints is not None])
         estimate = joints(skeleton, step.expected_pose[None])[0]
         has_feet = set(_FEET) <= set(skeleton.names)
         marks = None if frame.truth is None else frame.truth.marks
@@ -90,7 +90,7 @@ class Evidence:
         views = {view.camera.name: self._view(view, estimate) for view in frame.views}
         self._rows.append(
             {
-                "frame": frame.index, "time_s": frame.time_s, "joints": together.joints, "apart": together.apart,
+                "frame": frame.index, "time_s": frame.time_s, "joints": meeting_points, "apart": apart,
                 "errors": errors, "inliers": float(step.diagnostics.get("inliers", np.nan)),
                 "doubted": tuple(group for group in groups if errors.get(f"doubt_{group}_mm", 0.0) > LARGE_MM),
                 "feet": estimate[list(map(skeleton.joint, _FEET))] if has_feet else np.full((3, 3), np.nan),

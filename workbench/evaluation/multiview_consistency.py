@@ -1,7 +1,6 @@
 """Consistency of calibrated cameras without a tracker: distances of rays, lengths of limbs, directions of knees."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -21,18 +20,12 @@ _BENT = 0.05
 """How far a knee is off the line from hip to ankle, over its length, when the leg counts as bent: some 12 degrees."""
 
 
-@dataclass(frozen=True, eq=False)
-class Meeting:
-    """What the cameras of one frame say together. apart: by pair of cameras, the median over the joints of how far both
-    are off the place nearest to their rays, in heights of the person in the image. joints: (J, 3), m, by all cameras,
-    NaN for those that fewer than two see."""
+def meeting(views: Sequence[View]) -> tuple[dict[tuple[str, str], float], FloatArray]:
+    """Let the rays of the views' keypoints meet, those of weight 0 left out.
 
-    apart: dict[tuple[str, str], float]
-    joints: FloatArray
-
-
-def meeting(views: Sequence[View]) -> Meeting:
-    """Let the rays of the views' keypoints meet, those of weight 0 left out."""
+    Return by pair of cameras the median over the joints of how far both are off the place nearest to their rays, in
+    heights of the person in the image; and the joints (J, 3), m, by all cameras, NaN where fewer than two see one.
+    """
     seen = {view.camera.name: (view.camera, found_marks(view)) for view in views if view.keypoints is not None}
     apart = {}
     for (first, a), (second, b) in combinations(seen.items(), 2):
@@ -45,7 +38,7 @@ def meeting(views: Sequence[View]) -> Meeting:
             known = np.isfinite(places[:, 0])
             # behind a camera is as far as it gets: one height of the person
             apart[first, second] = float(np.median(np.nan_to_num(np.mean(off, axis=0)[known], nan=1.0)))
-    return Meeting(apart, nearest(list(seen.values())))
+    return apart, nearest(list(seen.values()))
 
 
 def nearest(seen: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:

@@ -14,6 +14,12 @@ REFERENCE_RATE_HZ = 30.0  # the frames a second for which priors are given their
 SAME = 1e-9  # columns without noise are where they were to this, in their unit
 
 
+def whole_frames(dt_s: float, rate_hz: float) -> int | None:
+    """Count the frames at rate_hz in dt_s seconds; None unless it is a whole number from 1 on (to 5 % of a frame)."""
+    frames = dt_s * rate_hz
+    return None if round(frames) < 1 or abs(frames - round(frames)) > 0.05 else round(frames)
+
+
 class AllFree:
     """The part of a `Density` that says that no column of the prior's space follows from others."""
 

@@ -5,6 +5,7 @@ their meaning and what is raised are described there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from inspect import signature
 from typing import Any, TypeVar
 
@@ -43,7 +44,7 @@ def gait(
     start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
     """Return paper A's prior with how the root sways in a cycle learned, too, so that less is left to noise."""
-    return _learned(training.gait_model, Cyclic, locals())
+    return _learned(partial(training.walking_model, root=True), Cyclic, locals())
 
 
 @declaring(Cyclic.traits)

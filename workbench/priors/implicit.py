@@ -14,7 +14,7 @@ from workbench.core.prior import Powers
 from workbench.core.side_information import REST
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.windows import Windows, pose_rows
-from workbench.priors.density import REFERENCE_RATE_HZ
+from workbench.priors.density import REFERENCE_RATE_HZ, whole_frames
 from workbench.priors.implicit_density import ImplicitDensity
 from workbench.priors.implicit_prediction import WindowPrediction
 from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
@@ -167,13 +167,12 @@ class Implicit:
 
     def rows_in(self, dt_s: float) -> int:
         """The library's frames in dt_s seconds; raises InputError unless it is a whole number (to 5 % of one)."""
-        frames = dt_s * self.windows.rate_hz
-        if round(frames) < 1 or abs(frames - round(frames)) > 0.05:
+        if (frames := whole_frames(dt_s, self.windows.rate_hz)) is None:
             raise InputError(
                 f"prior: frames {dt_s:.4g} s apart are not a whole number of steps of an implicit prior learned at "
                 f"{self.windows.rate_hz:g} Hz; learn it at a rate that is a multiple of the video's"
             )
-        return round(frames)
+        return frames
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""

@@ -9,17 +9,10 @@ import numba
 import numpy as np
 
 from workbench.body.simd_kinematics import inlined
+from workbench.priors import implicit_search
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, WindowPrediction
-from workbench.priors.implicit_search import (
-    PROBES,
-    KdTree,
-    check_probes,
-    found_entries,
-    group_equal,
-    nearest_entries,
-    padded,
-)
+from workbench.priors.implicit_search import PROBES, KdTree, found_entries, group_equal, padded
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
@@ -85,7 +78,7 @@ class ImplicitDensity:
         probes, size = self._probes(state), len(state)
         order, firsts = group_equal(probes)
         entries = np.empty(size, dtype=np.int64)
-        nearest = nearest_entries(self.tree, probes[order[firsts]], self.beta, self.epsilon)
+        nearest = implicit_search.nearest_entries(self.tree, probes[order[firsts]], self.beta, self.epsilon)
         entries[order] = np.repeat(nearest, np.diff(np.append(firsts, size)))
         return self.prediction.predict(state, entries, np.zeros((size, N_POSE)))
 
@@ -143,7 +136,7 @@ def log_mixture(
     white: ways (N, K) as in `WindowWays.white`. uniforms: (N,) in [0, 1); None: nothing is drawn. One search for each
     distinct probe. Probes are shared out to numba's threads, on whose number nothing depends.
     """
-    check_probes(tree, probes, beta, epsilon)
+    implicit_search.check_probes(tree, probes, beta, epsilon)
     order, firsts = group_equal(probes)
     ends = np.append(firsts[1:], len(probes)) if len(probes) else firsts
     drawn = np.empty(0) if uniforms is None else uniforms[order]

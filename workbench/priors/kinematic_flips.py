@@ -12,17 +12,8 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.capabilities import (
-    ACTIVITY,
-    BODY_PARTS,
-    DENSITY,
-    LIMB_COLUMNS,
-    ONE_CAMERA,
-    SEPARABLE,
-    Traits,
-    needs_of_all,
-    offering,
-)
+from workbench.core import capabilities
+from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, needs_of_all, offering
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior, propose
 from workbench.priors.density import REFERENCE_RATE_HZ
@@ -34,6 +25,8 @@ LIMBS = (
     *((side, "hip", "knee", -1.0) for side in ("left", "right")),
 )
 """Side, upper joint, lower joint, and whether the lower joint bends forwards (1) or backwards (−1)."""
+_LOST = {capabilities.DENSITY, capabilities.ACTIVITY, capabilities.BODY_PARTS, capabilities.SEPARABLE}
+"""Capabilities of the base that flips take away."""
 
 
 @keeps_keys
@@ -58,7 +51,7 @@ class Flipping:
         base: Traits = keys["base"]
         lacks = "" if LIMB_COLUMNS in base.provides else f"flips need {LIMB_COLUMNS} of their base"
         needs = needs_of_all({"base": base, "flips": offering(dataset=ONE_CAMERA)})
-        return Traits(base.provides - {DENSITY, ACTIVITY, BODY_PARTS, SEPARABLE}, needs, base.missing or lacks)
+        return Traits(base.provides - _LOST, needs, base.missing or lacks)
 
     def __init__(
         self, base: Prior, camera: Callable[[], Camera], *, probability: float = 0.01, share: float = 0.1

@@ -11,6 +11,7 @@ from workbench.core.checks import POSITIVE, check
 from workbench.core.prior import RECORDED, Powers
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.linear_motion import N_POSE, POSTURE, LinearMotion, moved, velocities
+from workbench.priors.density import whole_frames
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -133,13 +134,12 @@ class Linear:
 
     def _frames_in(self, dt_s: float) -> int:
         """Count the model's frames in dt_s seconds; raises InputError unless it is a whole number."""
-        frames = dt_s * self.model.rate_hz
-        if round(frames) < 1 or abs(frames - round(frames)) > 0.05:
+        if (frames := whole_frames(dt_s, self.model.rate_hz)) is None:
             raise InputError(
                 f"prior: frames {dt_s:.4g} s apart are not a whole number of those of a linear prior learned at "
                 f"{self.model.rate_hz:g} Hz; learn it at the video's rate (prior.rate_hz)"
             )
-        return round(frames)
+        return frames
 
     def _one_frame(self, dt_s: float) -> None:
         if self._frames_in(dt_s) != 1:

@@ -1,7 +1,6 @@
 """How a motion model of walking and running together is learned (paper D, section 3.2, fig. 1b, 1c and 4)."""
 
 import logging
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,14 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.core.study import Curves, Figure, Scatter, StudyResult
-from workbench.motion.models.activities import (
-    ActivityModel,
-    accuracy_left_out,
-    error_left_out_deg,
-    fewest,
-    learn_activities,
-    mean_rates_hz,
-)
+from workbench.motion.formats import names
+from workbench.motion.models import activities
+from workbench.motion.models.activities import ActivityModel, fewest, learn_activities
 from workbench.motion.models.activity_cycles import ActivityCycles, activity_cycles
 from workbench.motion.models.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title
@@ -75,8 +69,8 @@ class LearnWalkRun:
 
 def style(source: str) -> str:
     """Return the style in the name of a Bandai clip, of others the person: the name up to the clip's number or path."""
-    bandai = re.fullmatch(r"dataset-\d+_[^_]+_([^_]+)_\d+", source)
-    return bandai[1] if bandai else source.rpartition("_")[0] or source
+    bandai = names.style(source)
+    return bandai.removeprefix("bandai-") if bandai else source.rpartition("_")[0] or source
 
 
 def _metrics(cycles: ActivityCycles, models: dict[str, ActivityModel]) -> dict[str, float]:
@@ -85,10 +79,10 @@ def _metrics(cycles: ActivityCycles, models: dict[str, ActivityModel]) -> dict[s
     for suffix, (label, part) in zip(("", "_legs"), PARTS_SHOWN.items(), strict=True):
         chosen = cycles.of_angles([part])
         metrics[f"n_components_90{suffix}"] = float(fewest(models[label].explained, VARIANCE))
-        metrics[f"activity_accuracy{suffix}"] = accuracy_left_out(chosen, cycles.sources, EIGENVECTORS)
-        metrics[f"activity_accuracy_2{suffix}"] = accuracy_left_out(chosen, cycles.sources, 2)
-        metrics[f"unseen_style_deg{suffix}"] = error_left_out_deg(chosen, styles, EIGENVECTORS)
-    rates = mean_rates_hz(models["whole body"])
+        metrics[f"activity_accuracy{suffix}"] = activities.accuracy_left_out(chosen, cycles.sources, EIGENVECTORS)
+        metrics[f"activity_accuracy_2{suffix}"] = activities.accuracy_left_out(chosen, cycles.sources, 2)
+        metrics[f"unseen_style_deg{suffix}"] = activities.error_left_out_deg(chosen, styles, EIGENVECTORS)
+    rates = activities.mean_rates_hz(models["whole body"])
     return metrics | {f"cycle_rate_hz_{activity}": rate for activity, rate in rates.items()}
 
 

@@ -57,15 +57,15 @@ TOLD = RunInputs(height_m=1.7, max_iterations=40, rate_hz=30.0)
 
 
 def test_rays_of_cameras_meet_where_the_joints_are():
-    together = meeting(views())
-    np.testing.assert_allclose(together.joints, standing()[0], atol=1e-6)
-    assert max(together.apart.values()) < 1e-6
-    assert usual_height(limb_lengths(together.joints[None])) == pytest.approx(1.7, rel=1e-6)
+    apart, places = meeting(views())
+    np.testing.assert_allclose(places, standing()[0], atol=1e-6)
+    assert max(apart.values()) < 1e-6
+    assert usual_height(limb_lengths(places[None])) == pytest.approx(1.7, rel=1e-6)
 
 
 def test_rays_of_exchanged_cameras_pass_each_other():
     a, b, c = CAMERAS
-    apart = meeting(views(cameras=(a, b, c), shown=(b, a, c), aside_m=(0.7, 0.3, 0.0))).apart
+    apart = meeting(views(cameras=(a, b, c), shown=(b, a, c), aside_m=(0.7, 0.3, 0.0)))[0]
     assert max(apart.values()) > FOREARM
 
 

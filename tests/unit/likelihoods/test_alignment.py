@@ -30,7 +30,7 @@ from workbench.likelihoods.dense.surface_elements import (
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, interpolated, person_mask, picture
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
@@ -160,7 +160,7 @@ def test_the_loss_and_its_slope_agree():
 def test_points_beside_a_limb_are_as_far_from_it_as_asked():
     pose = walking_pose(1)
     frames = frames_of(pose)
-    near, far = (beside(BODY.limbs, frames, CAMERA, (distance,)).pixels for distance in (0.0, 8.0))
+    near, far = (beside(BODY.limbs, frames, CAMERA, (distance,))[2] for distance in (0.0, 8.0))
     np.testing.assert_allclose(np.linalg.norm(far - near, axis=1), 8.0, atol=0.9)  # but where a limb points at us
     drawn = person_mask(BODY, CAMERA, frames, SHAPE)
     x, y = np.rint(far).astype(int).T
@@ -168,6 +168,13 @@ def test_points_beside_a_limb_are_as_far_from_it_as_asked():
     on_others = drawn[y[kept], x[kept]].mean()
     x, y = np.rint(near).astype(int).T
     assert on_others < 0.6 < drawn[y[kept], x[kept]].mean()
+
+
+def test_pictures_have_the_slope_of_a_plane():
+    rows, columns = np.mgrid[:40, :50].astype(np.float32)
+    values, gradients = interpolated(picture(3.0 * columns - 2.0 * rows, 1.5), np.array([[20.25, 18.5], [30.0, 20.75]]))
+    np.testing.assert_allclose(values, [3.0 * 20.25 - 2.0 * 18.5, 90.0 - 41.5], atol=1e-3)
+    np.testing.assert_allclose(gradients, [[3.0, -2.0], [3.0, -2.0]], atol=1e-4)
 
 
 def block(rows, columns, shape=(60, 80)):

@@ -19,7 +19,7 @@ _PERIODS = np.array([1e9] * 3 + [2.0 * np.pi] * (_PHASE - 3) + [1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Spliced:
+class _Spliced:
     """A motion and what it is made of. clips: (F,) number of the clip that each frame is mostly of. phases: (F,) place
     in the gait cycle, cycles, rising through whole numbers where the left thigh is furthest ahead of the right; NaN
     where a clip has no cycle."""
@@ -29,7 +29,7 @@ class Spliced:
     phases: FloatArray
 
 
-def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend_s: float = BLEND_S) -> Spliced:
+def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend_s: float = BLEND_S) -> _Spliced:
     """n_frames in which K motions of one rate take even turns, the first one from `first_frame` on.
 
     The next motion is entered in the same phase of its cycle, near its middle, and over about `blend_s` seconds what
@@ -42,7 +42,7 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
     if n == 1:
         kept = _stretch(first, first_frame, first_frame + n_frames)
         motion = replace(first, poses=first.poses[kept])
-        return Spliced(motion, np.zeros(n_frames, dtype=np.int64), gait_phases(first)[kept])
+        return _Spliced(motion, np.zeros(n_frames, dtype=np.int64), gait_phases(first)[kept])
     turns: IntArray = np.diff(np.round(np.linspace(0, n_frames, n + 1)).astype(np.int64)).astype(np.int64)
     if turns.min() < 2:
         raise InputError(f"splice: {n} motions need {2 * n} frames or more, found {n_frames}")
@@ -57,7 +57,7 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
         for word in ("name", "activity", "source", "sha256", "licence")
     }
     motion = replace(first, poses=_in_the_world(rows[:, :_PHASE], first.poses[first_frame]), **words)
-    return Spliced(motion, np.repeat(np.arange(n), turns), rows[:, _PHASE])
+    return _Spliced(motion, np.repeat(np.arange(n), turns), rows[:, _PHASE])
 
 
 def gait_phases(motion: Motion) -> FloatArray:

@@ -80,6 +80,11 @@ class Scene:
         """The dataset's name in messages: its class in lower case."""
         return type(self).__name__.lower()
 
+    def calibrated(self, camera: Camera, motion: Motion) -> Camera:
+        """Return the camera that sees a motion as a calibration found it, which a tracker uses, see `calibrated`."""
+        off, middle = self.departure, motion.poses[len(motion) // 2, :3]
+        return calibrated(camera, middle, off["camera"], off["camera_deg"], self.seed)
+
     def source(self, rate_hz: float) -> dict[str, Any]:
         """Return what tells `find_motion` which of a motion's versions the scene shows, at a rate."""
         return {"data": self.data, "rate_hz": rate_hz, "path": self.path, "seed": self.seed}
@@ -93,7 +98,7 @@ class Scene:
 class Take:
     """A person's motion in the F frames of a dataset, at its rate, and F truths. body: the person's, or of the motion
     file's full skeleton, as a tracker is told; the poses (F, P) of motion and truths are this body's. phases: (F,)
-    cycles, see `Spliced`. subject: who is really shown, whose joints the truths have."""
+    cycles, see `concatenation.splice`. subject: who is really shown, whose joints the truths have."""
 
     motion: Motion
     body: Body
@@ -228,12 +233,6 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
         words = f"{scene.kind}: the camera is {away}, so that the whole motion fits into its image"
         warnings.warn(words, stacklevel=2)
     return camera
-
-
-def told_camera(scene: Scene, take: Take, camera: Camera) -> Camera:
-    """Return the camera of a take as calibrated, which a tracker uses, see `calibrated`."""
-    off, middle = scene.departure, take.motion.poses[len(take.motion) // 2, :3]
-    return calibrated(camera, middle, off["camera"], off["camera_deg"], scene.seed)
 
 
 def standing_height(motion: Motion, places: FloatArray) -> float:

@@ -18,16 +18,9 @@ from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.likelihoods.base import Remembering
+from workbench.likelihoods.cues import limb_points as limbs
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.cues.limb_points import (
-    LimbLook,
-    LimbPoints,
-    ViewJudge,
-    bilinear,
-    levels_at,
-    limb_points,
-    patch_grid,
-)
+from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, bilinear
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
@@ -96,7 +89,7 @@ class Appearance:
         u = (np.arange(ALONG * _PER_CELL) + 0.5) / (ALONG * _PER_CELL)
         angles = np.pi * (np.arange(AROUND // 2 * _PER_CELL) + 0.5) / (AROUND // 2 * _PER_CELL)
         v = -np.cos(angles)
-        return patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
+        return limbs.patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person still unknown."""
@@ -127,7 +120,7 @@ class Appearance:
             return Remembering(replace(known, notes=(note,)), self._look)
         frames, by_camera = forward(self.body.skeleton, pose[None]), dict(known.by_camera)
         for view, image in zip(frame.views, images, strict=True):
-            points = limb_points(self.body, self.learned_from, view.camera, frames)
+            points = limbs.limb_points(self.body, self.learned_from, view.camera, frames)
             seen, before = _cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
             by_camera[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
         return Remembering(_Templates(by_camera), self._look)
@@ -145,7 +138,7 @@ def _cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -
     """The mean grey level (L, ALONG, AROUND) that one pose's points show of every cell, NaN of those not seen."""
     along, around = cells(samples, points.turns)
     limb, i = np.nonzero(points.counts[0])
-    levels = levels_at(image, points.pixels[0, limb, i])
+    levels = limbs.levels_at(image, points.pixels[0, limb, i])
     total, n = np.zeros((2, points.counts.shape[1], ALONG, AROUND))
     cell = limb, along[i], around[0, limb, i]
     np.add.at(total, cell, levels)

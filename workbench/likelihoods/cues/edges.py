@@ -18,17 +18,8 @@ from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame, View
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.cues.edge_filters import (
-    ALONG,
-    LEAST_PX,
-    LOG_WIDTHS,
-    POINTS,
-    Filtered,
-    SmoothedView,
-    filtered,
-    responses,
-    smoothed,
-)
+from workbench.likelihoods.cues import edge_filters
+from workbench.likelihoods.cues.edge_filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, SmoothedView
 from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, limb_points, looked_up
 from workbench.motion.models.store import Provenance, keep, load
 from workbench.utils.arrays import Float32Array, FloatArray
@@ -109,7 +100,9 @@ def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Ge
         right, down, _ = view.camera.rotation
         poses[1:, :3] += np.outer(far * np.cos(angle), right) + np.outer(far * np.sin(angle), down)
         points = limb_points(body, POINTS, view.camera, forward(body.skeleton, poses))
-        edges, ridges, looked_at = responses(filtered(smoothed(view), looked_up(points)), points)
+        edges, ridges, looked_at = edge_filters.responses(
+            edge_filters.filtered(edge_filters.smoothed(view), looked_up(points)), points
+        )
         kinds = ((edges, looked_at[..., [0, 2]], EDGE_RANGE), (ridges, looked_at[..., 1], RIDGE_RANGE))
         for limb, name in enumerate(body.limbs.names):
             found = counts.setdefault(_part(name), np.zeros((2, 2, BINS)))
@@ -164,7 +157,7 @@ class Edges:
 
     def _log_prob(self, view: SmoothedView, points: LimbPoints) -> FloatArray:
         box = looked_up(points)
-        seen = filtered(view.about(box), box)
+        seen = edge_filters.filtered(view.about(box), box)
         return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
 

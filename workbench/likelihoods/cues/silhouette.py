@@ -16,15 +16,8 @@ from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering
-from workbench.likelihoods.cues.image_levels import (
-    StillScene,
-    Uncovered,
-    log_ratio,
-    scene_log_ratio,
-    spaced_images,
-    still_scenes,
-    uncovered_scene,
-)
+from workbench.likelihoods.cues import image_levels
+from workbench.likelihoods.cues.image_levels import StillScene, Uncovered, log_ratio
 from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, limb_points
 from workbench.likelihoods.cues.outlines import CORNERS, areas, covered, outline_sums, running_sums
 from workbench.utils.arrays import Float32Array, FloatArray
@@ -78,7 +71,7 @@ class Silhouette:
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.clip, self.n_frames, 0.0)
+        return image_levels.still_scenes(self.clip, self.n_frames, 0.0)
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
@@ -102,7 +95,7 @@ class Silhouette:
             return log_ratio(view, self.scenes, 0.0, self.epsilon)
         if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
             return np.zeros(view.image.shape[:2], dtype=np.float32)
-        ratio = scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
+        ratio = image_levels.scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
         ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
         ratio[known.uncovered.unknown] = 0.0
         return ratio
@@ -133,10 +126,10 @@ class Silhouette:
         corners = limb_points(self.body, CORNERS, view.camera, frames).pixels[0]
         inside = covered(corners, self.body.limbs.spheres, (view.image.shape[0], view.image.shape[1]))
         near = cv2.dilate(inside.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)).astype(np.bool_)
-        images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
+        images = image_levels.spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
         if images is None:
             raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
-        return uncovered_scene(images, inside, near)
+        return image_levels.uncovered_scene(images, inside, near)
 
     def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
         return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)

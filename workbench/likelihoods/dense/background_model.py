@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.likelihoods.cues.image_levels import AGREE, DIFFERENT, LEFT, MAD_TO_SIGMA
 from workbench.likelihoods.dense.kernels import learn_scene, ratio_to_scene
-from workbench.likelihoods.dense.view_likelihood import TEXTURE_BEND, SmoothedImage
+from workbench.likelihoods.dense.view_likelihood import TEXTURE_BEND, interpolated
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.parallel import over_threads
 
@@ -276,11 +276,11 @@ class ViewState:
         return replace(self, scene=self.scene.seen(image, person | self.hidden), person=person)
 
     def with_texture(
-        self, levels: Sequence[SmoothedImage], cells: IntArray, pixels: FloatArray, sigma: float, rate: float
+        self, levels: Sequence[Float32Array], cells: IntArray, pixels: FloatArray, sigma: float, rate: float
     ) -> "ViewState":
         """Learn how cells (K,) look at pixels (K, 2) of an image at all smoothings: T += g (I − T), see
         `DenseAlignment`."""
-        found = np.stack([level.at(pixels)[0] for level in levels])
+        found = np.stack([interpolated(level, pixels)[0] for level in levels])
         texture, n = self.texture.copy(), self.n.copy()
         misses = (found[-1] - texture[-1, cells]) / (TEXTURE_BEND * sigma)
         trust = np.where(n[cells] > 0.0, 1.0 / (1.0 + misses**2) ** 2, 1.0)

@@ -19,22 +19,10 @@ from workbench.core.likelihood import Evaluation, Likelihood, Slope
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows
 from workbench.likelihoods.cues.image_levels import grey_levels, spaced_frames
-from workbench.likelihoods.dense.background_model import (
-    BackgroundModel,
-    ViewState,
-    first_scene,
-    newly_seen,
-    tracked_scene,
-)
+from workbench.likelihoods.dense import background_model
+from workbench.likelihoods.dense.background_model import BackgroundModel, ViewState
 from workbench.likelihoods.dense.layer_rendering import Facets, LayerImage, drawn, log_ratios, surface_facets
-from workbench.likelihoods.dense.surface_elements import (
-    Cells,
-    motion_of,
-    moved_by,
-    placed,
-    surface_cells,
-    visible,
-)
+from workbench.likelihoods.dense.surface_elements import Cells, motion_of, moved_by, placed, surface_cells, visible
 from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask, pictures
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
@@ -129,7 +117,8 @@ class DenseAlignment:
         for view in frame.views:
             images = {i: image for i, image in self._images_of(view.camera).items() if i in poses}
             persons = [self._person(view, poses[i]) for i in images]
-            scene, person = tracked_scene([*images.values()], persons), self._person(view, poses[frame.index])
+            scene = background_model.tracked_scene([*images.values()], persons)
+            person = self._person(view, poses[frame.index])
             known[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
         return Remembering(known, self._look)
 
@@ -172,7 +161,7 @@ class DenseAlignment:
         """Learn from a view, at which one has looked or not, and its expected pose (P,)."""
         image, person = grey_levels(view, 0.0), self._person(view, pose)
         if seen is None:
-            scene = first_scene([*self._images_of(view.camera).values()], person)
+            scene = background_model.first_scene([*self._images_of(view.camera).values()], person)
             seen = self._newly_seen(scene, image, person)
         cells = placed(self.cells, forward(self.body.skeleton, pose[None]), view.camera)
         shown = visible(cells, (image.shape[0], image.shape[1]), FACING)
@@ -191,7 +180,7 @@ class DenseAlignment:
         return person_mask(self.body, view.camera, forward(self.body.skeleton, pose[None]), shape)
 
     def _newly_seen(self, scene: BackgroundModel, image: Float32Array, person: BoolArray) -> ViewState:
-        return newly_seen(scene, image, person, len(BLURS_PX), len(self.cells.limbs))
+        return background_model.newly_seen(scene, image, person, len(BLURS_PX), len(self.cells.limbs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,18 +128,12 @@ PLACES = 12
 """Places along a limb, at either side; around a sphere twice as many."""
 
 
-@dataclass(frozen=True, eq=False)
-class Beside:
-    """points: (K, 3) in the world, m. joints: (K,) they hang on. pixels: (K, 2)."""
-
-    points: FloatArray
-    joints: IntArray
-    pixels: FloatArray
-
-
-def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
-    """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
-    limb's section counts as a circle of its mean radius."""
+def beside(
+    limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Place points (K, 3), m, so many pixels beside the outlines of limbs in the first of some poses, at their axes'
+    depth; return them, the joints (K,) they hang on and their pixels (K, 2). A limb's section counts as a circle of its
+    mean radius."""
     starts, ends = _axes(limbs, frames)
     points = np.empty((len(starts), 2 * PLACES * len(distances_px), 3))
     place_beside(
@@ -147,7 +141,7 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
         np.array(distances_px), PLACES, points,
     )  # fmt: skip
     flat = points.reshape(-1, 3)
-    return Beside(flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat))
+    return flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat)
 
 
 def _axes(limbs: Limbs, frames: JointFrames) -> tuple[FloatArray, FloatArray]:

@@ -18,29 +18,23 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.parallel import over_threads
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedImage:
-    """(height, width) values."""
-
-    values: Float32Array
-
-    def at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values (K,) and gradients (K, 2), 1/px, between the centres of pixels (K, 2), which lie at least 2 px
-        inside: half the differences of what is a pixel to either side."""
-        values, gradients = np.empty(len(pixels)), np.empty((len(pixels), 2))
-        sample(self.values, pixels, values, gradients)
-        return values, gradients
+def interpolated(image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return values (K,) and gradients (K, 2), 1/px, of an image between the centres of pixels (K, 2), which lie at
+    least 2 px inside: half the differences of what is a pixel to either side."""
+    values, gradients = np.empty(len(pixels)), np.empty((len(pixels), 2))
+    sample(image, pixels, values, gradients)
+    return values, gradients
 
 
-def picture(image: Float32Array, blur_px: float) -> SmoothedImage:
+def picture(image: Float32Array, blur_px: float) -> Float32Array:
     """Smooth an image (height, width)."""
-    return SmoothedImage(np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32))
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32)
 
 
-def pictures(images: Sequence[Float32Array], blurs_px: Sequence[float]) -> list[tuple[SmoothedImage, ...]]:
+def pictures(images: Sequence[Float32Array], blurs_px: Sequence[float]) -> list[tuple[Float32Array, ...]]:
     """Return every image at every smoothing."""
     wanted = [(image, blur) for image in images for blur in blurs_px]
-    found: dict[int, SmoothedImage] = {}
+    found: dict[int, Float32Array] = {}
 
     def smooth(first: int, last: int) -> None:
         found.update({k: picture(*wanted[k]) for k in range(first, last)})
@@ -98,8 +92,8 @@ class Sight:
     ratio of a person of any grey level to the scene."""
 
     camera: Camera
-    levels: tuple[SmoothedImage, ...]
-    foreground: tuple[SmoothedImage, ...]
+    levels: tuple[Float32Array, ...]
+    foreground: tuple[Float32Array, ...]
     known: BoolArray
     free: BoolArray
     ratio: Float32Array
@@ -115,7 +109,7 @@ class Sight:
         """Every THIN-th row and column of the image, least smoothed, of the ratio and of what is free, and the camera
         that sees these."""
         matrix = np.diag([1.0 / THIN, 1.0 / THIN, 1.0]) @ self.camera.matrix
-        image, ratio = (np.ascontiguousarray(each[::THIN, ::THIN]) for each in (self.levels[-1].values, self.ratio))
+        image, ratio = (np.ascontiguousarray(each[::THIN, ::THIN]) for each in (self.levels[-1], self.ratio))
         height, width = image.shape
         camera = replace(self.camera, width=width, height=height, matrix=matrix)
         return camera, image, ratio, np.ascontiguousarray(self.free[::THIN, ::THIN])
@@ -124,7 +118,7 @@ class Sight:
         self, level: int, cells: Placed, shown: IntArray, joints: IntArray, means: FloatArray, sigma: FloatArray
     ) -> Residuals:
         """Compare grey levels at cells `shown` (K,) on joints (K,) with means (K,) and deviations (K,)."""
-        values, gradients = self.levels[level].at(cells.pixels[shown])
+        values, gradients = interpolated(self.levels[level], cells.pixels[shown])
         free = at(self.free, cells.pixels[shown])
         misses, slopes = (values - means) / sigma, gradients / sigma[:, None]
         return Residuals(misses, slopes, cells.points[shown], joints, free, TEXTURE_BEND)
@@ -134,14 +128,14 @@ class Sight:
         cells: Placed, shown: IntArray, joints: IntArray, deviation: float,
     ) -> Residuals:  # fmt: skip
         """Compare where the person is in the pose with where the image shows no scene, at visible cells and beside."""
-        near = beside(body.limbs, frames, self.camera, tuple(part * blur_px for part in BESIDE))
-        kept = inside(near.pixels, self.shape)
-        pixels = np.concatenate([cells.pixels[shown], near.pixels[kept]])
-        values, gradients = self.foreground[level].at(pixels)
+        near, hang_on, near_pixels = beside(body.limbs, frames, self.camera, tuple(part * blur_px for part in BESIDE))
+        kept = inside(near_pixels, self.shape)
+        pixels = np.concatenate([cells.pixels[shown], near_pixels[kept]])
+        values, gradients = interpolated(self.foreground[level], pixels)
         own, own_gradients = self._expected(body, frames, pixels, blur_px)
         return Residuals(
             (values - own) / deviation, 0.5 * (gradients + own_gradients) / deviation,
-            np.concatenate([cells.points[shown], near.points[kept]]), np.concatenate([joints, near.joints[kept]]),
+            np.concatenate([cells.points[shown], near[kept]]), np.concatenate([joints, hang_on[kept]]),
             at(self.known & self.free, pixels), OUTLINE_BEND,
         )  # fmt: skip
 
@@ -157,7 +151,7 @@ class Sight:
         high = np.minimum(np.ceil([x.max(), y.max()]).astype(np.int64) + margin + 1, self.shape[::-1])
         corners = limb_points(body, CORNERS, self.camera, frames).pixels[0] - low.astype(np.float32)
         drawn = covered(corners, body.limbs.spheres, (int(high[1] - low[1]), int(high[0] - low[0])))
-        return picture(drawn.astype(np.float32), blur_px).at(pixels - low)
+        return interpolated(picture(drawn.astype(np.float32), blur_px), pixels - low)
 
 
 def person_mask(body: Body, camera: Camera, frames: JointFrames, shape: tuple[int, int]) -> BoolArray:

@@ -13,17 +13,10 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.clip import WORLD_FROM_FILE
 from workbench.motion.formats.text import fail, numbers, read_lines
+from workbench.utils import input_limits
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import (
-    MOST_FRAMES,
-    MOST_JOINTS,
-    MOST_NUMBERS,
-    check_file,
-    check_number,
-    check_places,
-    check_rate,
-)
+from workbench.utils.input_limits import MOST_NUMBERS, check_file, check_number, check_places, check_rate
 from workbench.utils.sandbox import parse_limited
 
 log = logging.getLogger(__name__)
@@ -79,8 +72,8 @@ def _read_trc(path: Path) -> Markers:
     if not names or len(set(names)) < len(names):
         fail(path, 4, f"expected the names of markers, all different, found {', '.join(names)!r}")
     table = [(line, text) for line, text in enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1) if text.strip()]
-    check_number(path, "markers", len(names), MOST_JOINTS)
-    check_number(path, "frames", len(table), MOST_FRAMES)
+    check_number(path, "markers", len(names), input_limits.MOST_JOINTS)
+    check_number(path, "frames", len(table), input_limits.MOST_FRAMES)
     check_number(path, "coordinates", 3 * len(table) * len(names), MOST_NUMBERS)
     if not table:
         fail(path, len(lines), "expected a frame, found none")

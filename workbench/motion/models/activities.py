@@ -126,7 +126,7 @@ def fewest(explained: FloatArray, variance: float) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Recognition:
+class _Recognition:
     """activities: the K names, in order. probabilities: (..., K), of each, with sum one."""
 
     activities: tuple[str, ...]
@@ -138,7 +138,7 @@ class Recognition:
         return np.asarray(np.array(self.activities)[self.probabilities.argmax(axis=-1)])
 
 
-def classify(model: MotionModel, alpha: FloatArray) -> Recognition:
+def classify(model: MotionModel, alpha: FloatArray) -> _Recognition:
     """The activity of coefficients (..., d), in units of the model's scales, among those of its examples.
 
     p(activity | α) ∝ exp(−½ (α − m)ᵀ W⁻¹ (α − m)), m the mean of the activity's examples and W their covariance about
@@ -181,7 +181,7 @@ def error_left_out_deg(cycles: ActivityCycles, groups: Sequence[str], n_componen
     return float(np.degrees(np.sqrt(squares.mean() / cycles.curves[0].size)))
 
 
-def _nearest_mean(scores: FloatArray, activities: Sequence[str] | NDArray[np.str_], alpha: FloatArray) -> Recognition:
+def _nearest_mean(scores: FloatArray, activities: Sequence[str] | NDArray[np.str_], alpha: FloatArray) -> _Recognition:
     names, numbers = np.unique(np.asarray(activities), return_inverse=True)
     means = np.stack([scores[numbers == k].mean(axis=0) for k in range(len(names))])
     within = scores - means[numbers]
@@ -189,7 +189,7 @@ def _nearest_mean(scores: FloatArray, activities: Sequence[str] | NDArray[np.str
     apart = np.asarray(alpha)[..., None, :] - means
     logs = -0.5 * (apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(axis=-1)
     odds = np.exp(logs - logs.max(axis=-1, keepdims=True))
-    return Recognition(tuple(map(str, names)), odds / odds.sum(axis=-1, keepdims=True))
+    return _Recognition(tuple(map(str, names)), odds / odds.sum(axis=-1, keepdims=True))
 
 
 def _compact(cycles: ActivityCycles) -> tuple[FloatArray, FloatArray]:

@@ -89,7 +89,7 @@ def _resampled(series: FloatArray, frames: FloatArray) -> tuple[FloatArray, Bool
 
 
 @dataclass(frozen=True, eq=False)
-class FunctionalPca:
+class _FunctionalPca:
     """θ(ψ) = μ(ψ) + Σ_k c_k v_k(ψ) (paper B, eq. 2), sampled at T phases; every curve is a sum of 20 sinusoids.
 
     mean: (T, m). components: (d, T, m), orthonormal. scales: (d,), standard deviations of the coefficients c_k over
@@ -120,7 +120,7 @@ def fourier_basis(phases: FloatArray, n_phases: int) -> FloatArray:
     return waves
 
 
-def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> FunctionalPca:
+def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
     """Functional PCA by the paper's steps 2–9: keep the q largest singular values, impute, repeat.
 
     Stops when ‖X − X₄‖ falls by less than the fraction `tolerance`; a warning says so when it has not after 1000
@@ -133,7 +133,7 @@ def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> Functiona
     return _fpca(slices, q, partial(_keep_largest, q), tolerance)
 
 
-def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6) -> FunctionalPca:
+def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6) -> _FunctionalPca:
     """Iterate with soft-thresholded singular values, around every sequence's own centre.
 
     Instead of keeping q singular values whole, all are lowered by `shrinkage` times the largest one of the first
@@ -149,7 +149,7 @@ def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolera
 
 def _fpca(
     slices: Slices, q: int, reconstruct: Callable[[FloatArray], tuple[FloatArray, float]], tolerance: float
-) -> FunctionalPca:
+) -> _FunctionalPca:
     """Steps 2–9; `reconstruct` is steps 5–6: the spectra (N, 20, m) of X − 1μᵀ in, a low rank and its penalty out."""
     n_phases = slices.values.shape[1]
     basis = fourier_basis(np.arange(n_phases) / n_phases, n_phases)
@@ -170,7 +170,7 @@ def _fpca(
     mean_curve = _spectra(mean)
     spectra = _spectra(x - x.mean(axis=0))
     rows, singular = _principal(spectra.reshape(len(x), -1), q)
-    return FunctionalPca(
+    return _FunctionalPca(
         mean=basis @ mean_curve, components=basis @ rows.reshape(q, N_FOURIER, -1),
         scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
         curves=curves + mean_curve, completed=x, errors=np.array(errors),

@@ -19,14 +19,7 @@ from workbench.motion.models.imputation import with_gaps
 from workbench.motion.models.linear_motion import LinearMotion, learn_linear_motion
 from workbench.motion.models.model_discrepancy import learn_discrepancy
 from workbench.motion.models.store import Provenance, Stored, keep, load
-from workbench.motion.models.walking import (
-    ANGLES,
-    CHANNEL_NAMES,
-    WalkingModel,
-    learn_cyclic,
-    learn_walking,
-    walking_cycles,
-)  # fmt: skip
+from workbench.motion.models.walking import ANGLES, WalkingModel, learn_cyclic, learn_walking
 from workbench.motion.models.windows import Windows, learn_windows
 from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
@@ -46,7 +39,7 @@ GAP_SEED = 2000  # seed of the gaps made for `cyclic_model`, so that one trainin
 def walking_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
-    n_components: int | None = 8, scaling: str = "joints",
+    n_components: int | None = 8, scaling: str = "joints", root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
@@ -55,19 +48,13 @@ def walking_model(
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance=variance, n_components=n_components, scaling=scaling, root=False)
+    options: dict[str, Any] = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
+    code = code_digest(walking, model_discrepancy)
 
+    def learn() -> WalkingModel:
+        return _with_discrepancy(learn_walking(training, **options), training)
 
-def gait_model(
-    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), n_components: int = 8,
-) -> WalkingModel:  # fmt: skip
-    """Learn the walking model with how the root sways, channels scaled by how far they move the joints.
-
-    Otherwise as `walking_model`.
-    """
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance=0.95, n_components=n_components, scaling="joints", root=True)
+    return _learned(WalkingModel, "walking", cache, training, code, learn, **options)
 
 
 def cyclic_model(
@@ -88,18 +75,11 @@ def cyclic_model(
     return _learned(WalkingModel, "cyclic", cache, training, code, learn, q=q, missing=missing, gap_seed=GAP_SEED)
 
 
-def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
-    def learn() -> WalkingModel:
-        return _with_discrepancy(learn_walking(training, **options), training)
-
-    return _learned(WalkingModel, "walking", cache, training, code_digest(walking, model_discrepancy), learn, **options)
-
-
 def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
     """Add the discrepancy of a model with as many components to walkers that are left out."""
-    cycles, subjects = walking_cycles(training), {motion.name: motion.subject for motion in training}
+    cycles, subjects = walking.walking_cycles(training), {motion.name: motion.subject for motion in training}
     people, curves = [subjects[source] for source in cycles.sources], cycles.curves[:, :, ANGLES]
-    missed = learn_discrepancy(CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
+    missed = learn_discrepancy(walking.CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
     return replace(model, discrepancy=missed)
 
 

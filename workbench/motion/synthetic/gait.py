@@ -142,11 +142,9 @@ def walker(
     """
     if path not in PATHS:
         raise InputError(f"walker: path must be one of {', '.join(PATHS)}, found {path!r}")
-    if not (0.0 < rate_hz < np.inf and 1.0 <= duration_s * rate_hz < np.inf):
-        raise InputError(f"walker: expected at least two frames, found {duration_s} s at {rate_hz} Hz")
+    times = frame_times("walker", duration_s, rate_hz)
     if path == "circle" and not radius_m >= 0.5:
         raise InputError(f"walker: a circle needs a radius of at least 0.5 m, found {radius_m}")
-    times = np.arange(int(np.floor(duration_s * rate_hz + 1e-9)) + 1) / rate_hz
     phases = subject.phase + subject.stride_hz * times
     curvature = 1.0 / radius_m if path == "circle" else 0.0
     places, heights, headings = _root_path(subject, phases, curvature)
@@ -154,6 +152,13 @@ def walker(
     turns[:, 0] += headings
     poses = np.column_stack([places, heights, turns])
     return generated(subject, path, "walk", rate_hz, poses, source=__name__)
+
+
+def frame_times(who: str, duration_s: float, rate_hz: float) -> FloatArray:
+    """Return the times (F,), s, of all frames in a duration; raises InputError for fewer than two."""
+    if not (0.0 < rate_hz < np.inf and 1.0 <= duration_s * rate_hz < np.inf):
+        raise InputError(f"{who}: expected at least two frames, found {duration_s} s at {rate_hz} Hz")
+    return np.arange(int(np.floor(duration_s * rate_hz + 1e-9)) + 1) / rate_hz
 
 
 def builtin_motions(n_subjects: int = 12, seed: int = 2000) -> tuple[Motion, ...]:

@@ -22,9 +22,9 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.motion.pose_sequence import Motion
-from workbench.motion.synthetic.gait import ANKLE_HEIGHT, GaitCurve, GaitSubject, both_sides, generated, variation
+from workbench.motion.synthetic import gait
+from workbench.motion.synthetic.gait import ANKLE_HEIGHT, GaitCurve, GaitSubject, both_sides, variation
 from workbench.utils.arrays import FloatArray
-from workbench.utils.errors import InputError
 
 STANCE = 0.37  # part of the cycle a foot stands; twice a cycle, for a part of 0.13, neither does
 GRAVITY = 9.81
@@ -72,16 +72,14 @@ def runner(subject: GaitSubject, duration_s: float, rate_hz: float) -> Motion:
 
     Raises InputError for a duration without two frames or a rate that is not positive.
     """
-    if not (0.0 < rate_hz < np.inf and 1.0 <= duration_s * rate_hz < np.inf):
-        raise InputError(f"runner: expected at least two frames, found {duration_s} s at {rate_hz} Hz")
-    times = np.arange(int(np.floor(duration_s * rate_hz + 1e-9)) + 1) / rate_hz
+    times = gait.frame_times("runner", duration_s, rate_hz)
     phases = subject.phase + subject.stride_hz * times
     stride, height = _stride_and_height(subject)
     places = np.zeros((len(times), 3))
     places[:, 0] = stride * subject.stride_hz * times
     places[:, 2] = height + bounce(phases, subject.stride_hz)
     poses = np.column_stack([places, subject.angles(phases)])
-    return generated(subject, "straight", "run", rate_hz, poses, source=__name__)
+    return gait.generated(subject, "straight", "run", rate_hz, poses, source=__name__)
 
 
 def builtin_runs(n_subjects: int = 12, seed: int = 2001) -> tuple[Motion, ...]:

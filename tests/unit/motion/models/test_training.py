@@ -1,6 +1,7 @@
 """Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
 
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from workbench.motion.models import training
 from workbench.motion.models.training import (
     cyclic_model,
     database_motions,
-    gait_model,
     linear_motion,
     motion_windows,
     training_motions,
@@ -83,7 +83,9 @@ def arrays(model):
     return found
 
 
-@pytest.mark.parametrize("learn", [walking_model, gait_model, cyclic_model, linear_motion, motion_windows])
+@pytest.mark.parametrize(
+    "learn", [walking_model, partial(walking_model, root=True), cyclic_model, linear_motion, motion_windows]
+)
 def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_path, learn):
     """Sums over arrays that lie otherwise in memory round otherwise: the first run would not be the second one."""
     learned, read = (arrays(learn(motions=library, cache=str(tmp_path))) for _ in range(2))
