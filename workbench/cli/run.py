@@ -107,7 +107,7 @@ def _run(arguments: list[str]) -> None:
 
 def _branch(arguments: list[str]) -> None:
     """Run a recorded configuration with changes, which Hydra does not compose."""
-    from workbench.experiment.resume import branch  # here, as in `_job`
+    from workbench.experiment.branch import branch  # here, as in `_job`
 
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))

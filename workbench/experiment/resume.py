@@ -3,10 +3,8 @@ from where an earlier attempt was cut off."""
 
 import hashlib
 import logging
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,13 +17,10 @@ from workbench.core.filter_state import Past
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing, Inference, Step, continues
 from workbench.experiment.config.options import GROUPS, options
-from workbench.experiment.config.schema import composed, prepare_hydra
+from workbench.experiment.config.schema import composed
 from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.experiment.provenance import Command, identity
-from workbench.experiment.run import execute
-from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Meter, Parts, assemble
-from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.partial_run import Earlier, checkpoint_frames, earlier, past_before, recorded_poses
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT, choices_of, leaves
@@ -33,11 +28,8 @@ from workbench.recording.write.recorder import Recorder
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import rng_streams
-from workbench.utils.run_files import PART, RECORDING
 
 log = logging.getLogger(__name__)
-
-_FOLDER = "hydra.run.dir="
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,66 +214,13 @@ def resumed(config: DictConfig, recordings: Iterable[Path]) -> Continued | str |
     return Continued(best.run, best.until, config, changed=False, earlier=best)
 
 
-def branch(arguments: Sequence[str]) -> Summary:
-    """Run the configuration that `from=RUN.rrd` names with the other arguments, and log what differs.
-
-    `from=RUN.rrd@120` goes on from that frame, and `from=FOLDER`, of a run that was cut off, from the last that is on
-    the disk; see `Continued`. A key replaces the recorded one; a group's option, such as prior=smooth, puts in that
-    part as the recorded experiment has it today. The run goes where others go, or to hydra.run.dir=FOLDER. Raises
-    InputError for what cannot be changed or continued.
-    """
-    sources = [text.removeprefix("from=") for text in arguments if text.startswith("from=")]
-    if len(sources) != 1 or any(text.startswith("-") for text in arguments):
-        raise InputError("from=RUN.rrd starts one run: say it once, with key=value and group=option, without -m")
-    folders = [text.removeprefix(_FOLDER) for text in arguments if text.startswith(_FOLDER)]
-    overrides = [text for text in arguments if not text.startswith(("from=", _FOLDER, "parts="))]
-    prepare_hydra()
-    run, frame = _source(sources[0])
-    config, command = branched(run, overrides, frame)
-    was, _ = branched(run, _paths(overrides))
-    first, second = (OmegaConf.to_container(each, resolve=True) for each in (was, config))
-    differences = changes(first, second)
-    for sentence in differences:
-        log.info(sentence)
-    continued = None if frame is None else Continued(run, frame, was, changed=bool(differences))
-    experiment = command.choices["experiment"]
-    usual = Path("recordings", "runs", experiment, f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}")
-    folder = Path(folders[-1]) if folders else usual
-    if folder.resolve() == run.path.resolve().parent:
-        raise InputError(f"{folder}: holds the run that is gone on from; choose another by {_FOLDER}FOLDER")
-    summary = execute(config, experiment, folder, command=command, continued=continued)
-    if continued is not None:
-        log.info("both under one cursor: workbench view %s %s", run.path, summary.recording)
-    return summary
-
-
-def _paths(overrides: Iterable[str]) -> list[str]:
+def paths_of(overrides: Iterable[str]) -> list[str]:
     return [text for text in overrides if text.startswith("paths.")]
-
-
-def _source(text: str) -> tuple[Run, int | None]:
-    """Read what stands after `from=`: the run, and the frame to go on from; None to begin anew.
-
-    Raises InputError for a folder without a recording, or of a complete run without a frame.
-    """
-    at = None if Path(text).exists() else re.fullmatch(r"(.+)@(\d+)", text)
-    place, frame = (Path(at[1]), int(at[2])) if at else (Path(text), None)
-    if not place.is_dir():
-        return read_sound_run(place), frame
-    found = [path for name in (PART, RECORDING) if (path := place / name).is_file()]
-    if not found:
-        raise InputError(f"{place}: expected {RECORDING} or {PART} in it, found neither")
-    run = read_sound_run(found[0])
-    if frame is None and run.status == "complete":
-        raise InputError(f"{place}: the run is complete; from={run.path} starts it anew, from={run.path}@FRAME goes on")
-    if frame is None and not len(run.poses[0]):
-        raise InputError(f"{run.path}: expected a frame to go on from, found none; from={run.path} starts anew")
-    return run, int(run.poses[0][-1]) if frame is None else frame
 
 
 def continued_at(run: Run, frame: int, overrides: Sequence[str]) -> Continued:
     """Continue from a frame of a run with these overrides; raises InputError for a frame that it does not have."""
-    was, now = (branched(run, each)[0] for each in (_paths(overrides), overrides))
+    was, now = (branched(run, each)[0] for each in (paths_of(overrides), overrides))
     first, second = (OmegaConf.to_container(each, resolve=True) for each in (was, now))
     return Continued(run, frame, was, changed=bool(changes(first, second)))
 
@@ -292,7 +231,7 @@ def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tu
     keys = [text for text in overrides if text.partition("=")[0] not in chosen]
     choices, parts = {**_choices(run), **chosen}, dict[str, Any]()
     if chosen:
-        today = composed([*(f"{group}={name}" for group, name in choices.items()), *_paths(keys)])
+        today = composed([*(f"{group}={name}" for group, name in choices.items()), *paths_of(keys)])
         plain: Any = OmegaConf.to_container(today, resolve=True)
         parts = {group: plain[group] for group in chosen}
     config = runnable(run, keys, own_defaults(keys), parts)

@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.core.observations import Observed
 from workbench.core.prior import Smoothness
 from workbench.core.residual import LOSSES, SQUARED, Loss, stacked
-from workbench.inference.least_squares.keypoint_problem import KeypointProblem, Marks, reaching
+from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem, reaching
 from workbench.inference.least_squares.limb_flips import LIMBS, turn_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import joint_residual, limit_residual, views_residual
@@ -32,7 +32,7 @@ def both(n_frames, cameras=CAMERAS, loss="huber", ground_m=0.1, seed=0):
         seen[2] = Observed(seen[2].points)  # shows nothing
     stand = rng.random((n_frames, 2)) < 0.6
     rest = (times, Loss(loss, 2.0), Smoothness(), stand, ground_m)
-    marks = Marks.of(seen, lambda weights: np.sqrt(weights) / SIGMA_PX)
+    marks = KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / SIGMA_PX)
     residuals = [views_residual(SKELETON, frame.keypoints, SIGMA_PX, np.inf) for frame in seen]
     batch, functions = KeypointProblem(SKELETON, marks, *rest), ResidualProblem(SKELETON, residuals, *rest)
     return batch, functions, poses + 0.3 * rng.standard_normal(poses.shape)
@@ -122,7 +122,7 @@ def test_a_limb_turned_over_in_some_frames_is_turned_back():
     times, poses = swinging(SKELETON, 40)
     poses[:, SKELETON.dof("left_elbow_flexion")] = 1.2
     seen = observed(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1]))
-    marks = Marks.of(seen, lambda weights: np.sqrt(weights) / SIGMA_PX)
+    marks = KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / SIGMA_PX)
     stand = np.zeros((40, 2), dtype=bool)
     problem = KeypointProblem(SKELETON, marks, times, Loss("huber", 3.0), Smoothness(), stand)
     right = minimise(problem.expand, poses.ravel())

@@ -36,7 +36,7 @@ _HELD = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class KeypointArrays:
     """Keypoints of T frames. first: (T + 1,) the first of each frame. joints, cameras: (K,). pixels: (K, 2), px.
     whitening: (K,) one over deviations, 1/px. rows: (C, 23), `Camera.row` of each camera."""
 
@@ -48,14 +48,14 @@ class Marks:
     rows: FloatArray
 
     @staticmethod
-    def of(seen: Sequence[Observed], whitening: Callable[[FloatArray], FloatArray]) -> "Marks":
+    def of(seen: Sequence[Observed], whitening: Callable[[FloatArray], FloatArray]) -> "KeypointArrays":
         """Gather the keypoints of T frames. whitening: takes weights (M,) to one over deviations (M,), 1/px."""
         views = [view for frame in seen for view in frame.keypoints]
         rows = {id(view.camera): view.camera.row for view in views}
         number, sizes = {camera: k for k, camera in enumerate(rows)}, [len(view.joints) for view in views]
         marks = np.concatenate([np.empty((0, 3)), *(view.marks for view in views)])
         ends = np.cumsum([sum(len(view.joints) for view in frame.keypoints) for frame in seen])
-        return Marks(
+        return KeypointArrays(
             first=np.concatenate([[0], ends]).astype(np.int64),
             joints=np.concatenate([np.empty(0, np.int64), *(view.joints for view in views)]),
             cameras=np.repeat(np.array([number[id(view.camera)] for view in views], dtype=np.int64), sizes),
@@ -64,12 +64,12 @@ class Marks:
             rows=np.array([*rows.values()]).reshape(-1, 23),
         )
 
-    def some(self, frames: IntArray) -> "Marks":
+    def some(self, frames: IntArray) -> "KeypointArrays":
         """Return the keypoints of the frames of these indices."""
         own = [np.arange(self.first[t], self.first[t + 1]) for t in frames]
         k = np.concatenate([np.empty(0, np.int64), *own])
         first = np.concatenate([[0], np.cumsum([len(each) for each in own])]).astype(np.int64)
-        return Marks(first, self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k], self.rows)
+        return KeypointArrays(first, self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k], self.rows)
 
     @property
     def arrays(self) -> tuple[IntArray | FloatArray, ...]:
@@ -87,7 +87,7 @@ class KeypointProblem:
     """
 
     skeleton: Skeleton
-    marks: Marks
+    marks: KeypointArrays
     times_s: FloatArray
     loss: Loss
     smoothness: Smoothness
@@ -310,7 +310,7 @@ def reaching(skeleton: Skeleton, poses: FloatArray, limb: IntArray, aims: FloatA
     """
     n_dofs, reached = poses.shape[1], poses.copy()
     own = np.isin(skeleton.dof_joints, limb[:2])
-    marks = Marks.of([Observed(np.empty((0, 3)))] * len(poses), lambda weights: weights)
+    marks = KeypointArrays.of([Observed(np.empty((0, 3)))] * len(poses), lambda weights: weights)
     pulls = np.repeat(np.where(own, 0.0, _HELD)[None], len(poses), axis=0)
     targets = (np.asarray(limb[1:]), np.ascontiguousarray(aims), np.array([sigma_m**-2.0]))
     prior = limits(skeleton, np.zeros((1, n_dofs)), np.zeros((1, n_dofs, n_dofs)))

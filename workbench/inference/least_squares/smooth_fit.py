@@ -26,7 +26,7 @@ from workbench.inference.least_squares.hypotheses import (
     first_pose,
     upright_poses,
 )
-from workbench.inference.least_squares.keypoint_problem import KeypointProblem, Marks
+from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem
 from workbench.inference.least_squares.limb_flips import turn_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import posture_prior
@@ -111,7 +111,7 @@ class SmoothFit:
         likelihood, stand = task.likelihood, standing_feet(task.skeleton, task.seen, task.times_s)
         rest = (task.times_s, likelihood.residual_loss, task.smoothness, stand, self.ground_m)
         if kinds_seen(task.seen) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
-            return KeypointProblem(task.skeleton, Marks.of(task.seen, likelihood.whitening), *rest)
+            return KeypointProblem(task.skeleton, KeypointArrays.of(task.seen, likelihood.whitening), *rest)
         return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
 
 
@@ -129,7 +129,10 @@ def keypoint_problem(
     smoothness: Smoothness | None = None,
 ) -> KeypointProblem:  # fmt: skip
     """Pose the problem of T frames of keypoints with the deviation sigma_px, px, over the root of their weight."""
-    marks, stand = Marks.of(seen, lambda weights: np.sqrt(weights) / sigma_px), standing_feet(skeleton, seen, times_s)
+    marks, stand = (
+        KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / sigma_px),
+        standing_feet(skeleton, seen, times_s),
+    )
     return KeypointProblem(skeleton, marks, times_s, loss, smoothness or Smoothness(), stand)
 
 
