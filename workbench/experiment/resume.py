@@ -215,6 +215,7 @@ def resumed(config: DictConfig, recordings: Iterable[Path]) -> Continued | str |
 
 
 def paths_of(overrides: Iterable[str]) -> list[str]:
+    """Select the overrides of paths."""
     return [text for text in overrides if text.startswith("paths.")]
 
 

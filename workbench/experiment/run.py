@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
@@ -26,6 +26,7 @@ from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, no_evidence, traits_of
 from workbench.experiment.provenance import Command, identity, provenance
+from workbench.experiment.resume import Continued
 from workbench.experiment.summary import Summary, set_aside, versions
 from workbench.experiment.tracking import Meter, Parts, build_parts, track
 from workbench.recording.write.recorder import Recorder
@@ -37,9 +38,6 @@ from workbench.utils.run_lock import run_folder
 from workbench.utils.signals import check_interrupted, deferred, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
-if TYPE_CHECKING:
-    from workbench.experiment.resume import Continued
-
 log = logging.getLogger(__name__)
 
 _Stop = Callable[[Mapping[str, float]], bool]
@@ -48,7 +46,7 @@ _Stop = Callable[[Mapping[str, float]], bool]
 
 def execute(
     config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
-    continued: "Continued | None" = None, stop: _Stop | None = None,
+    continued: Continued | None = None, stop: _Stop | None = None,
 ) -> Summary:  # fmt: skip
     """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it makes and locks.
 
@@ -100,7 +98,7 @@ def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
 
 
 def run_checked(
-    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: "Continued | None",
+    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: Continued | None,
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     """Check the configuration and run it, counted in the summary; parameters and errors as of `execute`."""
@@ -157,7 +155,7 @@ def _with_assumptions(config: DictConfig) -> DictConfig:
 
 
 def _track(
-    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: "Continued | None",
+    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: Continued | None,
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     parts = build_parts(config, partial(_timed, summary))
@@ -224,7 +222,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 def record(
     parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: "Continued | None" = None, stop: _Stop | None = None, evidence: Evidence | None = None,
+    continued: Continued | None = None, stop: _Stop | None = None, evidence: Evidence | None = None,
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
     evidence: takes in every step, too."""

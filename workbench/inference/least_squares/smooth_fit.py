@@ -129,10 +129,8 @@ def keypoint_problem(
     smoothness: Smoothness | None = None,
 ) -> KeypointProblem:  # fmt: skip
     """Pose the problem of T frames of keypoints with the deviation sigma_px, px, over the root of their weight."""
-    marks, stand = (
-        KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / sigma_px),
-        standing_feet(skeleton, seen, times_s),
-    )
+    marks = KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / sigma_px)
+    stand = standing_feet(skeleton, seen, times_s)
     return KeypointProblem(skeleton, marks, times_s, loss, smoothness or Smoothness(), stand)
 
 
