@@ -43,7 +43,7 @@ def test_the_table_of_the_documents_says_what_is_given():
         name: set(re.findall(r"\w+", row.split("|")[3]))
         for row in rows
         for name in re.findall(
-            r"experiment=(\w+)|`(\w+)`", row.split("|")[1].replace("`workbench` ", "`walk_straight` ")
+            r"experiment=(\w+)|`(\w+)`", row.split("|")[1].replace("`workbench run` ", "`walk_straight` ")
         )
         for name in [name[0] or name[1]]
     }

@@ -158,10 +158,12 @@ def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
     return found
 
 
-def cells(path: Path, contents: Sequence[str]) -> dict[str, dict[str, dict[int, Any]]]:
+def cells(
+    path: Path, contents: Sequence[str], frames: Sequence[int] | None = None
+) -> dict[str, dict[str, dict[int, Any]]]:
     """Read by entity path, component and frame what is there and not static, as Arrow, and as "time" the frames' times.
 
-    Raises InputError as `read_chunks` does.
+    frames: the only ones to read. Raises InputError as `read_chunks` does.
     """
     found: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in read_chunks(path, contents):
@@ -173,7 +175,8 @@ def cells(path: Path, contents: Sequence[str]) -> dict[str, dict[str, dict[int, 
             if ":" in name or name == "time":
                 column = found.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
                 values = zip(numbers, batch.column(name), strict=True)
-                column |= {frame: value for frame, value in values if value.is_valid}
+                wanted = ((frame, value) for frame, value in values if frames is None or frame in frames)
+                column |= {frame: value for frame, value in wanted if value.is_valid}
     return found
 
 
