@@ -19,7 +19,10 @@ N_FRAMES = 4
 SCENE = (
     "experiment=custom", "dataset=synthetic", f"dataset.n_frames={N_FRAMES}", "dataset.width=160",
     "dataset.height=120", "dataset.person_px=80.0", "dataset.focal_px=175.0", "paths.data=null",
-    "learn.motions=builtin", "likelihood=product", "likelihood.weights.edges=0", "likelihood.weights.image_motion=0.5",
+    "learn.motions=builtin",
+)  # fmt: skip
+CUES = (
+    "likelihood=product", "likelihood.weights.edges=0", "likelihood.weights.image_motion=0.5",
     "likelihood.weights.background=0.5", "likelihood.weights.appearance=0.5", "likelihood.weights.silhouette=0.5",
     "likelihood.terms.silhouette.standing=true",
 )  # fmt: skip
@@ -36,8 +39,9 @@ def made(cache):
     prepare_hydra()
 
     def parts(*overrides):
+        cues = () if any(text.startswith("likelihood=") for text in overrides) else CUES
         with initialize_config_module("workbench.conf", version_base="1.3"):
-            config = compose("config", overrides=[*SCENE, *overrides, f"paths.cache={cache}"])
+            config = compose("config", overrides=[*SCENE, *cues, *overrides, f"paths.cache={cache}"])
         if "n_particles" in config.inference:
             config.inference.n_particles = 40
         return assemble(config)

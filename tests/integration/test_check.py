@@ -197,7 +197,7 @@ def clone(tmp_path_factory):
         shutil.copytree(against.ROOT / path.name, path, ignore=shutil.ignore_patterns("__pycache__", "conf"))
     against.git(place, "add", "--all")
     commit(place, "As it is")
-    errors = tree / "evaluation" / "errors.py"
+    errors = tree / "evaluation" / "pose_errors.py"
     for message, before, after in (
         ("Round otherwise", "1e3 * ", "1000.0000000000001 * "),
         ("Err by a thousandth", "1000.0000000000001 * ", "1.001e3 * "),

@@ -51,7 +51,7 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
     assert "prior._target_: workbench.priors.from_motions.walking → workbench.priors.smooth.Smooth" in again
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
     assert rows["first"][0] == "walking"
-    assert rows["first"][-1] == "1"  # held, as the tutorial says
+    assert float(rows["first"][-1]) == 1.0  # held, as the tutorial says
     assert rows["smooth"][-1] == "0"
     assert float(rows["smooth"][2]) > 2.0 * float(rows["first"][2])
     assert "4 complete" in sweep

@@ -12,15 +12,21 @@ _GRAMMAR = re.compile(r"""[\[\]{}(),'"$\\]""")
 """Signs of Hydra's grammar: a value with one of them may be a list or a sweep."""
 
 
+_NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
+"""A clip such as 35_02, which Hydra would read as the number 3502."""
+
+
 def quoted(argument: str) -> str:
     """Quote a value that Hydra cannot read, such as `times_lost>0` or the name of a folder.
 
-    A value with signs of Hydra's grammar stays as it is, except a folder's. Raises InputError for a value on which
-    Hydra's parser fails.
+    A value with signs of Hydra's grammar stays as it is, except a folder's and names such as 35_02 in it. Raises
+    InputError for a value on which Hydra's parser fails.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"') or "${" in value:
         return argument
+    value = _NAME.sub(r"'\g<0>'", value)
+    argument = f"{key}={value}"
     if _is_read(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):
         return argument
     return f"{key}='{value.replace(chr(39), chr(92) + chr(39))}'"

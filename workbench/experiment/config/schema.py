@@ -35,7 +35,7 @@ _PLAIN = (str, int, float, bool)
 WHEN = "when"
 """Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
 
-_LITERAL = "paper.literal"
+LITERAL = "paper.literal"
 """Place under `when` of what an experiment sets where it is to be as its paper writes it."""
 
 
@@ -47,9 +47,10 @@ class _Paths:
     cache: str = MISSING
 
 
-def _section(*keys: str) -> type:
-    """Return the schema of keys of any type, which config.yaml sets and explains."""
-    return make_dataclass("Section", [(key, Any, MISSING) for key in keys])
+def _section(*keys: str, lists: Sequence[str] = ()) -> type:
+    """Return the type of a section with these keys, of any value, and these of lists, to which resolvers may lead."""
+    columns = [(key, Any, MISSING) for key in keys] + [(key, list[Any], MISSING) for key in lists]
+    return make_dataclass("Section", columns)
 
 
 _CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half")
@@ -99,7 +100,7 @@ class RunSchema:
     parts: list[str] = field(default_factory=list)
     given: list[str] = field(default_factory=list)
     paper: str = "ours"
-    learn: Any = field(default_factory=_section("motions", "leave_out"))
+    learn: Any = field(default_factory=_section("motions", lists=["leave_out"]))
     people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
     clips: Any = field(default_factory=_CLIPS)
     protocol: Any = field(default_factory=_section("half", "activity", "shown"))
@@ -253,20 +254,20 @@ class ComponentSource(ConfigSource):
         ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
         """
         settings, found = dict(self._settings(experiment)), OmegaConf.create({})
-        if _LITERAL in chosen and _LITERAL not in settings.get(experiment, {}):
+        if LITERAL in chosen and LITERAL not in settings.get(experiment, {}):
             raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
         every = list(settings.items())
-        every += [(name, own.get(_LITERAL, {})) for name, own in every] if _LITERAL in chosen else []
+        every += [(name, own.get(LITERAL, {})) for name, own in every] if LITERAL in chosen else []
         for name, own in every:
             for place, keys in ((str(place), keys) for place, keys in own.items()):
                 group, _, option = place.partition(".")
-                if place != _LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
                     raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
                 if not isinstance(keys, DictConfig):
                     raise ConfigCompositionException(
                         f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
                     )
-                if place != _LITERAL and place in chosen:
+                if place != LITERAL and place in chosen:
                     found.merge_with({group: keys})
         return found
 

@@ -196,6 +196,10 @@ def database_motions(
 
 def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
     """Keep those of no clip, subject or style in `leave_out`, of some activities or any; InputError if none is left."""
+    if others := [name for name in leave_out if not isinstance(name, str)]:
+        raise InputError(
+            f"motions: leave_out: expected names of clips or people, found {others[0]!r}; put it in quotes"
+        )
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion
