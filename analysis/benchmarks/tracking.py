@@ -12,7 +12,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -112,7 +111,7 @@ def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Parts]:
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"):
         warnings.simplefilter("ignore")
-        return config, assemble(config, lambda stage: nullcontext())
+        return config, assemble(config)
 
 
 def _once(parts: Parts, config: DictConfig, folder: Path, keep: bool = False) -> Times:
