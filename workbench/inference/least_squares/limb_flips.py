@@ -82,9 +82,7 @@ def turned(skeleton: Skeleton, camera: Camera, poses: FloatArray, limb: IntArray
     """Return poses (n, P) with the lower part of a limb, joints (3,), turned over in depth as far as its limits
     allow."""
     places = joints(skeleton, poses)[:, limb]
-    rays = places[:, 1] - camera.position
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    depth = ((places[:, 2] - places[:, 1]) * rays).sum(axis=1)
+    rays, depth = _behind(camera, places[:, 1], places[:, 2])
     aims = places[:, 1:].copy()
     aims[:, 1] -= 2.0 * depth[:, None] * rays
     return reaching(skeleton, poses, limb, aims, FLIP_SIGMA_M)
@@ -121,6 +119,12 @@ def _away(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[tup
     for names in LIMBS:
         if set(names) <= set(skeleton.names):
             limb = tuple(skeleton.joint(name) for name in names)
-            rays = places[:, limb[1]] - camera.position
-            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            yield limb, ((places[:, limb[2]] - places[:, limb[1]]) * rays).sum(axis=1)
+            yield limb, _behind(camera, places[:, limb[1]], places[:, limb[2]])[1]
+
+
+def _behind(camera: Camera, middle: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the directions (T, 3) from the camera to a limb's middle (T, 3), and how far its end (T, 3) is behind it
+    along them, (T,) m."""
+    rays = middle - camera.position
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return rays, ((end - middle) * rays).sum(axis=1)

@@ -13,25 +13,23 @@ from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
 from workbench.core.residual import Loss, ResidualFunction, scaled
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.solver import Minimum, Pattern, Quadratic, minimise
-from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change.
-    stand: (T, 2) which ankles stand, see `standing_feet`; None where it is not known."""
+    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses
+    change."""
 
     residuals: Sequence[ResidualFunction]
     times_s: FloatArray
     loss: Loss
     smoothness: Smoothness = Smoothness()  # noqa: RUF009 - frozen
-    stand: BoolArray | None = None
 
     def some(self, frames: IntArray) -> "FitData":
         """Take the frames of these indices."""
-        stand = None if self.stand is None else self.stand[frames]
-        return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames], stand=stand)
+        return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames])
 
     def weighing(self, share: float) -> "FitData":
         """Let every residual count for this share, beside what is known of how poses change."""
@@ -41,11 +39,16 @@ class FitData:
 
     def spaced(self, shown: Iterable[bool]) -> "FitData":
         """Take of the frames that are `shown` (T,) those no closer than 1 / PACE_HZ to one before."""
-        spaced: list[int] = []
-        for t in np.flatnonzero(list(shown)):
-            if not spaced or self.times_s[t] - self.times_s[spaced[-1]] > 0.99 / PACE_HZ:
-                spaced.append(int(t))
-        return self.some(np.array(spaced, dtype=np.intp))
+        return self.some(spaced(shown, self.times_s))
+
+
+def spaced(shown: Iterable[bool], times_s: FloatArray) -> IntArray:
+    """Select of the frames that are `shown` (T,), at times (T,), those no closer than 1 / PACE_HZ to one before."""
+    frames: list[int] = []
+    for t in np.flatnonzero(list(shown)):
+        if not frames or times_s[t] - times_s[frames[-1]] > 0.99 / PACE_HZ:
+            frames.append(int(t))
+    return np.array(frames, dtype=np.intp)
 
 
 class Decoder(Protocol):

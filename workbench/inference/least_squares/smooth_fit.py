@@ -30,7 +30,7 @@ from workbench.inference.least_squares.keypoint_problem import KeypointArrays, K
 from workbench.inference.least_squares.limb_flips import turn_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import posture_prior
-from workbench.inference.least_squares.single_frame import PoseDecoder
+from workbench.inference.least_squares.single_frame import PoseDecoder, spaced
 from workbench.inference.least_squares.solver import Minimum, Quadratic, minimise
 from workbench.inference.least_squares.task import Fit, Task
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -206,15 +206,6 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
     return distinct_poses(skeleton, poses[np.argsort(costs, kind="stable")], N_HYPOTHESES, DISTINCT_M)
 
 
-def spaced(seen: Sequence[Observed], times_s: FloatArray) -> IntArray:
-    """Select of the frames that show something those no closer than 1 / PACE_HZ to one before."""
-    frames: list[int] = []
-    for t, frame in enumerate(seen):
-        if kinds_seen([frame]) and (not frames or times_s[t] - times_s[frames[-1]] > 0.99 / PACE_HZ):
-            frames.append(t)
-    return np.array(frames, dtype=np.intp)
-
-
 def _only_camera(seen: Sequence[Observed]) -> Camera | None:
     """Return the camera that sees all there is, or None."""
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
@@ -226,7 +217,7 @@ def _searched(
     max_iterations: int,
 ) -> FloatArray:  # fmt: skip
     """Find poses (T, P) from the likeliest of `starts` (n, P), turned over where one camera, `alone`, sees all."""
-    frames = spaced(seen, problem.times_s)
+    frames = spaced((bool(kinds_seen([frame])) for frame in seen), problem.times_s)
     far = replace(problem, loss=FAR_LOSS).some(frames)
     poses, _ = candidates(far, starts, max_iterations)[0]
     if alone is not None and isinstance(far, KeypointProblem):
