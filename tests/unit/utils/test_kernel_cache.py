@@ -119,7 +119,7 @@ report("tree", draw(sign_tree(rows), probes, 0.5, rng.random((300, 9))))
 @pytest.mark.slow
 def test_kernels_just_compiled_and_cached_kernels_give_the_same_bits(package):
     """Of every likelihood, and of the searches of the implicit prior."""
-    tests = Path(__file__).parents[1]
+    tests = Path(__file__).parents[2]
     (package / "conf").symlink_to(tests.parent / "conf")
     command = ["-c", EVALUATED, str(tests / "scenes"), str(tests / "contract")]
     compiled, cached = (python(package, *command)[0] for _ in range(2))
