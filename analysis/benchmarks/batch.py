@@ -156,7 +156,7 @@ def _scene() -> Scene:
     else:
         dataset = Points(first_frame=10, exact=True)
         prior = activity(motions="builtin", data=None, cache=cache, n_components=N_COMPONENTS)
-    body = of_dataset(dataset.known)
+    body = of_dataset(dataset.info)
     frames = list(dataset.frames())
     return Scene(
         what="a recorded walk with every joint" if data else "a generated walk",

@@ -57,7 +57,7 @@ class Timed:
         def timed(*arguments: object) -> object:
             with self._clock.running():
                 result = value(*arguments)
-            return Timed(result, self._clock) if name in ("look", "remember") else result
+            return Timed(result, self._clock) if name in ("prepare", "update") else result
 
         return timed
 
@@ -74,17 +74,17 @@ class Plugged:
 
     def first(self, rng: np.random.Generator) -> FloatArray:
         with self.clock.running():
-            return self._with_poses(self.prior.start(self.start, N_PARTICLES, rng))
+            return self._with_poses(self.prior.sample_initial(self.start, N_PARTICLES, rng))
 
     def move(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         with self.clock.running():
             state = np.ascontiguousarray(particles[:, : len(self.prior.space)])
-            return self._with_poses(self.prior.step(state, 1.0 / RATE_HZ, rng))
+            return self._with_poses(self.prior.sample_transition(state, 1.0 / RATE_HZ, rng))
 
     def log_prob(self, t: int, before: FloatArray, now: FloatArray) -> FloatArray:
         with self.clock.running():
-            look = self.likelihood.look(self.frames[t - 1], self.frames[t])
-            return look.evaluate(self.poses(before), self.poses(now)).log_prob
+            frame_likelihood = self.likelihood.prepare(self.frames[t - 1], self.frames[t])
+            return frame_likelihood.evaluate(self.poses(before), self.poses(now)).log_prob
 
     def poses(self, particles: FloatArray) -> FloatArray:
         return particles[:, len(self.prior.space) :]

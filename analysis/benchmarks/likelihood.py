@@ -22,7 +22,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.simd_kinematics import FAST, LANES
 from workbench.core.frame import Frame, View
-from workbench.core.likelihood import Look
+from workbench.core.likelihood import FrameLikelihood
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
@@ -42,7 +42,7 @@ def kernel_figures() -> list[Figure]:
     places, words = _places(likelihood, poses[1]), packed(grey_levels(now.views[0], BLUR_PX))
     one, reference, looking = fastest_s(
         [
-            partial(on_threads, 1, likelihood.look(before, now), *poses),
+            partial(on_threads, 1, likelihood.prepare(before, now), *poses),
             partial(_by_oracle, likelihood, before, now, *few),
             partial(packed_lookups, words, *places),
         ],
@@ -68,7 +68,7 @@ def thread_figures() -> list[Figure]:
     rng = np.random.default_rng(0)
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
-    one, two = fastest_s([partial(on_threads, n, likelihood.look(before, now), *poses) for n in (1, 2)], repeats=30)
+    one, two = fastest_s([partial(on_threads, n, likelihood.prepare(before, now), *poses) for n in (1, 2)], repeats=30)
     what = f"the likelihood of {N_PARTICLES} particles: {1e3 * one:.1f} ms on one, {1e3 * two:.1f} ms on two"
     return [Figure("two_threads", one / two, "× faster", 1.7, "higher", what)]
 
@@ -88,12 +88,14 @@ def people(rng: np.random.Generator, n: int) -> FloatArray:
     return middle + spread * rng.standard_normal((n, 25))
 
 
-def on_threads(threads: int, look: Look, poses_before: FloatArray, poses_now: FloatArray) -> FloatArray:
+def on_threads(
+    threads: int, frame_likelihood: FrameLikelihood, poses_before: FloatArray, poses_now: FloatArray
+) -> FloatArray:
     """Return the log likelihoods on a number of threads; numba is set back to what it was."""
     usual = numba.get_num_threads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     try:
-        return look.evaluate(poses_before, poses_now).log_prob
+        return frame_likelihood.evaluate(poses_before, poses_now).log_prob
     finally:
         numba.set_num_threads(usual)
 

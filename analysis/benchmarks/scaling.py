@@ -85,7 +85,7 @@ def particles(
     rng = np.random.default_rng(0)
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = [(people(rng, n), people(rng, n)) for n in sizes]
-    alone = fastest_s([partial(likelihood.look(before, now).evaluate, *each) for each in poses], REPEATS)
+    alone = fastest_s([partial(likelihood.prepare(before, now).evaluate, *each) for each in poses], REPEATS)
     cues = tracking.several_cues()
     whole = [tracking.fastest(n, max(1, min(4, 30_000 // n))).whole for n in tqdm(step_sizes, disable=None)]
     several = [tracking.fastest(n, max(1, min(4, 9_000 // n)), *cues).whole for n in tqdm(cues_sizes, disable=None)]

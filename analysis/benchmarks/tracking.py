@@ -52,15 +52,15 @@ class ToAndFro:
     the same memory however long the run is."""
 
     def __init__(self, dataset: Dataset, n_frames: int) -> None:
-        self.known = replace(dataset.known, n_frames=n_frames)
+        self.info = replace(dataset.info, n_frames=n_frames)
         self._dataset = dataset
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames, counted from 0 and with times of their own."""
         frames = list(self._dataset.frames())
         way = [*frames, *frames[-2:0:-1]]
-        for index in range(self.known.n_frames):
-            yield replace(way[index % len(way)], index=index, time_s=index / self.known.rate_hz)
+        for index in range(self.info.n_frames):
+            yield replace(way[index % len(way)], index=index, time_s=index / self.info.rate_hz)
 
 
 def speed_figures() -> list[Figure]:

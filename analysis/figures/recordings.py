@@ -151,7 +151,7 @@ def chosen(experiment: str) -> list[str]:
 
 
 def recording(experiment: str, source: Source, known: Sequence[Run], paper: str = "ours") -> Run:
-    """The newest complete run among `known` with the experiment's configuration, or else a new one.
+    """The newest complete run among `info` with the experiment's configuration, or else a new one.
 
     paper: see `Source.variants`.
 

@@ -7,7 +7,7 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from workbench.core.filter_state import Past
-from workbench.core.step import Continuing
+from workbench.core.step import Resumable
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import assemble
@@ -74,9 +74,9 @@ def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
     except InputError:
         assert name not in CONTINUE
         return
-    continues = isinstance(parts.inference, Continuing) and parts.inference.continues
-    assert continues == (name in CONTINUE)
-    if continues:
+    resumable = isinstance(parts.inference, Resumable) and parts.inference.resumable
+    assert resumable == (name in CONTINUE)
+    if resumable:
         assert_it_goes_on_with_the_same_bits(parts)
 
 

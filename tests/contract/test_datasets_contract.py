@@ -8,7 +8,7 @@ import pytest
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
-from workbench.core.dataset import Dataset, Known
+from workbench.core.dataset import Dataset, SequenceInfo
 from workbench.datasets.blank import Blank
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.point_files import PointFiles
@@ -41,7 +41,7 @@ def cameras(folder, *names):
 
 def video(folder):
     (folder / "marks.csv").write_text("frame,joint,u,v,visible\n1,neck,3,4,1\n")
-    files = {name: str(folder / "marks.csv") for name in ("start_marks", "keypoints", "eval_marks")}
+    files = {name: str(folder / "marks.csv") for name in ("initial_annotations", "keypoints", "eval_marks")}
     return Video(images(folder / "film"), cameras(folder, "one"), first_frame=1, scale=0.5, rate_hz=30.0, **files)
 
 
@@ -104,30 +104,34 @@ def equal(first, second):
 
 def test_frames_come_in_order_as_many_as_promised_and_again_alike(dataset):
     frames, again = list(dataset.frames()), list(dataset.frames())
-    assert len(frames) == dataset.known.n_frames == len(again) > 0
+    assert len(frames) == dataset.info.n_frames == len(again) > 0
     assert np.all(np.diff([frame.index for frame in frames]) == 1)
-    np.testing.assert_allclose(np.diff([frame.time_s for frame in frames]), 1.0 / dataset.known.rate_hz, rtol=1e-9)
+    np.testing.assert_allclose(np.diff([frame.time_s for frame in frames]), 1.0 / dataset.info.rate_hz, rtol=1e-9)
     assert all(map(equal, frames, again))
 
 
 def test_what_is_known_holds_of_the_frames(dataset):
-    known, frames = dataset.known, list(dataset.frames())
-    assert isinstance(known, Known)
-    assert known is dataset.known  # made once
+    known, frames = dataset.info, list(dataset.frames())
+    assert isinstance(known, SequenceInfo)
+    assert known is dataset.info  # made once
     for frame in frames:
         assert equal(tuple(view.camera for view in frame.views), known.cameras)
     assert known.has_keypoints == any(view.keypoints is not None for frame in frames for view in frame.views)
     assert known.has_points == any(frame.points is not None for frame in frames)
     assert known.name
     assert 0.0 < known.scale <= 1.0
-    assert known.start_pose is None or known.start_pose.shape == (len(POSE_NAMES),)
-    if known.start_marks is not None:
-        assert known.start_marks.keypoints.shape == (len(known.start_marks.times_s), len(JOINT_NAMES), 3)
-        assert known.start_marks.times_s[0] == frames[0].time_s
+    assert known.initial_pose is None or known.initial_pose.shape == (len(POSE_NAMES),)
+    if known.initial_annotations is not None:
+        assert known.initial_annotations.keypoints.shape == (
+            len(known.initial_annotations.times_s),
+            len(JOINT_NAMES),
+            3,
+        )
+        assert known.initial_annotations.times_s[0] == frames[0].time_s
     assert known.phase_ends is None or known.phase_ends[1] > known.phase_ends[0]
-    if known.lead_in is not None:
-        assert np.array_equal(known.lead_in[-1], known.start_pose)
-        assert known.lead_in_activity is not None
+    if known.pose_history is not None:
+        assert np.array_equal(known.pose_history[-1], known.initial_pose)
+        assert known.pose_history_activity is not None
 
 
 def test_what_frames_carry_has_the_promised_shape(dataset):

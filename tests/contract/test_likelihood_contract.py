@@ -79,7 +79,7 @@ class Case:
 
     def begun(self) -> Likelihood:
         """After the first frame."""
-        return self.likelihood.look(None, self.frames[0]).remember(np.zeros(25))
+        return self.likelihood.prepare(None, self.frames[0]).update(np.zeros(25))
 
 
 REMEMBER_THE_PERSON = ("alignment", "appearance", "silhouette", "product")
@@ -116,7 +116,7 @@ def test_every_option_is_covered():
 
 @pytest.mark.parametrize("n", [0, 1, 33])
 def test_one_finite_number_per_particle(case, n):
-    found = case.begun().look(*case.frames[:2]).evaluate(poses(n), poses(n, 2)).log_prob
+    found = case.begun().prepare(*case.frames[:2]).evaluate(poses(n), poses(n, 2)).log_prob
     assert found.shape == (n,)
     assert found.dtype == np.float64
     assert np.isfinite(found).all()
@@ -124,52 +124,54 @@ def test_one_finite_number_per_particle(case, n):
 
 
 def test_a_particle_does_not_see_the_others(case):
-    look, order = case.begun().look(*case.frames[:2]), np.random.default_rng(3).permutation(50)[:31]
+    frame_likelihood, order = case.begun().prepare(*case.frames[:2]), np.random.default_rng(3).permutation(50)[:31]
     previous, pose = poses(50), poses(50, 2)
-    everyone, some = look.evaluate(previous, pose), look.evaluate(previous[order], pose[order])
+    everyone, some = frame_likelihood.evaluate(previous, pose), frame_likelihood.evaluate(previous[order], pose[order])
     np.testing.assert_array_equal(some.log_prob, everyone.log_prob[order])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_pose_that_is_not_finite_is_impossible_is_told_and_hurts_nobody_else(case, bad):
-    look, previous, pose = case.begun().look(*case.frames[:2]), poses(40), poses(40, 2)
-    whole = look.evaluate(previous, pose)
-    assert not any("not finite" in note for note in (*look.notes, *whole.notes))
+    frame_likelihood, previous, pose = case.begun().prepare(*case.frames[:2]), poses(40), poses(40, 2)
+    whole = frame_likelihood.evaluate(previous, pose)
+    assert not any("not finite" in note for note in (*frame_likelihood.notes, *whole.notes))
     spoilt = pose.copy()
     spoilt[17, 24] = bad
-    found = look.evaluate(previous, spoilt)
+    found = frame_likelihood.evaluate(previous, spoilt)
     expected = whole.log_prob.copy()
     expected[17] = -np.inf
     np.testing.assert_array_equal(found.log_prob, expected)
     named = "image motion" if case.name == "product" else case.name
     assert f"{named}: 1 of 40 poses were not finite" in found.notes
-    assert not any("not finite" in note for note in (*look.notes, *look.evaluate(previous, pose).notes))  # told once
+    assert not any(
+        "not finite" in note for note in (*frame_likelihood.notes, *frame_likelihood.evaluate(previous, pose).notes)
+    )  # told once
 
 
 def test_the_same_question_has_the_same_answer(case):
     likelihood, previous, pose = case.begun(), poses(50), poses(50, 2)
     asked = previous.copy(), pose.copy()
-    look = likelihood.look(*case.frames[:2])
-    first = look.evaluate(previous, pose)
-    for again in (look, likelihood.look(*case.frames[:2])):
+    frame_likelihood = likelihood.prepare(*case.frames[:2])
+    first = frame_likelihood.evaluate(previous, pose)
+    for again in (frame_likelihood, likelihood.prepare(*case.frames[:2])):
         found = again.evaluate(previous, pose)
         np.testing.assert_array_equal(found.log_prob, first.log_prob)
         assert (found.notes, found.diagnostics) == (first.notes, first.diagnostics)
-        assert (again.notes, again.diagnostics) == (look.notes, look.diagnostics)
+        assert (again.notes, again.diagnostics) == (frame_likelihood.notes, frame_likelihood.diagnostics)
     np.testing.assert_array_equal([previous, pose], asked)  # and the question is left as it was
 
 
 def test_what_is_remembered_changes_the_next_likelihood_alone(case):
     """A run that goes on leaves no trace: neither in the likelihood as it was built, nor in the looks taken."""
     begun, previous, pose = case.begun(), poses(20), poses(20, 2)
-    look, built = begun.look(*case.frames[:2]), case.likelihood.look(*case.frames[:2])
-    before, anew = look.evaluate(previous, pose), built.evaluate(previous, pose)
+    frame_likelihood, built = begun.prepare(*case.frames[:2]), case.likelihood.prepare(*case.frames[:2])
+    before, anew = frame_likelihood.evaluate(previous, pose), built.evaluate(previous, pose)
     for expected in (pose[0], np.full(25, np.nan), pose[1]):
-        going_on = look.remember(expected).look(*case.frames[1:]).remember(expected)
-        assert going_on.look(*case.frames[:2]).evaluate(previous, pose).log_prob.shape == (20,)
-    for again, kept in ((look, before), (begun.look(*case.frames[:2]), before)):
+        going_on = frame_likelihood.update(expected).prepare(*case.frames[1:]).update(expected)
+        assert going_on.prepare(*case.frames[:2]).evaluate(previous, pose).log_prob.shape == (20,)
+    for again, kept in ((frame_likelihood, before), (begun.prepare(*case.frames[:2]), before)):
         np.testing.assert_array_equal(again.evaluate(previous, pose).log_prob, kept.log_prob)
-    found = case.likelihood.look(*case.frames[:2])
+    found = case.likelihood.prepare(*case.frames[:2])
     np.testing.assert_array_equal(found.evaluate(previous, pose).log_prob, anew.log_prob)
     assert found.notes == built.notes
 
@@ -177,16 +179,18 @@ def test_what_is_remembered_changes_the_next_likelihood_alone(case):
 @pytest.mark.parametrize("case", sorted(set(BUILDERS) - set(REMEMBER_THE_PERSON)), indirect=True)
 def test_frames_may_be_looked_at_out_of_order(case):
     """What is kept of the frame just seen is used for that very frame: an earlier pair has its own images."""
-    later = case.begun().look(*case.frames[:2]).remember(np.zeros(25)).look(*case.frames[1:]).remember(np.zeros(25))
+    later = case.begun().prepare(*case.frames[:2]).update(np.zeros(25)).prepare(*case.frames[1:]).update(np.zeros(25))
     for pair in (case.frames[:2], case.frames[1:], (case.frames[2], case.frames[0])):
-        expected = case.likelihood.look(*pair).evaluate(poses(20), poses(20, 2))
-        np.testing.assert_array_equal(later.look(*pair).evaluate(poses(20), poses(20, 2)).log_prob, expected.log_prob)
+        expected = case.likelihood.prepare(*pair).evaluate(poses(20), poses(20, 2))
+        np.testing.assert_array_equal(
+            later.prepare(*pair).evaluate(poses(20), poses(20, 2)).log_prob, expected.log_prob
+        )
 
 
 def test_diagnostics_have_the_same_names_from_the_first_look_on(case):
-    first = case.likelihood.look(None, case.frames[0])
-    look = first.remember(np.zeros(25)).look(*case.frames[:2])
-    for names in (look.diagnostics, look.evaluate(poses(5), poses(5, 2)).diagnostics):
+    first = case.likelihood.prepare(None, case.frames[0])
+    frame_likelihood = first.update(np.zeros(25)).prepare(*case.frames[:2])
+    for names in (frame_likelihood.diagnostics, frame_likelihood.evaluate(poses(5), poses(5, 2)).diagnostics):
         assert list(names) == list(first.diagnostics)
     assert all(value == 0.0 for value in first.diagnostics.values())
     assert first.notes == ()  # nothing is judged yet, so that nothing is lacking
@@ -196,12 +200,12 @@ def test_one_and_two_threads_give_the_same_bits(case):
     most = numba.config.NUMBA_NUM_THREADS
     if most < 2:
         pytest.skip("numba has one thread only here")
-    look = case.begun().look(*case.frames[:2])
+    frame_likelihood = case.begun().prepare(*case.frames[:2])
     usual, found = numba.get_num_threads(), []
     try:
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            found.append(look.evaluate(poses(200), poses(200, 2)).log_prob)
+            found.append(frame_likelihood.evaluate(poses(200), poses(200, 2)).log_prob)
     finally:
         numba.set_num_threads(usual)
     np.testing.assert_array_equal(*found)
@@ -210,7 +214,7 @@ def test_one_and_two_threads_give_the_same_bits(case):
 def test_poses_far_beyond_the_image_are_judged_too(case):
     far_aside = poses(5)
     far_aside[:, 1] -= 100.0  # behind the camera
-    found = case.begun().look(*case.frames[:2]).evaluate(far_aside, far_aside)
+    found = case.begun().prepare(*case.frames[:2]).evaluate(far_aside, far_aside)
     assert not np.isnan(found.log_prob).any()
     outside = [note for note in found.notes if "lay outside the images of left" in note]
     assert len(outside) == (case.name in ("image motion", "product"))
@@ -219,20 +223,24 @@ def test_poses_far_beyond_the_image_are_judged_too(case):
 def test_absurd_but_finite_poses_do_not_crash(case):
     rng = np.random.default_rng(0)
     wild = np.concatenate([scale * rng.standard_normal((20, 25)) for scale in (1e3, 1e12, 1e150, 1e300)])
-    found = case.begun().look(*case.frames[:2]).evaluate(wild, wild).log_prob
+    found = case.begun().prepare(*case.frames[:2]).evaluate(wild, wild).log_prob
     assert not np.isnan(found).any()
 
 
 def test_uniform_is_zero():
-    assert not Uniform().look(*frames(np.random.default_rng(0), LEFT)).evaluate(poses(4), poses(4)).log_prob.any()
+    assert not Uniform().prepare(*frames(np.random.default_rng(0), LEFT)).evaluate(poses(4), poses(4)).log_prob.any()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
-    look, previous, pose = ImageMotion(BODY).look(*frames(np.random.default_rng(0), LEFT)), poses(40), poses(40, 2)
-    expected = look.evaluate(previous, pose).log_prob
+    frame_likelihood, previous, pose = (
+        ImageMotion(BODY).prepare(*frames(np.random.default_rng(0), LEFT)),
+        poses(40),
+        poses(40, 2),
+    )
+    expected = frame_likelihood.evaluate(previous, pose).log_prob
     previous[3, 0], pose[17, 24], expected[[3, 17]] = bad, bad, -np.inf
-    found = look.evaluate(previous, pose)
+    found = frame_likelihood.evaluate(previous, pose)
     np.testing.assert_array_equal(found.log_prob, expected)
     assert found.notes == ("image motion: 2 of 40 poses were not finite",)
 
@@ -240,10 +248,10 @@ def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
 def test_camera_missing_in_one_frame_is_told():
     likelihood, (before, now) = ImageMotion(BODY), frames(np.random.default_rng(0), LEFT, RIGHT)
     only_left = Frame(0, 0.0, before.views[:1]), Frame(1, 1 / 30, now.views[:1])
-    expected, look = likelihood.look(*only_left), likelihood.look(only_left[0], now)
+    expected, frame_likelihood = likelihood.prepare(*only_left), likelihood.prepare(only_left[0], now)
     assert expected.notes == ()
-    assert look.notes == ("image motion: camera right is missing in frame 0 or 1",)
-    found = [one.evaluate(poses(3), poses(3, 2)).log_prob for one in (look, expected)]
+    assert frame_likelihood.notes == ("image motion: camera right is missing in frame 0 or 1",)
+    found = [one.evaluate(poses(3), poses(3, 2)).log_prob for one in (frame_likelihood, expected)]
     np.testing.assert_array_equal(*found)
 
 
@@ -251,15 +259,15 @@ def test_images_of_two_sizes_are_compared_unless_the_background_is_still():
     rng = np.random.default_rng(0)
     (before, _), (_, now) = frames(rng, LEFT), frames(rng, LEFT.scaled(2.0))
     with pytest.raises(InputError, match="background=still needs images of one size from camera left"):
-        ImageMotion(BODY, background="still").look(before, now)
-    assert np.isfinite(ImageMotion(BODY).look(before, now).evaluate(poses(2), poses(2, 2)).log_prob).all()
+        ImageMotion(BODY, background="still").prepare(before, now)
+    assert np.isfinite(ImageMotion(BODY).prepare(before, now).evaluate(poses(2), poses(2, 2)).log_prob).all()
 
 
 @pytest.mark.parametrize("make", [Background, Silhouette, DenseAlignment])
 def test_a_camera_that_the_clip_does_not_have_is_refused(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
     with pytest.raises(InputError, match="camera another was not in the clip"):
-        make(BODY, walls()).look(None, frame).remember(np.zeros(25)).look(frame, frame)
+        make(BODY, walls()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
 
 
 @pytest.mark.parametrize("shape", [(120, 161), (120, 160, 4), (120, 160, 1), (160, 120), None])
@@ -270,4 +278,4 @@ def test_frames_that_do_not_fit_are_refused(shape):
         before = now = Frame(0, 0.0, (View(LEFT, np.zeros(shape, np.uint8)),))
         said = "camera left: expected a grey or RGB image of 160×120 px"
     with pytest.raises(InputError, match=said):
-        ImageMotion(BODY).look(before, now)
+        ImageMotion(BODY).prepare(before, now)

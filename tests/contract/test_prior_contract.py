@@ -84,16 +84,16 @@ def prior(request, cache_folder):
 
 def run(prior, pose, n, seed, n_steps=3):
     rng = np.random.default_rng(seed)
-    states = [prior.start(pose, n, rng)]
+    states = [prior.sample_initial(pose, n, rng)]
     for _ in range(n_steps):
-        states.append(prior.step(states[-1], DT, rng))
+        states.append(prior.sample_transition(states[-1], DT, rng))
     return states
 
 
 def children(prior, dt_s=DT):
     """MANY states of one parent (1, D), and that: stepped before, so that it has a velocity where it can."""
     parent = run(prior, walk().poses[0], 1, seed=2, n_steps=1)[-1]
-    return parent, prior.step(np.repeat(parent, MANY, axis=0), dt_s, generator(3))
+    return parent, prior.sample_transition(np.repeat(parent, MANY, axis=0), dt_s, generator(3))
 
 
 def only(names):
@@ -146,10 +146,10 @@ def test_the_same_seed_gives_the_same_states_and_another_seed_others(prior):
 
 def test_inputs_are_left_alone(prior):
     rng, pose = generator(0), walk().poses[0].copy()
-    state = prior.start(pose, 10, rng)
+    state = prior.sample_initial(pose, 10, rng)
     kept = state.copy()
     state.flags.writeable = pose.flags.writeable = False
-    prior.pose(prior.step(state, DT, rng))
+    prior.pose(prior.sample_transition(state, DT, rng))
     if isinstance(prior, Proposing):
         prior.propose(state, DT, rng)
     assert (state == kept).all()
@@ -159,7 +159,7 @@ def test_inputs_are_left_alone(prior):
 def test_the_start_is_around_the_pose(prior):
     """Parameters that start uniform aside; and 0.1: what a cyclic model misses, or a limit cuts off, of a pose."""
     pose = walk().poses[0]
-    poses = prior.pose(prior.start(pose, MANY, generator(1)))
+    poses = prior.pose(prior.sample_initial(pose, MANY, generator(1)))
     apart = np.abs(poses.mean(axis=0) - pose)
     calm = [i for i, name in enumerate(POSE_NAMES) if name != "left_shoulder_twist"]
     assert (apart[calm] <= 5 * poses.std(axis=0)[calm] / np.sqrt(MANY) + 0.1).all()
@@ -200,13 +200,13 @@ def test_noise_grows_with_the_root_of_time(prior):
 
 
 def test_exactly_those_whose_draws_it_is_have_a_density(request, prior):
-    assert (prior.powers.density is not None) == (request.node.callspec.params["prior"] in WITH_DENSITY)
+    assert (prior.capabilities.density is not None) == (request.node.callspec.params["prior"] in WITH_DENSITY)
 
 
 def family(prior, n=20):
     """n states, their children, and the density that leads from these to those."""
     *_, parents, children = run(prior, walk().poses[0], n, seed=2, n_steps=2)
-    return parents, children, prior.powers.density
+    return parents, children, prior.capabilities.density
 
 
 @only(WITH_DENSITY)
@@ -234,10 +234,10 @@ def test_a_density_speaks_of_free_columns_alone_and_the_others_are_drawn_given_t
     forgotten.flags.writeable = parents.flags.writeable = False
     found = density.log_transition(parents, forgotten, DT)
     assert (found == density.log_transition(parents, children, DT)).all()
-    completed = density.complete(parents, forgotten, DT, generator(4))
+    completed = density.sample_dependent(parents, forgotten, DT, generator(4))
     assert (completed[:, density.free] == children[:, density.free]).all()
     assert np.isfinite(completed).all()
-    assert (density.complete(parents, forgotten, DT, generator(4)) == completed).all()
+    assert (density.sample_dependent(parents, forgotten, DT, generator(4)) == completed).all()
 
 
 @only(WITH_DENSITY)

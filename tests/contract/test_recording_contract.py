@@ -281,7 +281,7 @@ def test_missing_and_hidden_marks(run, tmp_path):
     marks = run[0].frame.truth.marks.copy()
     marks[3] = np.nan
     visible = np.arange(len(marks)) != 5
-    step = replace(run[0], frame=replace(run[0].frame, truth=Truth(marks=marks, marks_visible=visible)))
+    step = replace(run[0], frame=replace(run[0].frame, truth=Truth(marks=marks, annotations_visible=visible)))
     path = log_all(recorder(tmp_path / "run.rrd"), [step])
     (points,), (colours,) = (
         values(path, "/world/camera/image/truth_marks", f"Points2D:{name}") for name in ("positions", "colors")

@@ -34,7 +34,7 @@ def test_synthesize_run_leaves_metrics_a_recording_and_the_way_through_the_world
     assert "jump_deg" not in metrics
     assert metrics["same_activity"] == 1.0  # the built-in people only walk
     assert recorded.metric("jump_deg")[1] == pytest.approx(jumps)
-    places = joints(person(Blank().known.shape).skeleton, poses)
+    places = joints(person(Blank().info.shape).skeleton, poses)
     for name in ("left_wrist", "right_wrist"):
         (trail,) = static_strips(folder / "run.rrd", f"/world/estimate/trails/{name}")
         assert trail == pytest.approx(places[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32

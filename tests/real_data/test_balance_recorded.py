@@ -35,7 +35,7 @@ def seen_by(data, names, n_frames=None):
     )  # fmt: skip
     if "cam_01" in names:
         with pytest.warns(UserWarning, match="are stretched"):  # two of the videos are 8 px narrower than calibrated
-            _ = found.known
+            _ = found.info
     return found
 
 

@@ -50,7 +50,7 @@ def test_increments_predict_clips_left_out_better_than_copies(recordings, window
         for motion in recordings[0]:
             for first in range(0, len(motion) - 12, 15):
                 state = prior.start_after(motion.poses[first : first + 11], 30)
-                predicted = prior.pose(prior.step(state, 1 / 30, np.random.default_rng(first)))
+                predicted = prior.pose(prior.sample_transition(state, 1 / 30, np.random.default_rng(first)))
                 apart.append(predicted.mean(axis=0)[6:] - motion.poses[first + 11, 6:])
         errors[prediction] = np.sqrt(np.mean(np.square(apart)))
     assert errors["increment"] < 0.7 * errors["copy"]  # prototypes: 1.9° against 4.1°

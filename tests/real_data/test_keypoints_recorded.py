@@ -29,7 +29,7 @@ def woman():
 
 def video(data, **parameters):
     folder = data / "sports2d_walk"
-    files = {name: str(folder / "keypoints.csv") for name in ("start_marks", "keypoints")}
+    files = {name: str(folder / "keypoints.csv") for name in ("initial_annotations", "keypoints")}
     whole = {"first_frame": 64, "n_frames": 97, "scale": SCALE, **files, **parameters}
     return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **whole)
 
@@ -37,9 +37,9 @@ def video(data, **parameters):
 @pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
 def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
     dataset = video(data, start_last=last)
-    (camera,) = dataset.known.cameras
-    fit = start_from_marks(prior.powers.motion, woman.skeleton, camera, dataset.known.start_marks)
-    first = dataset.known.start_marks.keypoints[0]
+    (camera,) = dataset.info.cameras
+    fit = start_from_marks(prior.capabilities.motion, woman.skeleton, camera, dataset.info.initial_annotations)
+    first = dataset.info.initial_annotations.keypoints[0]
     apart = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
     # visible joints are marked to 4 px, hidden ones to 6–10; a steady style over five frames adds its share
     assert np.nanmean(apart) < (5.0 if last is None else 8.0)
@@ -51,7 +51,7 @@ def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
 @pytest.mark.slow
 def test_the_walk_between_marks(data, prior, woman):
     dataset = video(data, held_out=[130])
-    stiff = Knowing(motion=prior.powers.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01))
+    stiff = Knowing(motion=prior.capabilities.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01))
     likelihood, steady = KeypointLikelihood(woman, sigma_px=2.0), MotionFit(frames_per_style=None)
     inference = LeastSquares(woman, likelihood, stiff, problem=steady, n_particles=20)
     frames = list(dataset.frames())

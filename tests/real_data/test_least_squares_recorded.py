@@ -31,7 +31,7 @@ def errors_of(model, data, clip):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a camera that stands further off
         dataset = Points(motion=clip, data=str(data), first_frame=first_frame, exact=True)
-        frames, body = list(dataset.frames()), person(dataset.known.shape)
+        frames, body = list(dataset.frames()), person(dataset.info.shape)
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
     fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
     errors = [step_errors(step, body) for step in fitting.run(frames, None, streams)]

@@ -31,11 +31,11 @@ def windows(library):
 
 def jumps_and_activity(data, prior, **options):
     blank = Blank(motion=CLIP, data=str(data), n_frames=61)
-    inference = Synthesis(prior, person(blank.known.shape), blank.known, **options)
+    inference = Synthesis(prior, person(blank.info.shape), blank.info, **options)
     found = []
     for seed in range(3):
         streams = {name: np.random.default_rng([seed, i]) for i, name in enumerate(("start", "prior"))}
-        found += list(inference.run(blank.frames(), blank.known.start_pose, streams))[1:]
+        found += list(inference.run(blank.frames(), blank.info.initial_pose, streams))[1:]
     return tuple(np.mean([step.diagnostics[name] for step in found]) for name in ("jump_deg", "same_activity"))
 
 

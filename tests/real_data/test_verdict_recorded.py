@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import load_cameras
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.association.keypoint_kalman import exchanged
@@ -46,8 +46,9 @@ class Detections:
         found = {name: _only(people, list(kept)) for name, people in found.items()}
         self._joints = follow(found, {camera.name: camera for camera in cameras}, rate_hz).joints
         self._cameras, self._rate_hz = [camera.scaled(SCALE) for camera in cameras], rate_hz
-        self.known = Known("detections", self._joints.shape[1], rate_hz, cameras=tuple(self._cameras), scale=SCALE,
-                           has_keypoints=True)  # fmt: skip
+        self.info = SequenceInfo(
+            "detections", self._joints.shape[1], rate_hz, cameras=tuple(self._cameras), scale=SCALE, has_keypoints=True
+        )
 
     def frames(self):
         image = np.zeros((2, 2), dtype=np.uint8)
@@ -69,7 +70,7 @@ def said(dataset, height_m=1.69, **told):
     evidence, streams = Evidence(body, SCALE), {name: np.random.default_rng(0) for name in ("start", "prior")}
     for step in fit.run(clip, None, streams):
         evidence.add(step, {})
-    known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.known.rate_hz, **told)
+    known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **told)
     found = verdict(evidence.measured(), known)
     print(found.sentence)
     return found

@@ -68,4 +68,4 @@ def test_a_header_of_more_vertices_than_there_are(tmp_path):
 def test_points_beyond_the_earth(tmp_path):
     written(tmp_path / "a.csv", "x,y,z\n1,2,1e8\n")
     points = PointFiles(str(tmp_path))
-    assert "a.csv: expected positions up to 1e+07 m, found 1e+08 m" in refusal(lambda: points.known)
+    assert "a.csv: expected positions up to 1e+07 m, found 1e+08 m" in refusal(lambda: points.info)

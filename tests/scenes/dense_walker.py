@@ -18,11 +18,11 @@ def tracked():
     clip = FrameCache(walker())
     likelihood, frames = DenseAlignment(walker().body, clip), list(clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
-        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
+        likelihood = likelihood.prepare(before, frame).update(frame.truth.pose)
     return likelihood, frames
 
 
 def third():
     """Its look at the third frame, and the true pose there."""
     likelihood, frames = tracked()
-    return likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+    return likelihood.prepare(frames[1], frames[2]), frames[2].truth.pose

@@ -4,7 +4,7 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
-from workbench.core.prior import Powers
+from workbench.core.prior import PriorCapabilities
 from workbench.inference.least_squares.residuals import joint_residual
 from workbench.inference.least_squares.single_frame import MotionDecoder
 
@@ -34,8 +34,8 @@ EVERY_JOINT = np.arange(len(_JOINTS))
 class Knowing:
     """What least squares asks of a prior: its powers."""
 
-    def __init__(self, **powers):
-        self.powers = Powers(**powers)
+    def __init__(self, **capabilities):
+        self.capabilities = PriorCapabilities(**capabilities)
 
 
 class SineModel:

@@ -60,15 +60,15 @@ def people(rng, n, spread=1.0):
 
 def log_prob(likelihood, previous, frame, previous_pose, pose):
     """What a likelihood says (N,) of poses (N, P) that came from previous ones."""
-    return likelihood.look(previous, frame).evaluate(previous_pose, pose).log_prob
+    return likelihood.prepare(previous, frame).evaluate(previous_pose, pose).log_prob
 
 
 def notes(likelihood, previous, frame, previous_pose, pose):
     """What it remarks, on the frame and on the poses."""
-    look = likelihood.look(previous, frame)
-    return look.notes + look.evaluate(previous_pose, pose).notes
+    frame_likelihood = likelihood.prepare(previous, frame)
+    return frame_likelihood.notes + frame_likelihood.evaluate(previous_pose, pose).notes
 
 
 def begun(likelihood, frame, pose):
     """The likelihood after the first frame of a run, where a pose (P,) was expected."""
-    return likelihood.look(None, frame).remember(pose)
+    return likelihood.prepare(None, frame).update(pose)

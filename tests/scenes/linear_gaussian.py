@@ -4,7 +4,7 @@ import numpy as np
 
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
-from workbench.core.prior import Powers
+from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.priors.density import log_normal
 
@@ -20,10 +20,10 @@ class IsDensity:
         return np.arange(len(self.space))
 
     @property
-    def powers(self):
-        return Powers(density=self)
+    def capabilities(self):
+        return PriorCapabilities(density=self)
 
-    def complete(self, previous, state, dt_s, rng):
+    def sample_dependent(self, previous, state, dt_s, rng):
         return state
 
 
@@ -33,10 +33,10 @@ class LinearPrior(IsDensity):
     space = StateSpace.of({"position": (("x",), "m"), "velocity": (("v",), "m")})
     parameters = ("x", "v")
 
-    def start(self, pose, n, rng):
+    def sample_initial(self, pose, n, rng):
         return pose + STD0 * rng.standard_normal((n, 2))
 
-    def step(self, state, dt_s, rng):
+    def sample_transition(self, state, dt_s, rng):
         return self.mean(state, dt_s) + Q * rng.standard_normal(state.shape)
 
     def mean(self, state, dt_s):
@@ -58,7 +58,7 @@ class TwoJoints(LinearPrior):
 class DrawnOnly(LinearPrior):
     """The linear model without a density."""
 
-    powers = Powers()
+    capabilities = PriorCapabilities()
 
 
 class LookOf:
@@ -72,14 +72,14 @@ class LookOf:
     def evaluate(self, previous_pose, pose):
         return Evaluation(self.likelihood.log_prob(*self.frames, previous_pose, pose))
 
-    def remember(self, expected_pose):
+    def update(self, expected_pose):
         return self.likelihood
 
 
 class Memoryless:
     """A likelihood by its `log_prob(previous, frame, previous_pose, pose)` alone."""
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return LookOf(self, previous, frame)
 
 
@@ -133,15 +133,15 @@ def exact(measured, sigma=R, h=0.0, g=0.0):
             cov[s, :, t] = cov[t, :, s].T
         cov[t, :, t] = A @ cov[t - 1, :, t - 1] @ A.T + np.diag(Q**2)
     flat_mean, flat_cov = mean.ravel(), cov.reshape(2 * n, 2 * n)
-    look = np.zeros((n - 1, n, 2))
+    frame_likelihood = np.zeros((n - 1, n, 2))
     for t in range(1, n):
-        look[t - 1, t], look[t - 1, t - 1, 0] = (1.0, g), h
-    look = look.reshape(n - 1, 2 * n)
-    spread = look @ flat_cov @ look.T + sigma**2 * np.eye(n - 1)
-    missing = measured[1:] - look @ flat_mean
-    gain = np.linalg.solve(spread, look @ flat_cov).T
+        frame_likelihood[t - 1, t], frame_likelihood[t - 1, t - 1, 0] = (1.0, g), h
+    frame_likelihood = frame_likelihood.reshape(n - 1, 2 * n)
+    spread = frame_likelihood @ flat_cov @ frame_likelihood.T + sigma**2 * np.eye(n - 1)
+    missing = measured[1:] - frame_likelihood @ flat_mean
+    gain = np.linalg.solve(spread, frame_likelihood @ flat_cov).T
     evidence = -0.5 * (missing @ np.linalg.solve(spread, missing) + np.linalg.slogdet(2 * np.pi * spread)[1])
-    posterior = flat_mean + gain @ missing, np.diag(flat_cov - gain @ look @ flat_cov)
+    posterior = flat_mean + gain @ missing, np.diag(flat_cov - gain @ frame_likelihood @ flat_cov)
     return posterior[0].reshape(n, 2), posterior[1].reshape(n, 2), float(evidence)
 
 

@@ -8,12 +8,12 @@ from workbench.body.skeleton import JOINT_NAMES
 class MadeUpLook:
     """A likelihood and its look at once, the same in every frame; what is not asked in a test raises."""
 
-    levels, judges, notes, diagnostics = 2, True, (), {}
+    levels, informative, notes, diagnostics = 2, True, (), {}
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return self
 
-    def remember(self, expected_pose):
+    def update(self, expected_pose):
         return self
 
     def misfit(self, pose):

@@ -13,7 +13,7 @@ from scipy.stats import chisquare
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
-from workbench.core.prior import PACE_HZ, Smoothness
+from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.evaluation.posterior_calibration import rank_histogram, ranks, share_below
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
@@ -61,7 +61,7 @@ def arm_prior():
     return Smooth(parameters=["right_arm"])
 
 
-def start_pose():
+def initial_pose():
     """A generated walker's pose in the middle of the camera's image."""
     pose = builtin_motions()[0].poses[0].copy()
     pose[:4] = 0.4, 0.0, 0.95, 0.3
@@ -70,13 +70,13 @@ def start_pose():
 
 def filtered(infer, prior, n_frames, n_replicates, seed=0):
     """Simulate particles of `infer(prior, likelihood)`; ranks are of the pose's numbers that the prior moves."""
-    pose, moving = start_pose(), [k for k, name in enumerate(POSE_NAMES) if name in prior.parameters]
+    pose, moving = initial_pose(), [k for k, name in enumerate(POSE_NAMES) if name in prior.parameters]
     found = []
     for replicate in range(n_replicates):
         rng = np.random.default_rng([seed, replicate])
-        states = [prior.start(pose, 1, rng)]
+        states = [prior.sample_initial(pose, 1, rng)]
         for _ in range(n_frames - 1):
-            states.append(prior.step(states[-1], 1.0 / RATE_HZ, rng))
+            states.append(prior.sample_transition(states[-1], 1.0 / RATE_HZ, rng))
         truth = prior.pose(np.concatenate(states))
         steps = infer(prior, STUDENT).run(
             simulated_frames(truth, RATE_HZ, NU, rng), pose, streams([seed, replicate, 1])
@@ -97,7 +97,7 @@ def fitted(frames_per_style, n_frames, n_replicates, seed=0, correlation=0.0, **
         truth, ends = decoder.poses(states), (states[0, 2], states[-1, 2])
         problem = MotionFit(frames_per_style, ends, **options)  # phases to begin the search with
         fit = LeastSquares(BODY, NORMAL, Knowing(motion=SineModel()), problem=problem)
-        seen = simulated_frames(truth, PACE_HZ, np.inf, rng, correlation)
+        seen = simulated_frames(truth, REFERENCE_RATE_HZ, np.inf, rng, correlation)
         steps = fit.run(seen, truth[0], streams([seed, replicate, 1]))
         found.append(ranked(steps, truth, moving))
     return Simulated(np.array(found))

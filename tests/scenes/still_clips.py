@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import likelihood_scenes as scenes
 import numpy as np
 
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame_cache import FrameCache
 
 EPSILON, SIGMA = 0.05, 3.0
@@ -13,7 +13,7 @@ EPSILON, SIGMA = 0.05, 3.0
 
 def of_frames(frames):
     """A clip of these frames."""
-    return FrameCache(SimpleNamespace(known=Known("clip", len(frames)), frames=lambda: iter(frames)))
+    return FrameCache(SimpleNamespace(info=SequenceInfo("clip", len(frames)), frames=lambda: iter(frames)))
 
 
 def clip(*images, camera=scenes.FRONT):

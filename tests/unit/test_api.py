@@ -41,8 +41,8 @@ def swapped(tmp_path_factory):
 def hand_built(n_frames=3):
     clip = wb.FrameCache(wb.Synthetic(n_frames=n_frames, width=160, height=120, person_px=80.0, focal_px=175.0))
     prior = wb.Smooth(damping=1.5, sigma={"root_x": 0.02})
-    body = wb.person(clip.known.shape)
-    return wb.Parts(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.known.start_pose)
+    body = wb.person(clip.info.shape)
+    return wb.Parts(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.info.initial_pose)
 
 
 def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):

@@ -33,7 +33,7 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
 
     Raises InputError for a dataset without cameras or frames, and as the dataset does.
     """
-    known = dataset.known
+    known = dataset.info
     if not known.cameras:
         raise InputError(f"{known.name}: expected a dataset with cameras and images, found none")
     rows: list[FloatArray] = []
@@ -41,8 +41,8 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
     most, shown, searched = -1, 0, np.zeros(len(known.cameras), bool)
     for position, frame in enumerate(dataset.frames()):
         marks = _marks(frame)
-        if not position and known.start_marks is not None and not np.isfinite(marks).any():
-            marks[0] = known.start_marks.keypoints[0]
+        if not position and known.initial_annotations is not None and not np.isfinite(marks).any():
+            marks[0] = known.initial_annotations.keypoints[0]
         searched |= [view.keypoints is not None for view in frame.views]
         n_marks = int(np.isfinite(marks[..., 0]).sum())
         if n_marks > most:

@@ -134,7 +134,7 @@ class _Problem:
     segments' relative length, and the places (F, 2) on the floor: log distance ahead, and left over ahead."""
 
     def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, known: Measurements) -> None:
-        self.size, self.feet, self.heads, self.known = size, feet, heads, known
+        self.size, self.feet, self.heads, self.info = size, feet, heads, known
         self.focal_px = known.focal_px or _FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * known.height_m, HEAD_HEIGHT * known.height_m
@@ -167,14 +167,14 @@ class _Problem:
     def residuals(self, x: FloatArray, sigma_px: float) -> FloatArray:
         """Return whitened errors and whitened distances from priors and measurements."""
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
-        if self.known.camera_height_m is not None:
-            height, spread = self.known.camera_height_m, _MEASUREMENT_SPREAD
-        focal_spread = 0.01 if self.known.focal_px else _FOCAL_SPREAD
+        if self.info.camera_height_m is not None:
+            height, spread = self.info.camera_height_m, _MEASUREMENT_SPREAD
+        focal_spread = 0.01 if self.info.focal_px else _FOCAL_SPREAD
         prior = [
             (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
-        if self.known.distance_m is not None:
+        if self.info.distance_m is not None:
             log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
-            prior.append((log_distance - np.log(self.known.distance_m)) / _MEASUREMENT_SPREAD)
+            prior.append((log_distance - np.log(self.info.distance_m)) / _MEASUREMENT_SPREAD)
         return np.concatenate([self.errors(x).ravel() / sigma_px, prior])

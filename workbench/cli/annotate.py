@@ -22,7 +22,7 @@ def annotate(
     """Annotate joints in a video by hand, on a page that only this machine can open.
 
     The file is written after every annotation; an existing file is continued.
-    It is an input of dataset.keypoints, dataset.start_marks,
+    It is an input of dataset.keypoints, dataset.initial_annotations,
     dataset.eval_marks and `workbench calibrate height`.
 
     \b

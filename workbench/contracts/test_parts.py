@@ -101,7 +101,7 @@ def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any
     prior, rng = parts.prior, np.random.default_rng(0)
     assert prior is not None
     pose = start_of(parts)
-    state = prior.start(pose, N, rng)
+    state = prior.sample_initial(pose, N, rng)
     before = state.copy()
     moved, correction = propose(prior, state, 1.0 / 30.0, rng)
     np.testing.assert_array_equal(state, before)  # a step leaves the states it is given alone
@@ -109,32 +109,32 @@ def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any
     assert correction.shape == (N,)
     assert prior.pose(moved).shape == (N, len(pose))
     assert set(prior.parameters) <= set(parts.body.skeleton.dof_names)
-    if (density := prior.powers.density) is not None:
-        drawn = prior.step(state, 1.0 / 30.0, rng)
+    if (density := prior.capabilities.density) is not None:
+        drawn = prior.sample_transition(state, 1.0 / 30.0, rng)
         assert np.isfinite(density.log_transition(state, drawn, 1.0 / 30.0)).all()
-        completed = density.complete(state, drawn, 1.0 / 30.0, rng)
+        completed = density.sample_dependent(state, drawn, 1.0 / 30.0, rng)
         np.testing.assert_array_equal(completed[:, density.free], drawn[:, density.free])
 
 
 def test_a_likelihood_looks_once_and_judges_each_pose_by_itself(group: str, option: str, tmp_path: Any) -> None:
     parts, config = assembled(group, option, str(tmp_path)), composed(group, option, str(tmp_path))
-    likelihood = build(config.likelihood, body=parts.body, clip=parts.clip, known=parts.clip.known)
+    likelihood = build(config.likelihood, body=parts.body, clip=parts.clip, info=parts.clip.info)
     first, second, *_ = parts.clip
     rng = np.random.default_rng(0)
     poses = start_of(parts) + 0.02 * rng.standard_normal((N, len(parts.body.skeleton.dof_names)))
-    known = likelihood.look(None, first).remember(poses.mean(axis=0))
-    log_prob, repeated = (known.look(first, second).evaluate(poses, poses).log_prob for _ in range(2))
+    info = likelihood.prepare(None, first).update(poses.mean(axis=0))
+    log_prob, repeated = (info.prepare(first, second).evaluate(poses, poses).log_prob for _ in range(2))
     assert log_prob.shape == (N,)
     np.testing.assert_array_equal(log_prob, repeated)
     order = rng.permutation(N)
-    shuffled = known.look(first, second).evaluate(poses[order], poses[order]).log_prob
+    shuffled = info.prepare(first, second).evaluate(poses[order], poses[order]).log_prob
     np.testing.assert_allclose(shuffled, log_prob[order], rtol=1e-6)
 
 
 def test_a_dataset_gives_what_it_knows_of(group: str, option: str, tmp_path: Any) -> None:
     made = build(composed(group, option, str(tmp_path)).dataset)
-    frames, known = list(made.frames()), made.known
-    assert len(frames) == known.n_frames > 0
+    frames, info = list(made.frames()), made.info
+    assert len(frames) == info.n_frames > 0
     assert all(later.time_s > sooner.time_s for sooner, later in pairwise(frames))
     assert all(view.image.shape[:2] == (view.camera.height, view.camera.width) for f in frames for view in f.views)
-    assert known.has_points == any(frame.points is not None for frame in frames)
+    assert info.has_points == any(frame.points is not None for frame in frames)

@@ -23,9 +23,9 @@ POINTS = "points of the person's surface"
 KEYPOINTS = "2-D joints"
 ONE_CAMERA = "a single camera"
 ALL_JOINTS = "every joint of a motion file's skeleton"
-FOLLOWERS = "recorded windows to look ahead in, as it is set to"
+LOOKAHEAD_WINDOWS = "recorded windows to look ahead in, as it is set to"
 EVIDENCE = "a density of the data"
-EVEN_WEIGHTS = "particles that all weigh the same"
+UNIFORM_WEIGHTS = "particles that all weigh the same"
 FIT = "one pose, about which its particles are drawn"
 START = "a pose, marks, 2-D joints or points to start from"
 
@@ -35,7 +35,7 @@ class Traits:
     """Capabilities of a component, and its requirements of the others.
 
     provides: its capabilities. requires: those it needs of the dataset, the prior and the likelihood, by group; a group
-    without any must be there all the same. Under `given` and `known` it lists the `side_information` that it uses: in
+    without any must be there all the same. Under `given` and `info` it lists the `side_information` that it uses: in
     any case, and where the dataset knows it. Under `apart` it lists observations that the likelihood must not use, as
     the component uses them for something else, under `without` what the dataset must not be like. missing: a sentence
     on what its own nested components lack, empty where they have it.

@@ -71,7 +71,7 @@ def recalled(likelihood: Likelihood, frames: Iterable[Frame], expected: FloatArr
     """
     previous: Frame | None = None
     for pose, frame in zip(expected, frames, strict=False):  # in this order: no frame too many is taken
-        likelihood, previous = likelihood.look(previous, frame).remember(pose), frame
+        likelihood, previous = likelihood.prepare(previous, frame).update(pose), frame
     if previous is None:
         raise InputError("checkpoint: expected a frame at least to go on from, found none")
     return likelihood, previous

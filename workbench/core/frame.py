@@ -32,7 +32,7 @@ class Truth:
     pose: FloatArray | None = None
     joints: FloatArray | None = None
     marks: FloatArray | None = None
-    marks_visible: BoolArray | None = None
+    annotations_visible: BoolArray | None = None
     activity: str | None = None
     cameras: tuple[Camera, ...] = ()
 
@@ -56,7 +56,7 @@ def true_cameras(frame: Frame) -> tuple[Camera, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class MarkedFrames:
+class AnnotatedFrames:
     """Joints marked in F frames, of which the first is the dataset's first frame, to start from. times_s: (F,), s,
     rising. keypoints: (F, J, 3) as in `View`."""
 

@@ -22,14 +22,14 @@ class FrameCache:
     """
 
     def __init__(self, dataset: Dataset, most_bytes: int = MOST_BYTES) -> None:
-        self.known = dataset.known
+        self.info = dataset.info
         self.dataset, self._room = dataset, most_bytes
         self._kept: list[Frame] = []
         self._source: Iterator[Frame] | None = None  # stands after the frames kept; None before the first and beyond
         self._complete = self._told = False
 
     def __len__(self) -> int:
-        return self.known.n_frames
+        return self.info.n_frames
 
     def __iter__(self) -> Iterator[Frame]:
         index = 0
@@ -60,6 +60,6 @@ class FrameCache:
         if source is not None:
             return source
         if not self._told:
-            log.info("%s: frames beyond the first %d are decoded again", self.known.name, len(self._kept))
+            log.info("%s: frames beyond the first %d are decoded again", self.info.name, len(self._kept))
             self._told = True
         return islice(self.dataset.frames(), len(self._kept), None)

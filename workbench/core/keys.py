@@ -9,7 +9,7 @@ T = TypeVar("T")
 _PLACE = "_keys_it_was_built_with"
 
 
-def keeps_keys(part: type[T]) -> type[T]:
+def records_arguments(part: type[T]) -> type[T]:
     """Decorate a class whose objects do not keep their constructor's arguments as attributes, so that `kept` has them.
 
     Dataclasses have no need of it.
@@ -28,6 +28,7 @@ def keeps_keys(part: type[T]) -> type[T]:
 
 
 def kept(part: object) -> Mapping[str, Any]:
-    """The arguments that an object of a class decorated by `keeps_keys` was built with, defaults too; else none."""
+    """The arguments that an object of a class decorated by `records_arguments` was built with, defaults too; else
+    none."""
     found: Mapping[str, Any] = getattr(part, _PLACE, {})
     return found

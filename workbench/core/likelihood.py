@@ -18,7 +18,7 @@ class Evaluation:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
 
-class Look(Protocol):
+class FrameLikelihood(Protocol):
     """A likelihood that has seen one frame: all that depends on the images alone is done.
 
     notes: sentences about the frame itself, such as that it shows nothing to judge by. diagnostics: the names that
@@ -34,7 +34,7 @@ class Look(Protocol):
         """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P),
         which are lent: their memory is used again."""
 
-    def remember(self, expected_pose: FloatArray) -> "Likelihood":
+    def update(self, expected_pose: FloatArray) -> "Likelihood":
         """Return the likelihood of the next frame, which knows what was expected (P,) in this one."""
 
 
@@ -49,7 +49,7 @@ class Slope:
 
 
 @runtime_checkable
-class SlopedLook(Look, Protocol):
+class DifferentiableLikelihood(FrameLikelihood, Protocol):
     """A look that knows how the likelihood changes with the pose, and smooths the image more or less for it.
 
     levels: of smoothing, the first being the smoothest. `evaluate` judges at the last. judges: whether anything is
@@ -59,7 +59,7 @@ class SlopedLook(Look, Protocol):
     @property
     def levels(self) -> int: ...
     @property
-    def judges(self) -> bool: ...
+    def informative(self) -> bool: ...
 
     def slope(self, pose: FloatArray, level: int) -> Slope:
         """Return log likelihood and derivatives at a pose (P,), which came from any other."""
@@ -69,7 +69,7 @@ class SlopedLook(Look, Protocol):
 
 
 @runtime_checkable
-class LayeredLook(SlopedLook, Protocol):
+class DenseLikelihood(DifferentiableLikelihood, Protocol):
     """A sloped look that can also tell apart poses that are far from each other, by all pixels of the frame."""
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
@@ -80,13 +80,13 @@ class LayeredLook(SlopedLook, Protocol):
 class Likelihood(Protocol):
     """log p(frame_t | pose_t, pose_t−1, frame_t−1): image motion needs the previous pose and frame too."""
 
-    def look(self, previous: Frame | None, frame: Frame) -> Look:
+    def prepare(self, previous: Frame | None, frame: Frame) -> FrameLikelihood:
         """Look at a frame and the one before, None for the first of a run, in which nothing is evaluated."""
 
 
 @runtime_checkable
-class Relearning(Protocol):
+class Refittable(Protocol):
     """A likelihood that learns from a clip, and more so when it has been tracked before."""
 
-    def relearned(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
+    def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
         """Return the likelihood of the same clip, from `frame` on, which knows poses (P,) by its frames' indices."""

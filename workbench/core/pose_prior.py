@@ -9,7 +9,7 @@ from workbench.utils.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class PosePrior:
     """A mixture Σ_k weights_k N(means_k, covariances_k) over A numbers of a pose, rad: weights (K,), means (K, A),
     covariances (K, A, A)."""
 

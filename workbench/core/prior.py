@@ -7,11 +7,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from workbench.core.discrepancy import Discrepancy
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 from workbench.core.state_space import StateSpace
 from workbench.utils.arrays import FloatArray, IntArray
 
-PACE_HZ = 14.0
+REFERENCE_RATE_HZ = 14.0
 """The frames a second for which `Smoothness` is given, paper D's."""
 
 
@@ -73,8 +73,8 @@ class Density(Protocol):
     def free(self) -> IntArray:
         """Return indices of the columns that `log_transition` speaks of, ascending: all, unless some follow.
 
-        Whoever sets a state sets these and then calls `complete`. Where some follow, the columns are not independent
-        of each other given the previous state; where none do, they are.
+        Whoever sets a state sets these and then calls `sample_dependent`. Where some follow, the columns are not
+        independent of each other given the previous state; where none do, they are.
         """
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
@@ -84,10 +84,12 @@ class Density(Protocol):
         """Return log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
 
         Columns without noise have no density: log p is −∞ where they are not as the previous state says. Columns that
-        follow from the others (see `complete`) are not looked at.
+        follow from the others (see `sample_dependent`) are not looked at.
         """
 
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_dependent(
+        self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> FloatArray:
         """Return states (N, D) whose free columns were set by somebody, with the others drawn given those. For most
         priors there are no others, and the states come back as they are."""
 
@@ -104,7 +106,7 @@ class Gaussian(Density, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Powers:
+class PriorCapabilities:
     """What a prior can do beside drawing. Wrappers pass on those of their base that still hold.
 
     density: see `Density`. motion: a cyclic motion that a fit can turn into poses with derivatives. smoothness: by how
@@ -120,14 +122,14 @@ class Powers:
     examples: Callable[[], FloatArray] | None = None
     first_pose: Callable[[], FloatArray] | None = None
     discrepancy: Discrepancy | None = None
-    postures: Postures | None = None
+    postures: PosePrior | None = None
 
 
 class Prior(Protocol):
     """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P.
 
     space: names and units of the D columns. parameters: names of the pose's parameters that move; the others stay as
-    they start, or go as is known of them. powers: what it can do beside drawing; `Powers()` for nothing.
+    they start, or go as is known of them. powers: what it can do beside drawing; `PriorCapabilities()` for nothing.
     """
 
     @property
@@ -135,12 +137,12 @@ class Prior(Protocol):
     @property
     def parameters(self) -> tuple[str, ...]: ...
     @property
-    def powers(self) -> Powers: ...
+    def capabilities(self) -> PriorCapabilities: ...
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """Return N states (N, D) spread around a starting pose (P,)."""
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Draw once (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
 
     def pose(self, state: FloatArray) -> FloatArray:
@@ -156,7 +158,7 @@ class Proposing(Protocol):
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw by the prior's own proposal, or where it has none by `step`, with log weights (N,) of zero."""
+    """Draw by the prior's own proposal, or where it has none by `sample_transition`, with log weights (N,) of zero."""
     if isinstance(prior, Proposing):
         return prior.propose(state, dt_s, rng)
-    return prior.step(state, dt_s, rng), np.zeros(len(state))
+    return prior.sample_transition(state, dt_s, rng), np.zeros(len(state))

@@ -1,6 +1,6 @@
 """Vocabulary of the side information that a run uses besides the frames and what was learned from other people.
 
-Components declare it in their traits: as `given` what comes with them or their keys, and as `known` what they use where
+Components declare it in their traits: as `given` what comes with them or their keys, and as `info` what they use where
 the dataset knows it.
 """
 

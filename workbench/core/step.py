@@ -73,12 +73,12 @@ class Inference(Protocol):
 
 
 @runtime_checkable
-class Continuing(Protocol):
-    """An inference whose steps have a memory and that, where `continues` says so, takes a `Past` for a start: it then
+class Resumable(Protocol):
+    """An inference whose steps have a memory and that, where `resumable` says so, takes a `Past` for a start: it then
     looks at the frames of this again and yields the steps of those after them, bit by bit as if it had tracked all."""
 
     @property
-    def continues(self) -> bool: ...
+    def resumable(self) -> bool: ...
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Mapping[str, np.random.Generator]
@@ -86,6 +86,6 @@ class Continuing(Protocol):
         """Yield the steps as `Inference.run` does, or those after the past."""
 
 
-def continues(inference: Inference) -> TypeGuard[Continuing]:
+def resumable(inference: Inference) -> TypeGuard[Resumable]:
     """Return whether the inference can go on from a frame."""
-    return isinstance(inference, Continuing) and inference.continues
+    return isinstance(inference, Resumable) and inference.resumable

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from workbench.core.capabilities import START, Traits, offering
 from workbench.core.checks import RATE, at_least, check
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.core.side_information import LEAD_IN, START_POSE
 from workbench.motion.sources import find_motion
@@ -32,16 +32,16 @@ class Blank:
         check("blank", self, n_frames=at_least(1), first_frame=at_least(0), rate_hz=RATE)
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """The motion's person, and how they came to stand as they do."""
         motion = find_motion(self.motion, data=self.data, rate_hz=self.rate_hz)
         if self.first_frame >= len(motion):
             frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected more than first_frame = {self.first_frame}"
             raise InputError(f"blank: motion {self.motion!r} has {frames}")
-        lead_in = motion.poses[: self.first_frame + 1]
-        return Known(
+        pose_history = motion.poses[: self.first_frame + 1]
+        return SequenceInfo(
             name=f"after {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, shape=motion.shape,
-            start_pose=lead_in[-1], lead_in=lead_in, lead_in_activity=motion.activity,
+            initial_pose=pose_history[-1], pose_history=pose_history, pose_history_activity=motion.activity,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.keys import keeps_keys
+from workbench.core.keys import records_arguments
 from workbench.datasets.association.target_selection import follow
 from workbench.datasets.files.joint_annotations import Marks, followed_marks, read_people
 from workbench.datasets.video import Video
@@ -25,7 +25,7 @@ Files = Mapping[str, str]
 _NO_FILES: Files = MappingProxyType({})
 
 
-@keeps_keys
+@records_arguments
 class MultiView:
     """Videos that start together, one view each in every frame, with what a detector found in them.
 
@@ -67,15 +67,15 @@ class MultiView:
         self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """Metadata of all the videos; the shortest ends it for all."""
-        known = [video.known for video in self._videos]
+        known = [video.info for video in self._videos]
         rates_hz = [video.true_rate_hz for video in self._videos]
         if len(set(rates_hz)) > 1:
             rates = ", ".join(f"{rate:g}" for rate in rates_hz)
             raise InputError(f"multi_view: expected sources of one rate, found {rates} Hz")
         _ = self._true_joints  # read now, so that mistakes show before the first frame
-        return Known(
+        return SequenceInfo(
             name=", ".join(one.cameras[0].name for one in known), n_frames=self._n_frames, rate_hz=rates_hz[0],
             source_rate_hz=next((one.source_rate_hz for one in known if one.source_rate_hz is not None), None),
             cameras=tuple(one.cameras[0] for one in known), scale=known[0].scale,
@@ -112,7 +112,7 @@ class MultiView:
 
     @property
     def _n_frames(self) -> int:
-        return min(video.known.n_frames for video in self._videos)
+        return min(video.info.n_frames for video in self._videos)
 
     @cached_property
     def _true_joints(self) -> FloatArray | None:

@@ -8,7 +8,7 @@ from typing import Any
 from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.shape import Shape, from_height
 from workbench.core.capabilities import Traits, declaring, offering
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.side_information import HEIGHT, LIMB_LENGTHS, RADII
 from workbench.utils.errors import InputError
 
@@ -16,14 +16,14 @@ _NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
 
 @declaring(offering(given=(LIMB_LENGTHS, RADII)))
-def of_dataset(known: Known, *, scale: float = 1.0) -> Body:
+def of_dataset(info: SequenceInfo, *, scale: float = 1.0) -> Body:
     """Return the tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`;
     raises InputError where it knows neither."""
-    if known.body is not None:
-        return known.body.scaled(scale)
-    if known.shape is None:
+    if info.body is not None:
+        return info.body.scaled(scale)
+    if info.shape is None:
         raise InputError("body: this dataset does not know the person's size; choose body=height body.height_m=…")
-    return person(known.shape.scaled(scale))
+    return person(info.shape.scaled(scale))
 
 
 def _height_traits(keys: Mapping[str, Any]) -> Traits:

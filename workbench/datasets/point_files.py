@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from workbench.core.capabilities import POINTS, START, Traits, offering
 from workbench.core.checks import RATE, at_least, check, one_of
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
@@ -71,12 +71,12 @@ class PointFiles:
             )
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """Tell how many frames there are; of the person what the truth says, and what is offered of the start."""
-        start_pose, phase_ends = given_start("points", self.start, self._take, self.seed)
-        return Known(
+        initial_pose, phase_ends = given_start("points", self.start, self._take, self.seed)
+        return SequenceInfo(
             name=self._path.name, n_frames=len(self._points), rate_hz=self.rate_hz,
-            shape=self._take.motion.shape if self._take else None, start_pose=start_pose, has_points=True,
+            shape=self._take.motion.shape if self._take else None, initial_pose=initial_pose, has_points=True,
             phase_ends=phase_ends,
         )  # fmt: skip
 

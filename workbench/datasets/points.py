@@ -11,7 +11,7 @@ from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.core.checks import BELOW_1, at_least
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.datasets.rendering import render, surroundings
 from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start, take_camera
@@ -37,11 +37,11 @@ class Points(Scene):
     that there are fewer points. skeleton: "person", or "full" for the motion file's own with every joint, which is then
     the tracked body too. images: render what the camera sees, for the viewer; otherwise there are no views.
 
-    start: "auto" offers nothing: start_pose and phase_ends are None and whoever tracks finds both. "given" offers what
-    paper D sets by hand: start_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and phase_ends,
-    the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only. Raises
-    InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is too
-    short, and start="given" for one without a gait cycle.
+    start: "auto" offers nothing: initial_pose and phase_ends are None and whoever tracks finds both. "given" offers
+    what paper D sets by hand: initial_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and
+    phase_ends, the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only.
+    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
+    too short, and start="given" for one without a gait cycle.
     """
 
     @staticmethod
@@ -70,14 +70,14 @@ class Points(Scene):
         self.check(distance_m=at_least(1), outliers=BELOW_1)
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """The person's measurements, the full body where it is tracked, and what is offered of the start."""
-        start_pose, phase_ends = given_start("points", self.start, self.take, self.seed)
-        return Known(
+        initial_pose, phase_ends = given_start("points", self.start, self.take, self.seed)
+        return SequenceInfo(
             name=f"points of {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
             cameras=(self.told_camera,) if self.images else (), shape=self.take.motion.shape,
-            body=self.take.body if self.skeleton == "full" else None, start_pose=start_pose, has_points=True,
-            phase_ends=phase_ends, departures=self.take.departures(start_pose, self.view_camera, self.told_camera),
+            body=self.take.body if self.skeleton == "full" else None, initial_pose=initial_pose, has_points=True,
+            phase_ends=phase_ends, departures=self.take.departures(initial_pose, self.view_camera, self.told_camera),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:

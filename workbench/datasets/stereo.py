@@ -12,7 +12,7 @@ from tqdm import tqdm
 from workbench.body.camera import Camera
 from workbench.core.capabilities import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.core.checks import POSITIVE, at_least
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
@@ -68,16 +68,16 @@ class Stereo(Scene):
         self.check(noise=at_least(0), contrast=at_least(0), clutter=at_least(0), baseline_m=POSITIVE)
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """The person's measurements, both cameras, and what is offered of the start."""
-        start_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
+        initial_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
         if self.n_disparities >= self.width // 2:
             found = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
             raise InputError(f"stereo: {found}; expected a smaller baseline_m or focal_px, or a larger distance_m")
-        return Known(
+        return SequenceInfo(
             name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
-            cameras=self.told_cameras, shape=self.take.motion.shape, start_pose=start_pose, has_points=True,
-            phase_ends=phase_ends, departures=self.take.departures(start_pose, self.cameras[0], self.told_cameras[0]),
+            cameras=self.told_cameras, shape=self.take.motion.shape, initial_pose=initial_pose, has_points=True,
+            phase_ends=phase_ends, departures=self.take.departures(initial_pose, self.cameras[0], self.told_cameras[0]),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:

@@ -16,7 +16,7 @@ from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import Range, at_least, one_of
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.side_information import START_POSE
 from workbench.datasets.rendering import render, sequence, surroundings
@@ -81,12 +81,12 @@ class Synthetic(Scene):
         self.check(clutter=at_least(0), keypoint_sigma_px=none_or_more)
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """The camera, the person's measurements and the pose in the first frame, each about as it really is."""
         motion = self._used_motion
-        return Known(
+        return SequenceInfo(
             name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.told_camera,),
-            shape=motion.shape, body=self.body if self.feet else None, start_pose=self._start,
+            shape=motion.shape, body=self.body if self.feet else None, initial_pose=self._start,
             has_keypoints=self.keypoint_sigma_px is not None,
             departures={
                 **self._subject.factors, **calibration_error(self.view_camera, self.told_camera),

@@ -13,8 +13,8 @@ import numpy as np
 from workbench.body.camera import Camera, load_cameras
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import UNIT, UP_TO_1, check
-from workbench.core.dataset import Known
-from workbench.core.frame import Frame, MarkedFrames, Truth, View
+from workbench.core.dataset import SequenceInfo
+from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import MARKS
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import Marks, read_marks
@@ -35,11 +35,11 @@ class Video:
     camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
     first_frame: the number of the first frame used, counted from 0 in the source. n_frames: how many are used; None: to
     the end. scale: the factor by which images are resized.
-    rate_hz: frames per second, where the source does not say or says it wrongly. start_marks: a file of marks, of which
-    those at first_frame, with those of later frames up to start_last, give the start. keypoints: a file of marks, or a
-    folder of what a detector found (OpenPose's JSON), that are observations. person: the number of the one to follow
-    among those found in the first frame that shows anybody, None for the one of them who is seen largest and surest.
-    eval_marks: the same that is truth for the evaluation only. held_out: frames whose marks are kept from the
+    rate_hz: frames per second, where the source does not say or says it wrongly. initial_annotations: a file of marks,
+    of which those at first_frame, with those of later frames up to start_last, give the start. keypoints: a file of
+    marks, or a folder of what a detector found (OpenPose's JSON), that are observations. person: the number of the one
+    to follow among those found in the first frame that shows anybody, None for the one of them who is seen largest and
+    surest. eval_marks: the same that is truth for the evaluation only. held_out: frames whose marks are kept from the
     keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of a mark on a hidden joint,
     visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to 4; a detector's is its
     confidence.
@@ -53,7 +53,7 @@ class Video:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, and the joints and the start that are given."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
-        marks = () if keys.get("start_marks") is None else (START, MARKS)
+        marks = () if keys.get("initial_annotations") is None else (START, MARKS)
         return offering(IMAGES, ONE_CAMERA, *keypoints, *marks)
 
     source: str
@@ -63,7 +63,7 @@ class Video:
     n_frames: int | None = None
     scale: float = 1.0
     rate_hz: float | None = None
-    start_marks: str | None = None
+    initial_annotations: str | None = None
     start_last: int | None = None
     keypoints: str | None = None
     eval_marks: str | None = None
@@ -79,7 +79,7 @@ class Video:
             raise InputError(f"video: n_frames must be at least 1, found {self.n_frames}")
 
     @cached_property
-    def known(self) -> Known:
+    def info(self) -> SequenceInfo:
         """The camera of the resized images, and what is marked."""
         n_frames = self.last - self.first_frame + 1
         first, camera = next(decode(self._path)), self.source_camera
@@ -93,22 +93,22 @@ class Video:
         _ = self._truth  # read now, so that mistakes show before the first frame
         marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
         counted = {} if self._keypoints is None else self._keypoints.counted
-        return Known(
+        return SequenceInfo(
             name=self._path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
             source_rate_hz=None if self.rate_hz is None else frame_rate(self._path),
-            cameras=(self.source_camera.scaled(self.scale),), start_marks=self._first_marks(),
+            cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._first_marks(),
             has_keypoints=bool(((marked >= self.first_frame) & (marked <= self.last)).any()), counted=counted,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, decoded one by one: seeking in a video file is not to be relied on."""
-        (camera,) = self.known.cameras
+        (camera,) = self.info.cameras
         index = self.first_frame - 1
         for index, image in enumerate(decode(self._path, self.first_frame, self.last), self.first_frame):
             self._check_size(image)
             view = View(camera, self._scaled(image), self.scaled_marks(self._keypoints, index))
             marked = None if self._truth is None else self._truth.at(index)
-            truth = marked and Truth(marks=_resized(marked[0], self.scale), marks_visible=marked[1])
+            truth = marked and Truth(marks=_resized(marked[0], self.scale), annotations_visible=marked[1])
             yield Frame(index, index / self.true_rate_hz, (view,), truth)
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which was there before")
@@ -169,11 +169,11 @@ class Video:
         # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
         return np.asarray(cv2.resize(image, None, fx=fx, fy=fy, interpolation=cv2.INTER_AREA), np.uint8)
 
-    def _first_marks(self) -> MarkedFrames | None:
+    def _first_marks(self) -> AnnotatedFrames | None:
         """The marks of the first frame and of those up to start_last, in the resized image."""
-        if self.start_marks is None:
+        if self.initial_annotations is None:
             return None
-        marks, first = read_marks(self.start_marks), self.first_frame
+        marks, first = read_marks(self.initial_annotations), self.first_frame
         last = first if self.start_last is None else self.start_last
         if last < first:
             raise InputError(f"video: expected start_last of at least first_frame, {first}, found {last}")
@@ -182,7 +182,7 @@ class Video:
             raise InputError(f"{marks.source}: no marks in frame {first}, where the video starts; in {frames}")
         used = [int(index) for index in marks.frames if first <= index <= last]
         times_s = np.array(used) / self.true_rate_hz
-        return MarkedFrames(times_s, np.array([self.scaled_marks(marks, index) for index in used]))
+        return AnnotatedFrames(times_s, np.array([self.scaled_marks(marks, index) for index in used]))
 
     def scaled_marks(self, marks: Marks | None, index: int) -> FloatArray | None:
         """Return the weighted marks (J, 3) of a frame in the resized image, where there are any."""

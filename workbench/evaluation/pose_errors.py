@@ -171,8 +171,8 @@ def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, tr
     camera = frame.views[0].camera
     if truth.marks is not None:
         marks = truth.marks
-        if truth.marks_visible is not None:
-            marks = np.where(truth.marks_visible[:, None], marks, np.nan)
+        if truth.annotations_visible is not None:
+            marks = np.where(truth.annotations_visible[:, None], marks, np.nan)
         distances = _pixel_distances(camera, estimate, marks)
     elif truth.joints is not None:
         true = true_cameras(frame)[0].project(truth.joints)

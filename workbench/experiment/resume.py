@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from workbench.core.filter_state import Past
 from workbench.core.state_space import StateSpace
-from workbench.core.step import Continuing, Inference, Step, continues
+from workbench.core.step import Inference, Resumable, Step, resumable
 from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import composed
 from workbench.experiment.config.stored import own_defaults, runnable
@@ -108,7 +108,7 @@ class Continued:
             meter.catch_up(replace(first, frame=frame, expected_pose=pose))
             before.append((frame.index, frame.time_s, pose))
         if own is None:
-            recorder.remember((*each, pose) for each, pose in zip(before, expected, strict=False))
+            recorder.update((*each, pose) for each, pose in zip(before, expected, strict=False))
         yield first, meter.errors(first)
         for step in steps:
             yield step, meter.errors(step)
@@ -166,9 +166,9 @@ def carried(past: Past, same_streams: bool) -> Past:
     return replace(past, memory=replace(past.memory, arrays=arrays, streams=streams))
 
 
-def continuing(inference: Inference) -> Continuing:
+def continuing(inference: Inference) -> Resumable:
     """Return the inference itself; raises InputError where it cannot go on from a frame."""
-    if continues(inference):
+    if resumable(inference):
         return inference
     raise InputError(
         f"inference: {type(inference).__name__} cannot go on from a frame, as it tells each by all frames or keeps "

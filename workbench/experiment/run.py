@@ -15,9 +15,9 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.body.angles import FLEXIONS
-from workbench.core.capabilities import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
+from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_WEIGHTS
 from workbench.core.prior import Prior
-from workbench.core.step import continues
+from workbench.core.step import resumable
 from workbench.core.study import Study
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
@@ -159,11 +159,11 @@ def _track(
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     parts = build_parts(config, partial(_timed, summary))
-    summary.counted = parts.clip.known.counted
+    summary.counted = parts.clip.info.counted
     if reason := no_evidence(config, names):
         summary.left_out["log_evidence"] = reason
     summary.constant = _constant(config, parts)
-    evidence = Evidence(parts.body, parts.clip.known.scale)
+    evidence = Evidence(parts.body, parts.clip.info.scale)
     with recorder_of(config, parts, summary) as recorder:
         before_s = compiled_s()
         record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
@@ -177,13 +177,13 @@ def _track(
 
 def _run_inputs(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
     """Collect what a run was given that its frames may contradict; settings: the configuration, resolved."""
-    known, body = parts.clip.known, settings.get("body") or {}
+    info, body = parts.clip.info, settings.get("body") or {}
     iterations = (settings.get("inference") or {}).get("max_iterations")
     return RunInputs(
         height_m=body.get("height_m"),
         max_iterations=float(iterations) if isinstance(iterations, int) else None,
-        rate_hz=known.rate_hz,
-        source_rate_hz=known.source_rate_hz,
+        rate_hz=info.rate_hz,
+        source_rate_hz=info.source_rate_hz,
         seen=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
     )
 
@@ -193,7 +193,7 @@ def _constant(config: DictConfig, parts: Parts) -> frozenset[str]:
     sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
     offers = traits_of(config.inference).provides
     seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
-    names = {"ess", "ess_mean"} if EVEN_WEIGHTS in offers | seen else set()
+    names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in offers | seen else set()
     names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
@@ -226,7 +226,7 @@ def record(
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
     evidence: takes in every step, too."""
-    recorder.set_departures(parts.clip.known.departures)
+    recorder.set_departures(parts.clip.info.departures)
     meter, disable = Meter(parts), True if quiet else None
     n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
     tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
@@ -262,7 +262,7 @@ def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
     live = {"path": summary.recording, "body": parts.body, "space": parts.inference.space}
     live |= {"constant": sorted(_constant(config, parts))}
-    live |= {"decode": parts.prior.pose} if parts.prior is not None and continues(parts.inference) else {}
+    live |= {"decode": parts.prior.pose} if parts.prior is not None and resumable(parts.inference) else {}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 

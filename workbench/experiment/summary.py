@@ -51,12 +51,12 @@ class Summary:
     truth; log_evidence is that of all frames.
 
     given: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it read,
-    see `Known`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run as a whole,
-    see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped". before: frames
-    taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier attempt was taken
-    over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps are in. constant:
-    metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which is in no other
-    time.
+    see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run as a
+    whole, see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped". before:
+    frames taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier attempt
+    was taken over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps are in.
+    constant: metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which is in no
+    other time.
     """
 
     experiment: str

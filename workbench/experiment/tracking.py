@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
@@ -64,15 +64,15 @@ def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManage
     """
     with stage("dataset"):
         clip = FrameCache(build(config.dataset))
-    known = clip.known
-    body: Body = build(config.body, known=known, clip=clip)
+    info = clip.info
+    body: Body = build(config.body, info=info, clip=clip)
     with stage("prior_learning"):
         prior: Prior | None = None if config.prior is None else build(
-            config.prior, camera=lambda: _only_camera(known), frames_hz=known.rate_hz,
+            config.prior, camera=lambda: _only_camera(info), frames_hz=info.rate_hz,
             trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip),
         )  # fmt: skip
-    _check_skeletons(known, body, prior)
-    live = {"body": body, "clip": clip, "known": known, "phase_ends": known.phase_ends, "prior": prior}
+    _check_skeletons(info, body, prior)
+    live = {"body": body, "clip": clip, "info": info, "phase_ends": info.phase_ends, "prior": prior}
     if ignored := ignores_likelihood(config):
         log.info("the likelihood is not built: this inference looks at none")
     unused = ignored or config.likelihood is None
@@ -80,22 +80,22 @@ def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManage
     inference: Inference = build(config.inference, likelihood=likelihood, **live)
     with stage("start"):
         start = None
-        if known.start_pose is not None or known.start_marks is not None or not inference.finds_start:
+        if info.initial_pose is not None or info.initial_annotations is not None or not inference.finds_start:
             start, sentence = start_poses(prior, body, clip)
             if sentence:
                 log.info(sentence)
     return Parts(clip, body, prior, inference, start)
 
 
-def _only_camera(known: Known) -> Camera:
-    if len(known.cameras) != 1:
-        raise InputError(f"prior: limbs flip before one camera, found {len(known.cameras)}")
-    return known.cameras[0]
+def _only_camera(info: SequenceInfo) -> Camera:
+    if len(info.cameras) != 1:
+        raise InputError(f"prior: limbs flip before one camera, found {len(info.cameras)}")
+    return info.cameras[0]
 
 
-def _check_skeletons(known: Known, body: Body, prior: Prior | None) -> None:
+def _check_skeletons(info: SequenceInfo, body: Body, prior: Prior | None) -> None:
     """Raise InputError where dataset, body and prior do not share one skeleton."""
-    if known.body is not None and known.body.skeleton.names != body.skeleton.names:
+    if info.body is not None and info.body.skeleton.names != body.skeleton.names:
         raise InputError("body: dataset.skeleton=full shows every joint of the motion file: choose body=dataset")
     if unknown := [name for name in (prior.parameters if prior else ()) if name not in body.skeleton.dof_names]:
         raise InputError(
@@ -108,7 +108,7 @@ class Meter:
     """Measures the errors of the steps of one run, in their order."""
 
     def __init__(self, parts: Parts) -> None:
-        self._body, self._parameters, self._scale = parts.body, parts.parameters, parts.clip.known.scale
+        self._body, self._parameters, self._scale = parts.body, parts.parameters, parts.clip.info.scale
         self._acceleration = AccelerationError(parts.body.skeleton, parts.parameters)
         self._markers = MarkerOffsets(parts.body.skeleton, parts.parameters)
         self._first = True  # given, not tracked

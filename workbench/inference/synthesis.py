@@ -10,11 +10,11 @@ from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.core.capabilities import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
+from workbench.core.capabilities import ALL_JOINTS, FIT, LOOKAHEAD_WINDOWS, START, UNIFORM_WEIGHTS, Traits, offering
 from workbench.core.checks import at_least, check
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.core.keys import keeps_keys
+from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior
 from workbench.core.side_information import LEAD_IN
 from workbench.core.step import Step
@@ -61,12 +61,12 @@ class _Recorded(Prior, Protocol):
         """Return this prior, drawing from the windows kept (n,) alone."""
 
 
-@keeps_keys
+@records_arguments
 class Synthesis:
     """Draws one motion from a prior, a frame at a time: an inference that looks at no image.
 
-    known: has the lead-in, poses (F, P) up to the start. An implicit prior takes its first window from the last d + 1
-    of them at the library's rate; where they are too few, it searches windows that end near the pose, and the first
+    info: has the pose history, poses (F, P) up to the start. An implicit prior takes its first window from the last d +
+    1 of them at the library's rate; where they are too few, it searches windows that end near the pose, and the first
     step warns. Other priors start from the pose alone.
 
     smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
@@ -84,20 +84,20 @@ class Synthesis:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
-        ahead = (FOLLOWERS,) if keys.get("look_ahead") else ()
-        return offering(EVEN_WEIGHTS, FIT, dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
+        ahead = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
+        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, info=LEAD_IN, without=ALL_JOINTS)
 
     finds_start: ClassVar[bool] = False
 
     def __init__(
-        self, prior: Prior, body: Body, known: Known | None = None, *, smoothing_s: float = 0.1,
+        self, prior: Prior, body: Body, info: SequenceInfo | None = None, *, smoothing_s: float = 0.1,
         look_ahead: int = 0, foot_contact: bool = True,
     ) -> None:  # fmt: skip
         self.smoothing_s, self.look_ahead = smoothing_s, look_ahead
         check("inference", self, smoothing_s=at_least(0), look_ahead=at_least(0))
         self.prior = _with_followers(prior, look_ahead) if look_ahead else prior
         self.skeleton, self.space, self.foot_contact = body.skeleton, prior.space, foot_contact
-        self.known = Known("", 0) if known is None else known
+        self.info = SequenceInfo("", 0) if info is None else info
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
@@ -115,9 +115,9 @@ class Synthesis:
             raise InputError("inference: synthesis needs a pose to start from, found none")
         start = np.atleast_2d(start)[0]  # the likeliest of several
         smoother = Smoother(self.smoothing_s, np.radians(LIMIT_DEG))
-        before = start[None] if self.known.lead_in is None else self.known.lead_in
+        before = start[None] if self.info.pose_history is None else self.info.pose_history
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
-        activity = self.known.lead_in_activity if isinstance(self.prior, _Recorded) else None
+        activity = self.info.pose_history_activity if isinstance(self.prior, _Recorded) else None
         time_s, shown, state = 0.0, start, np.empty((0, 0))
         for count, frame in enumerate(frames):
             warnings, diagnostics, dt_s = tuple[str, ...](), dict[str, float](), frame.time_s - time_s
@@ -139,32 +139,32 @@ class Synthesis:
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
         """Return a state (1, D) at the pose (P,), and what there is to say about it."""
         if not isinstance(self.prior, _Recorded):
-            return self.prior.start(pose, 1, rng), ()
+            return self.prior.sample_initial(pose, 1, rng), ()
         library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
         poses = np.empty((0, len(pose)))
-        if self.known.lead_in is not None and self.known.rate_hz is not None:
-            poses = _backwards(self.known.lead_in, self.known.rate_hz, library_hz)[:n_poses][::-1]
+        if self.info.pose_history is not None and self.info.rate_hz is not None:
+            poses = _backwards(self.info.pose_history, self.info.rate_hz, library_hz)[:n_poses][::-1]
         if len(poses) == n_poses:
             return self.prior.start_after(poses, 1), ()
         sentence = (
             f"the motion before the start has {len(poses)} of the {n_poses} frames of an implicit prior's first "
             "window; started with a recorded window that ends near the pose"
         )
-        return self.prior.start(pose, 1, rng), (sentence,)
+        return self.prior.sample_initial(pose, 1, rng), (sentence,)
 
     def _advance(
         self, state: FloatArray, dt_s: float, rng: np.random.Generator
     ) -> tuple[FloatArray, dict[str, float], str | None]:
         """Return the state (1, D) dt_s seconds later, the step's diagnostics, and the activity of what was drawn."""
         if not isinstance(self.prior, _Recorded):
-            return self.prior.step(state, dt_s, rng), {}, None
-        same, drawn, known = True, None, self.known.lead_in_activity
+            return self.prior.sample_transition(state, dt_s, rng), {}, None
+        same, drawn, info = True, None, self.info.pose_history_activity
         for _ in range(self.prior.rows_in(dt_s)):
             state, entry = _draw(self.prior, state, self.look_ahead, rng)
             windows = self.prior.windows
             drawn = windows.activities[windows.clip_of[entry]]
-            same &= drawn == known
-        return state, {} if known is None else {"same_activity": float(same)}, drawn
+            same &= drawn == info
+        return state, {} if info is None else {"same_activity": float(same)}, drawn
 
 
 class Smoother:

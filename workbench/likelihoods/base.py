@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Evaluation, Likelihood, Look
+from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.utils.arrays import BoolArray, FloatArray
 
 Memory = TypeVar("Memory")
@@ -30,7 +30,7 @@ class PoseLook:
         finite = finite_rows(pose)
         return among_finite(self.name, finite, self.judge(those(pose, finite)))
 
-    def remember(self, expected_pose: FloatArray) -> Likelihood:
+    def update(self, expected_pose: FloatArray) -> Likelihood:
         """The likelihood of the next frame."""
         return self.then(expected_pose)
 
@@ -41,9 +41,9 @@ class Remembering(Generic[Memory]):
     the one before with that in mind."""
 
     memory: Memory
-    see: Callable[[Memory, Frame | None, Frame], Look]
+    see: Callable[[Memory, Frame | None, Frame], FrameLikelihood]
 
-    def look(self, previous: Frame | None, frame: Frame) -> Look:
+    def prepare(self, previous: Frame | None, frame: Frame) -> FrameLikelihood:
         """Look at a frame and the one before."""
         return self.see(self.memory, previous, frame)
 

@@ -74,7 +74,7 @@ class KeypointLikelihood:
         """Return one over the deviations (M,), 1/px, of keypoints with weights (M,)."""
         return np.asarray(np.sqrt(weights) / self.sigma_px)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Pick out the joints that were found; poses are all equally likely where there are none."""
         given = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]
         usable = [usable_keypoints(self.body.skeleton, *view) for view in given]

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.capabilities import DERIVATIVES, Traits, needs_of_all, offers_of_all
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Evaluation, Likelihood, Look
+from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
 from workbench.likelihoods.cues.limb_points import LimbLook, evaluate_together
@@ -58,9 +58,9 @@ class Product:
     def _used(self) -> dict[str, Likelihood]:
         return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
 
-    def look(self, previous: Frame | None, frame: Frame) -> "_ProductLook":
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_ProductLook":
         """Let every term with a weight look."""
-        return _ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
+        return _ProductLook(self, {name: term.prepare(previous, frame) for name, term in self._used.items()})
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
@@ -107,20 +107,20 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class _ProductLook:
-    """A look at one frame by the terms of a product: `looks`, by name, of those with a weight."""
+    """A look at one frame by the terms of a product: `frame_likelihoods`, by name, of those with a weight."""
 
     product: Product
-    looks: Mapping[str, Look]
+    frame_likelihoods: Mapping[str, FrameLikelihood]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Collect those of the terms."""
-        return tuple(note for look in self.looks.values() for note in look.notes)
+        return tuple(note for frame_likelihood in self.frame_likelihoods.values() for note in frame_likelihood.notes)
 
     @property
     def diagnostics(self) -> Mapping[str, float]:
         """Collect those of the terms, and a share of 0 for each."""
-        return _merged(self.looks.values()) | {f"share_{name}": 0.0 for name in self.looks}
+        return _merged(self.frame_likelihoods.values()) | {f"share_{name}": 0.0 for name in self.frame_likelihoods}
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
@@ -134,24 +134,26 @@ class _ProductLook:
     def _evaluations(self, previous_pose: FloatArray, pose: FloatArray) -> dict[str, Evaluation]:
         """Evaluate every term, together those that look at the limbs of one body."""
         bodies: dict[int, dict[str, LimbLook]] = {}
-        for name, look in self.looks.items():
-            if isinstance(look, LimbLook):
-                bodies.setdefault(id(look.body), {})[name] = look
+        for name, frame_likelihood in self.frame_likelihoods.items():
+            if isinstance(frame_likelihood, LimbLook):
+                bodies.setdefault(id(frame_likelihood.body), {})[name] = frame_likelihood
         together: dict[str, Evaluation] = {}
-        for looks in bodies.values():
-            together |= zip(looks, evaluate_together(list(looks.values()), pose), strict=True)
+        for frame_likelihoods in bodies.values():
+            together |= zip(frame_likelihoods, evaluate_together(list(frame_likelihoods.values()), pose), strict=True)
         return {
-            name: together[name] if name in together else look.evaluate(previous_pose, pose)
-            for name, look in self.looks.items()
+            name: together[name] if name in together else frame_likelihood.evaluate(previous_pose, pose)
+            for name, frame_likelihood in self.frame_likelihoods.items()
         }
 
-    def remember(self, expected_pose: FloatArray) -> Product:
+    def update(self, expected_pose: FloatArray) -> Product:
         """The product of what the terms remember; a term without a weight stays as it is."""
-        remembering = {name: look.remember(expected_pose) for name, look in self.looks.items()}
+        remembering = {
+            name: frame_likelihood.update(expected_pose) for name, frame_likelihood in self.frame_likelihoods.items()
+        }
         return replace(self.product, terms={**self.product.terms, **remembering})
 
 
-def _merged(parts: Iterable[Look | Evaluation]) -> dict[str, float]:
+def _merged(parts: Iterable[FrameLikelihood | Evaluation]) -> dict[str, float]:
     return {name: value for part in parts for name, value in part.diagnostics.items()}
 
 

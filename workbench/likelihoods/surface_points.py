@@ -69,7 +69,7 @@ class SurfacePoints:
         """The body's implicit surface."""
         return person_surface(self.body)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Pick out the finite points; poses are all equally likely where there are none."""
         given = np.empty((0, 3)) if frame.points is None else frame.points
         points = given[finite_rows(given)]

@@ -7,8 +7,8 @@ import numpy as np
 
 from workbench.body.skeleton import N_ROOT
 from workbench.core.capabilities import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers
+from workbench.core.keys import records_arguments
+from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.activities import ActivityModel
 from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
@@ -21,7 +21,7 @@ START_COEFFICIENTS, START_PHASE, START_POSITION, START_ROTATION, START_VELOCITY 
 LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists
 
 
-@keeps_keys
+@records_arguments
 class Activity(AllFree):
     """A prior over states {α, μ, speed of μ, root, root's velocity} of paper D's motion model, D = d + 11.
 
@@ -73,11 +73,11 @@ class Activity(AllFree):
         self._smoothness = smoothness(penalty)
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Its density, the motion model and the penalty of a fit."""
-        return Powers(self, self.model, self._smoothness, discrepancy=self.model.discrepancy)
+        return PriorCapabilities(self, self.model, self._smoothness, discrepancy=self.model.discrepancy)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the one whose pose comes nearest to a starting pose (P,)."""
         slices = self.space.slices
         state = self.nearest(pose) + self._start * rng.standard_normal((n, len(self.space)))
@@ -89,7 +89,7 @@ class Activity(AllFree):
         state[:, slices["root_velocity"]] = np.column_stack([c * along - s * sideways, s * along + c * sideways, up])
         return state
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
         noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma * rng.standard_normal(state.shape)
         moved: FloatArray = self._predicted(state, dt_s) + noise

@@ -10,8 +10,8 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
 from workbench.core.discrepancy import Discrepancy, widening
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers, Prior
+from workbench.core.keys import records_arguments
+from workbench.core.prior import Prior, PriorCapabilities
 from workbench.priors.density import REFERENCE_RATE_HZ, Appended
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -20,7 +20,7 @@ SIGMA, KEEP = 0.02, 0.9
 """Of a base that has not learned what it misses: 0.046 rad, 2.6°, in the long run."""
 
 
-@keeps_keys
+@records_arguments
 class Jitter(Appended):
     """The pose of another prior plus an offset δ for each of k joint angles, a first-order autoregression (AR):
 
@@ -61,24 +61,24 @@ class Jitter(Appended):
         if unknown := [name for name in base.parameters if name not in POSE_NAMES]:
             raise InputError(f"prior: jitter knows the person's 25 parameters, its base moves {unknown[0]}")
         super().__init__(base, "jitter", tuple(f"{name}_jitter" for name in moved), "rad")
-        self.sigma, self.keep = _autoregressions(moved, base.powers.discrepancy, sigma, keep)
+        self.sigma, self.keep = _autoregressions(moved, base.capabilities.discrepancy, sigma, keep)
         self.parameters = tuple(name for name in POSE_NAMES if name in {*base.parameters, *moved})
         self._angles = [POSE_NAMES.index(name) for name in moved]
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Pass on the base's: its density with the offsets', and its motion without them, which still finds a start.
 
         No smoothness, so that no fit takes the motion for all that this prior says.
         """
-        return replace(self.base.powers, density=self.density(), smoothness=None)
+        return replace(self.base.capabilities, density=self.density(), smoothness=None)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D): the base's around a starting pose (P,), with offsets as they are in the long run.
 
         The offsets are not fitted to the pose: what the base misses of it, they have to find.
         """
-        state = self.base.start(pose, n, rng)
+        state = self.base.sample_initial(pose, n, rng)
         offsets = self.sigma / np.sqrt(1.0 - self.keep**2) * rng.standard_normal((n, len(self._angles)))
         return np.concatenate([state, offsets], axis=1)
 

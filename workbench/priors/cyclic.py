@@ -11,8 +11,8 @@ import scipy
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers
+from workbench.core.keys import records_arguments
+from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import ROTATION
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.activities import ActivityModel
@@ -31,7 +31,7 @@ ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model
 _ROWS = 256  # states that are worth a thread
 
 
-@keeps_keys
+@records_arguments
 class Cyclic(AllFree):
     """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
 
@@ -95,17 +95,17 @@ class Cyclic(AllFree):
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Its density, the learned cycle as a motion model and the penalty of a fit."""
-        return Powers(self, self._motion, self._smoothness, discrepancy=self.model.discrepancy)
+        return PriorCapabilities(self, self._motion, self._smoothness, discrepancy=self.model.discrepancy)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the state whose pose comes nearest to a starting pose (P,)."""
         state = self.nearest(pose) + self._start * rng.standard_normal((n, len(self.space)))
         state[:, self.space.slices["phase"]] %= 1.0
         return state
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
         moved = rng.standard_normal(state.shape)  # in place from here on: of many states a copy takes as long as a draw
         moved *= np.sqrt(dt_s * REFERENCE_RATE_HZ)

@@ -30,7 +30,9 @@ class AllFree:
         """All columns (D,)."""
         return np.arange(len(self.space))
 
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_dependent(
+        self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> FloatArray:
         """Return the states (N, D) as they are."""
         return state
 
@@ -98,9 +100,9 @@ class Appended:
         """Return a, b and σ of the own columns, one for all or (k,), after `dt_s` seconds."""
         raise NotImplementedError
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        return self._appended(self.base.step(self.of_base(state), dt_s, rng), state, dt_s, rng)
+        return self._appended(self.base.sample_transition(self.of_base(state), dt_s, rng), state, dt_s, rng)
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the base's proposal where it has one, and the log weights (N,) that correct for it."""
@@ -113,7 +115,7 @@ class Appended:
 
     def density(self) -> "_AppendedDensity | None":
         """Return the density, where the base has one."""
-        base = self.base.powers.density
+        base = self.base.capabilities.density
         return None if base is None else _AppendedDensity(self, base)
 
     def _appended(self, moved: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -150,7 +152,9 @@ class _AppendedDensity:
         of_base = self.base.log_transition(self.prior.of_base(previous), self.prior.of_base(state), dt_s)
         return of_base + log_normal(change, np.full(change.shape[-1], sigma))
 
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_dependent(
+        self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> FloatArray:
         """Return the states (N, D) with the base's columns that follow from others drawn given those."""
-        completed = self.base.complete(self.prior.of_base(previous), self.prior.of_base(state), dt_s, rng)
+        completed = self.base.sample_dependent(self.prior.of_base(previous), self.prior.of_base(state), dt_s, rng)
         return np.concatenate([completed, state[:, self.prior.own]], axis=1)

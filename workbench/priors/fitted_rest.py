@@ -9,8 +9,8 @@ import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, needs_of_all, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers, Prior
+from workbench.core.keys import records_arguments
+from workbench.core.prior import Prior, PriorCapabilities
 from workbench.core.side_information import REST, TRAJECTORY
 from workbench.priors.density import Appended
 from workbench.utils.arrays import FloatArray
@@ -24,7 +24,7 @@ class Trajectory:
     poses: FloatArray
 
 
-@keeps_keys
+@records_arguments
 class Following(Appended):
     """Another prior's parameters, with all others as a known trajectory has them: an arm of a balancing person.
 
@@ -53,13 +53,13 @@ class Following(Appended):
         return self._ask()
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """The base's density, and where the trajectory begins."""
-        return Powers(density=self.density(), first_pose=lambda: self.trajectory.poses[0])
+        return PriorCapabilities(density=self.density(), first_pose=lambda: self.trajectory.poses[0])
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), when the trajectory begins."""
-        return np.concatenate([self.base.start(pose, n, rng), np.zeros((n, 1))], axis=1)
+        return np.concatenate([self.base.sample_initial(pose, n, rng), np.zeros((n, 1))], axis=1)
 
     def transition(self, dt_s: float) -> tuple[float, float, float]:
         """Let the time go on."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.capabilities import DENSITY, FOLLOWERS, Traits, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers
+from workbench.core.capabilities import DENSITY, LOOKAHEAD_WINDOWS, Traits, offering
+from workbench.core.keys import records_arguments
+from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import REST
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.windows import Windows, pose_rows
@@ -32,7 +32,7 @@ START_POSITION, START_ROTATION, START_ANGLES = 0.01, 0.02, 0.02  # deviations of
 MOST_EXAMPLES = 2000
 
 
-@keeps_keys
+@records_arguments
 class Implicit:
     """The implicit prior over states {pose, c, what the last d − 1 rows add to the next coefficients} (C, section 4).
 
@@ -61,7 +61,7 @@ class Implicit:
         """Declare a density where the search is exact, and that what the database does not move stays."""
         density = (DENSITY,) if keys.get("search", "exact") == "exact" else ()
         moves_all = list(keys.get("angles") or ["body"]) == ["body"] and keys.get("root", True)
-        return offering(*density, FOLLOWERS, given=() if moves_all else (REST,))
+        return offering(*density, LOOKAHEAD_WINDOWS, given=() if moves_all else (REST,))
 
     def __init__(
         self, windows: Windows, *,
@@ -100,9 +100,9 @@ class Implicit:
         self._density = self._of_search()
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Its density, where the search is exact, and poses of its database."""
-        return Powers(density=self._density, examples=self._examples)
+        return PriorCapabilities(density=self._density, examples=self._examples)
 
     def searching(self, search: str, beta: float) -> "Implicit":
         """Exchange the prior's search and temperature."""
@@ -122,7 +122,7 @@ class Implicit:
         other._density = other._of_search()
         return other
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) at a starting pose (P,) with noise, and with the windows of entries that end near it.
 
         As in C, section 6, by a linear search: an entry counts exp(−½ Σ_a (ψ_a − pose_a)² / (START_BETA · s_a²)) over
@@ -142,7 +142,7 @@ class Implicit:
         memory = self.windows.memory(rows[None, ::-1][:, : self.windows.length])
         return np.repeat(np.concatenate([poses[-1:], memory], axis=1), n, axis=0)
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later.
 
         Raises InputError when dt_s is not a whole number of the library's frames (to 5 % of one).
@@ -150,7 +150,7 @@ class Implicit:
         return self._move(state, dt_s, rng, weigh=False)[0]
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """The draws (N, D) of `step` and their log weights (N,), which are zero without `reweight`."""
+        """The draws (N, D) of `sample_transition` and their log weights (N,), which are zero without `reweight`."""
         return self._move(state, dt_s, rng, weigh=self.reweight)
 
     def _move(

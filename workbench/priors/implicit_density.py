@@ -58,9 +58,10 @@ class ImplicitDensity:
     """p(pose_t | s_t−1) = Σ_i p(i | c_t−1) N(pose_t; m_i(s_t−1), Σ), m_i being where window i leads without noise.
 
     The windows i are those that the exact search finds, with the probabilities that it draws them with: this is the
-    density of `Implicit.step`'s draws; all other windows have the part `epsilon` of the mass of eq. 6 at most. Free are
-    the pose's columns, of which those that are not modelled have no noise. `complete` draws the window from p(i |
-    pose_t, c_t−1) and slides the memory on by the noise it implies. States must be one library frame apart."""
+    density of `Implicit.sample_transition`'s draws; all other windows have the part `epsilon` of the mass of eq. 6 at
+    most. Free are the pose's columns, of which those that are not modelled have no noise. `sample_dependent` draws the
+    window from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies. States must be one library frame
+    apart."""
 
     prediction: WindowPrediction
     tree: KdTree
@@ -97,7 +98,9 @@ class ImplicitDensity:
         same = (np.abs(after - before[:, :N_POSE])[:, held] <= SAME).all(axis=1)
         return np.where(same, density, -np.inf).reshape(shape)
 
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_dependent(
+        self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> FloatArray:
         """States (N, D) with their poses, and memories drawn given those. A pose that no window leads to gets one of
         those that the search finds."""
         self._one_row(dt_s)

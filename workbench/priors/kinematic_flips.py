@@ -14,8 +14,8 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core import capabilities
 from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, needs_of_all, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers, Prior, propose
+from workbench.core.keys import records_arguments
+from workbench.core.prior import Prior, PriorCapabilities, propose
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -29,7 +29,7 @@ _LOST = {capabilities.DENSITY, capabilities.ACTIVITY, capabilities.BODY_PARTS, c
 """Capabilities of the base that flips take away."""
 
 
-@keeps_keys
+@records_arguments
 class Flipping:
     """Another prior, under which forearms and calves may flip in depth:
 
@@ -37,9 +37,9 @@ class Flipping:
 
     F_l mirrors limb l in the plane through its upper end that faces the camera, by a new twist above and a new bend, so
     that its lower end is seen about where it was. Where the body's limits forbid that, F_l changes nothing. Left out:
-    whole arms and legs, whose flip also turns the next limb; velocities, which stay. `step` draws exactly. `propose`
-    lets a share of the particles flip and corrects their weights by π / share, those of the others by (1 − π) / (1 −
-    share).
+    whole arms and legs, whose flip also turns the next limb; velocities, which stay. `sample_transition` draws exactly.
+    `propose` lets a share of the particles flip and corrects their weights by π / share, those of the others by (1 − π)
+    / (1 − share).
 
     base: a prior with columns of its own for the joints' angles, such as `Smooth` (without limits on the limb's
     parameters that are narrower than the body's), or for offsets to them, such as `Jitter`. camera: gives the camera,
@@ -68,17 +68,17 @@ class Flipping:
         self._skeleton = person_skeleton(from_height(1.75))
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Pass on those of the base, without its density: which flip led to a state is not known."""
-        return replace(self.base.powers, density=None)
+        return replace(self.base.capabilities, density=None)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), as the base has them."""
-        return self.base.start(pose, n, rng)
+        return self.base.sample_initial(pose, n, rng)
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        return self.base.step(self._flipped(state, self._pi(dt_s), rng)[0], dt_s, rng)
+        return self.base.sample_transition(self._flipped(state, self._pi(dt_s), rng)[0], dt_s, rng)
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), a share of them from flipped states, and the log weights (N,) that correct for it."""

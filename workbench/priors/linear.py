@@ -8,7 +8,7 @@ import numpy as np
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, GAUSSIAN, offering
 from workbench.core.checks import POSITIVE, check
-from workbench.core.prior import RECORDED, Powers
+from workbench.core.prior import RECORDED, PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.linear_motion import N_POSE, POSTURE, LinearMotion, moved, velocities
 from workbench.priors.density import whole_frames
@@ -55,22 +55,22 @@ class Linear:
         }).appended("velocity", names, units)  # fmt: skip
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Its density, that of postures, and the penalty of a fit."""
-        return Powers(density=self, smoothness=RECORDED, postures=self.model.postures)
+        return PriorCapabilities(density=self, smoothness=RECORDED, postures=self.model.postures)
 
     @property
     def free(self) -> IntArray:
         """The pose's columns."""
         return np.arange(N_POSE)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw N states (N, 50) around a starting pose (P,), with velocities as people in such postures have."""
         mean, covariance = self.start_moments(pose)
         return mean + rng.standard_normal((n, 2 * N_POSE)) @ np.linalg.cholesky(covariance).T
 
     def start_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean (50,) and covariance (50, 50) of what `start` draws."""
+        """Return mean (50,) and covariance (50, 50) of what `sample_initial` draws."""
         model, covariance = self.model, np.zeros((2 * N_POSE, 2 * N_POSE))
         speeds = model.start_gain @ pose[POSTURE] + model.start_offset
         spread = np.full(N_POSE, START_ANGLES)
@@ -79,7 +79,7 @@ class Linear:
         covariance[N_POSE:, N_POSE:] = model.start_covariance
         return np.concatenate([pose, speeds]), covariance
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Draw once from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later.
 
         Raises InputError when dt_s is not a whole number of the model's frames (to 5 % of one).
@@ -118,7 +118,9 @@ class Linear:
         scale = np.log(np.sqrt(2.0 * np.pi) * np.diag(self._root) / self.model.rate_hz).sum()
         return np.asarray(-0.5 * (white**2).sum(axis=-1) - scale)
 
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_dependent(
+        self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> FloatArray:
         """Return states (N, D) with the velocities that led to their poses."""
         speeds = velocities(previous[:, :N_POSE], state[:, :N_POSE], self.model.rate_hz)
         return np.concatenate([state[:, :N_POSE], speeds], axis=1)

@@ -12,8 +12,8 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
-from workbench.core.keys import keeps_keys
-from workbench.core.prior import Powers
+from workbench.core.keys import records_arguments
+from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import REST
 from workbench.core.state_space import StateSpace
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
@@ -38,7 +38,7 @@ SIGMA_VELOCITY = MappingProxyType({
 """σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change between frames in 24 of CMU's clips, half walks."""
 
 
-@keeps_keys
+@records_arguments
 class Smooth(AllFree):
     """Constant velocity within hard limits for k of the pose's P parameters (paper A, section 6.1):
 
@@ -103,11 +103,11 @@ class Smooth(AllFree):
         self._pose_columns = [self.space.names.index(name) for name in POSE_NAMES]
 
     @property
-    def powers(self) -> Powers:
+    def capabilities(self) -> PriorCapabilities:
         """Its density and the penalty of a fit."""
-        return Powers(density=self, smoothness=self._smoothness)
+        return PriorCapabilities(density=self, smoothness=self._smoothness)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), within the limits, with velocities around zero.
 
         A parameter that starts outside its limits starts just inside, which is logged as a warning.
@@ -130,7 +130,7 @@ class Smooth(AllFree):
         """The states (N, D) of given poses (N, P) with given velocities (N, P), m/s and rad/s."""
         return np.take(np.concatenate([poses, velocities], axis=1), self._taken, axis=1)
 
-    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         low, high = self.limits.T
@@ -152,7 +152,8 @@ class Smooth(AllFree):
         return moved
 
     def start_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (D,) and covariance (D, D) of what `start` draws, but for the limits and what starts anywhere."""
+        """Mean (D,) and covariance (D, D) of what `sample_initial` draws, but for the limits and what starts
+        anywhere."""
         mean = self.enter(pose[None], np.zeros((1, len(POSE_NAMES))))[0]
         moving = self.space.slices["pose"]
         mean[moving] = np.clip(mean[moving], *self.limits.T)

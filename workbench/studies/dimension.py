@@ -120,11 +120,11 @@ class BodyAngles:
 
     def start(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw states (n, D) around the standing pose."""
-        return self.prior.start(self.pose, n, rng)
+        return self.prior.sample_initial(self.pose, n, rng)
 
     def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Draw states a frame later from the smooth prior."""
-        return self.prior.step(state, 1.0 / RATE_HZ, rng)
+        return self.prior.sample_transition(state, 1.0 / RATE_HZ, rng)
 
     def angles(self, state: FloatArray) -> FloatArray:
         """Return the moving angles (n, d), rad."""

@@ -5,7 +5,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.capabilities import IMAGES, START, offering
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 
 
@@ -18,8 +18,8 @@ class Nodding:
         self.shape, self.n_frames = from_height(height_m), n_frames
         self.camera = plain_camera(160, 120, 175.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0))
         start = self.pose(0)
-        self.known = Known(
-            "nodding", n_frames, cameras=(self.camera,), shape=self.shape, start_pose=start, rate_hz=30.0
+        self.info = SequenceInfo(
+            "nodding", n_frames, cameras=(self.camera,), shape=self.shape, initial_pose=start, rate_hz=30.0
         )
 
     def pose(self, index):

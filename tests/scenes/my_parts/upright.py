@@ -9,11 +9,11 @@ class Upright:
     def __init__(self, *, sigma_rad: float = 0.1) -> None:
         self.sigma_rad = sigma_rad
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return self
 
     def evaluate(self, previous_pose, pose):
         return Evaluation(-0.5 * ((pose[:, 4:6] / self.sigma_rad) ** 2).sum(axis=1))
 
-    def remember(self, expected_pose):
+    def update(self, expected_pose):
         return self

@@ -109,7 +109,7 @@ def words(folder, marks="keypoints"):
     return ["check-calibration", "dataset=video", *keys, "dataset.rate_hz=10", "-o", str(folder / "out")]
 
 
-@pytest.mark.parametrize("marks", ["keypoints", "start_marks", "eval_marks"])
+@pytest.mark.parametrize("marks", ["keypoints", "initial_annotations", "eval_marks"])
 def test_a_video_is_checked_whatever_its_annotations_are_for(folder, capsys, marks):
     assert main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
     said = capsys.readouterr().out

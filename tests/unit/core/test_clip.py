@@ -7,7 +7,7 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.core import frame_cache as clip_module
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.utils.errors import InputError
@@ -21,10 +21,10 @@ class Film:
     """Frames with an image each, and a note of every one that is decoded; the frame `broken` cannot be."""
 
     def __init__(self, n_frames, broken=None):
-        self.known, self.broken, self.decoded = Known("film", n_frames), broken, []
+        self.info, self.broken, self.decoded = SequenceInfo("film", n_frames), broken, []
 
     def frames(self):
-        for index in range(self.known.n_frames):
+        for index in range(self.info.n_frames):
             if index == self.broken:
                 raise InputError(f"film: frame {index} cannot be decoded")
             self.decoded.append(index)
@@ -38,7 +38,7 @@ def indices(frames):
 def test_every_frame_is_decoded_once_when_it_is_asked_for():
     film = Film(5)
     clip = FrameCache(film)
-    assert (len(clip), clip.known, film.decoded) == (5, film.known, [])
+    assert (len(clip), clip.info, film.decoded) == (5, film.info, [])
     first = next(iter(clip))
     assert film.decoded == [0]
     assert indices(clip) == indices(clip) == list(range(5))
@@ -97,7 +97,7 @@ def test_everyone_meets_a_frame_that_cannot_be_decoded(most_bytes):
 def test_what_a_dataset_refuses_to_know_is_refused_at_once():
     class Unknown:
         @property
-        def known(self):
+        def info(self):
             raise InputError("unknown: no such file")
 
     with pytest.raises(InputError, match="no such file"):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 
 
 def covariance(rng, d, scale=1.0):
@@ -17,7 +17,7 @@ def covariance(rng, d, scale=1.0):
 
 def made(rng, n_parts=3, a=4):
     weights = rng.dirichlet(np.full(n_parts, 5.0))
-    return Postures(
+    return PosePrior(
         weights, rng.standard_normal((n_parts, a)), np.array([covariance(rng, a, 0.3) for _ in range(n_parts)])
     )
 

@@ -5,7 +5,7 @@ import pytest
 from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 
 from workbench.body.shape import from_height
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.datasets.blank import Blank
 from workbench.datasets.person import of_dataset, of_height
 from workbench.datasets.rendering.surroundings import passing_board
@@ -17,10 +17,10 @@ from workbench.utils.errors import InputError
 
 def test_the_start_is_the_motions_and_the_lead_in_ends_there():
     motion = find_motion("builtin", data=None, rate_hz=30.0)
-    known = Blank(first_frame=7).known
-    assert (known.start_pose == motion.poses[7]).all()
-    assert (known.lead_in == motion.poses[:8]).all()
-    assert known.lead_in_activity == motion.activity
+    known = Blank(first_frame=7).info
+    assert (known.initial_pose == motion.poses[7]).all()
+    assert (known.pose_history == motion.poses[:8]).all()
+    assert known.pose_history_activity == motion.activity
     assert known.rate_hz == 30.0
     assert np.array_equal(known.shape.as_dict(), motion.shape.as_dict())
     assert motion.name in known.name
@@ -31,7 +31,7 @@ BODY = full_body(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)), SHAPE)
 
 
 def test_a_dataset_with_a_body_of_its_own_is_tracked_on_it():
-    twice = of_dataset(Known("clip", 1, shape=SHAPE, body=BODY), scale=2.0)
+    twice = of_dataset(SequenceInfo("clip", 1, shape=SHAPE, body=BODY), scale=2.0)
     np.testing.assert_allclose(twice.skeleton.offsets, 2.0 * BODY.skeleton.offsets)
     np.testing.assert_allclose(twice.limbs.radii, 2.0 * BODY.limbs.radii)
     np.testing.assert_allclose(twice.limbs.lengths, 2.0 * BODY.limbs.lengths)
@@ -39,14 +39,14 @@ def test_a_dataset_with_a_body_of_its_own_is_tracked_on_it():
 
 
 def test_a_dataset_that_measured_its_person_gives_them():
-    taller = of_dataset(Known("clip", 1, shape=SHAPE), scale=1.1)
+    taller = of_dataset(SequenceInfo("clip", 1, shape=SHAPE), scale=1.1)
     assert len(taller.skeleton.dof_names) == 25
     assert taller.shape.thigh == pytest.approx(1.1 * SHAPE.thigh)
 
 
 def test_who_is_not_known_is_refused():
     with pytest.raises(InputError, match="does not know the person's size; choose body=height"):
-        of_dataset(Known("clip", 1))
+        of_dataset(SequenceInfo("clip", 1))
 
 
 def test_somebody_of_a_height_may_have_neck_and_feet():

@@ -37,7 +37,7 @@ def images(dataset):
 @pytest.mark.parametrize("made", MADE.values(), ids=MADE)
 def test_by_default_person_and_camera_are_not_those_told_and_the_truth_is_theirs(made):
     dataset = made()
-    known, frame = dataset.known, next(dataset.frames())
+    known, frame = dataset.info, next(dataset.frames())
     told = joints(person_skeleton(known.shape), frame.truth.pose[None])[0]
     apart = np.linalg.norm(frame.truth.joints - told, axis=1)
     assert 0.002 < apart.max() < 0.08  # bones of half a metre are off by 3 % at most, and three lie one after another
@@ -50,7 +50,7 @@ def test_by_default_person_and_camera_are_not_those_told_and_the_truth_is_theirs
 @pytest.mark.parametrize("made", MADE.values(), ids=MADE)
 def test_an_exact_scene_tells_the_truth(made):
     dataset = made(exact=True)
-    known, frame = dataset.known, next(dataset.frames())
+    known, frame = dataset.info, next(dataset.frames())
     assert np.array_equal(frame.truth.joints, joints(person_skeleton(known.shape), frame.truth.pose[None])[0])
     assert frame.truth.cameras == ()
     assert not known.departures
@@ -61,8 +61,8 @@ def test_every_departure_is_seen_where_it_should_be_and_only_there():
     for name, size in USUAL.items():
         dataset = Synthetic(**SMALL, person_px=70.0, **only(**{name: size}))
         shown = not np.array_equal(images(dataset), images(plain))
-        camera = not np.array_equal(dataset.known.cameras[0].translation, dataset.view_camera.translation)
-        start = not np.array_equal(dataset.known.start_pose, plain.known.start_pose)
+        camera = not np.array_equal(dataset.info.cameras[0].translation, dataset.view_camera.translation)
+        start = not np.array_equal(dataset.info.initial_pose, plain.info.initial_pose)
         expected = (name in ("lengths", "radii", "profile", "clothes_m"), "camera" in name, "start" in name)
         assert (shown, camera, start) == expected, name
 
@@ -158,7 +158,7 @@ def test_any_skeleton_departs_bone_by_bone_with_its_limbs_and_stands_as_tall():
 
 def test_who_is_shown_has_feet_of_their_own_whatever_a_tracker_is_told():
     told, plain = MADE["synthetic"](feet=True), MADE["synthetic"]()
-    assert len(told.known.body.limbs) == 15
-    assert plain.known.body is None
+    assert len(told.info.body.limbs) == 15
+    assert plain.info.body is None
     assert told._key() == plain._key()
     assert np.array_equal(images(told), images(plain))

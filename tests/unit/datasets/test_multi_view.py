@@ -57,7 +57,7 @@ def dataset(scene, **given):
 
 def test_every_frame_has_a_view_of_every_camera_and_the_shortest_ends_it(scene):
     found = dataset(scene, first_frame=1)
-    assert (found.known.n_frames, found.known.name) == (4, "left, right")
+    assert (found.info.n_frames, found.info.name) == (4, "left, right")
     frames = list(found.frames())
     assert [frame.index for frame in frames] == [1, 2, 3, 4]
     head = JOINT_NAMES.index("left_shoulder")
@@ -97,7 +97,7 @@ def test_who_is_followed_is_chosen_in_one_view_for_all(scene, tmp_path):
         np.testing.assert_allclose(heads(person), [[100.0 + t, 150.0 + t] for t in range(5)])
     for person in (None, 1, {"right": 0}):  # the surest, as they are as large as each other
         np.testing.assert_allclose(heads(person), [[250.0 + t, 300.0 + t] for t in range(5)])
-    found = dataset(scene, keypoints=folders).known
+    found = dataset(scene, keypoints=folders).info
     assert found.counted == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}
     assert found.has_keypoints
     for person, said in (
@@ -107,7 +107,7 @@ def test_who_is_followed_is_chosen_in_one_view_for_all(scene, tmp_path):
         ({"middle": 0}, "some of left, right"),
     ):
         with pytest.raises(InputError, match=said):
-            _ = dataset(scene, keypoints=folders, person=person).known
+            _ = dataset(scene, keypoints=folders, person=person).info
 
 
 @pytest.mark.parametrize(("first", "metres"), [(0, [1, 2, 3, np.nan]), (2, [np.nan, 0, 1, 2])])
@@ -133,7 +133,7 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
 )
 def test_what_does_not_fit_together_is_refused(scene, given, said):
     with pytest.raises(InputError, match=said):
-        _ = dataset(scene, **given).known
+        _ = dataset(scene, **given).info
 
 
 def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(scene, tmp_path):
@@ -144,8 +144,8 @@ def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(sce
             cv2.imwrite(str(folder / f"{t}.png"), np.zeros((300, width, 3), np.uint8))
         if refused:
             with pytest.raises(InputError, match="images are 380×300, expected the 400×300"):
-                _ = dataset(scene, sources={"left": str(folder)}, keypoints={}).known
+                _ = dataset(scene, sources={"left": str(folder)}, keypoints={}).info
         else:
             with pytest.warns(UserWarning, match="397×300 are stretched to the camera's 400×300"):
-                _ = (stretched := dataset(scene, sources={"left": str(folder)}, keypoints={}, scale=0.5)).known
+                _ = (stretched := dataset(scene, sources={"left": str(folder)}, keypoints={}, scale=0.5)).info
             assert next(stretched.frames()).views[0].image.shape == (150, 200, 3)

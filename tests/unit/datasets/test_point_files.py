@@ -167,9 +167,9 @@ def test_a_folder_is_read_in_natural_order_in_its_unit(tmp_path):
     points = [rng.standard_normal((4 + i, 3)) for i in range(12)]
     dataset = PointFiles(str(folder_of(tmp_path, points, 0.001)), rate_hz=20.0, unit="mm")
     frames = list(dataset.frames())
-    known = dataset.known
+    known = dataset.info
     assert (known.n_frames, known.name, known.shape) == (12, tmp_path.name, None)
-    assert (known.start_pose, known.start_marks, known.phase_ends) == (None, None, None)
+    assert (known.initial_pose, known.initial_annotations, known.phase_ends) == (None, None, None)
     for i, (frame, expected) in enumerate(zip(frames, points, strict=True)):
         assert (frame.index, frame.time_s, frame.views, frame.truth) == (i, pytest.approx(i / 20.0), (), None)
         assert np.allclose(frame.points, expected)
@@ -183,13 +183,13 @@ def test_a_million_points_are_thinned_with_a_sentence(tmp_path):
             ply_header("binary_little_endian", len(points), [kind]).encode() + points.tobytes()
         )
     with pytest.warns(UserWarning, match=r"2 of 2 frames have more than 3000 .* frame_1.ply with 1000000"):
-        _ = (dataset := PointFiles(str(tmp_path), most_points=3000)).known
+        _ = (dataset := PointFiles(str(tmp_path), most_points=3000)).info
     first, second = (frame.points for frame in dataset.frames())
     assert first.shape == (3000, 3)
     assert np.isin(first.astype(np.float32)[:, 0], points[:, 0]).all()
     assert not np.array_equal(first, second)  # each frame its own
     with pytest.warns(UserWarning, match="thinned"):
-        _ = (again := PointFiles(str(tmp_path), most_points=3000)).known
+        _ = (again := PointFiles(str(tmp_path), most_points=3000)).info
     assert np.array_equal(first, next(again.frames()).points)
 
 
@@ -203,14 +203,14 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     for i, frame in enumerate(dataset.frames()):
         assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
         assert frame.truth.activity == "walk"
-    assert dataset.known.shape == motion.shape
+    assert dataset.info.shape == motion.shape
     # 3 cm and 0.05 rad; a normal number is beyond 5 deviations once in two million
-    assert 0.0 < np.abs(dataset.known.start_pose - motion.poses[8]).max() < 0.25
-    assert dataset.known.phase_ends[1] > dataset.known.phase_ends[0]
+    assert 0.0 < np.abs(dataset.info.initial_pose - motion.poses[8]).max() < 0.25
+    assert dataset.info.phase_ends[1] > dataset.info.phase_ends[0]
     with pytest.raises(InputError, match="start=given needs the truth"):
-        _ = PointFiles(folder, start="given").known
+        _ = PointFiles(folder, start="given").info
     with pytest.raises(InputError, match=r"lasts 6\.0\d s"):
-        _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-100).known
+        _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-100).info
 
 
 def test_some_frames_are_as_they_are_among_all(tmp_path):
@@ -239,7 +239,7 @@ def test_folders_without_points_are_named(tmp_path, files, words):
     for name in files:
         (tmp_path / name).touch()
     with pytest.raises(InputError) as caught:
-        _ = PointFiles(str(tmp_path)).known
+        _ = PointFiles(str(tmp_path)).info
     assert all(word in str(caught.value) for word in [str(tmp_path), *words])
 
 
@@ -250,8 +250,8 @@ def test_other_sources_are_named(tmp_path):
         file.create_group("frames/0")
     for name, words in (("nowhere", "a folder"), ("none.h5", "/frames, found none"), ("group.h5", "/frames/0")):
         with pytest.raises(InputError, match=words):
-            _ = PointFiles(str(tmp_path / name)).known
+            _ = PointFiles(str(tmp_path / name)).info
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "a.ply").mkdir()
     with pytest.raises(InputError, match="expected a file, found a folder"):
-        _ = PointFiles(str(tmp_path / "sub")).known
+        _ = PointFiles(str(tmp_path / "sub")).info

@@ -54,7 +54,7 @@ def refusal(dataset, keys, folder):
         np.savez(folder / "frame_0.npz", points=np.ones((2, 3)))
         keys = {"source": str(folder), **keys}
     with pytest.raises(InputError) as caught:
-        _ = dataset(**keys).known
+        _ = dataset(**keys).info
     assert "\n" not in str(caught.value)
     return str(caught.value)
 

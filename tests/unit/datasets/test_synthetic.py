@@ -28,15 +28,15 @@ def images(dataset):
 def test_frames_carry_pictures_and_truth():
     dataset = scene(first_frame=7, rate_hz=25.0)
     frames = list(dataset.frames())
-    assert len(frames) == dataset.known.n_frames == 3
+    assert len(frames) == dataset.info.n_frames == 3
     assert [frame.index for frame in frames] == [7, 8, 9]
     assert frames[1].time_s == pytest.approx(8 / 25.0)
     for frame in frames:
         assert frame.views[0].image.shape == (120, 160)
         assert frame.views[0].image.dtype == np.uint8
-        expected = joints(person_skeleton(dataset.known.shape), frame.truth.pose[None])[0]
+        expected = joints(person_skeleton(dataset.info.shape), frame.truth.pose[None])[0]
         assert np.array_equal(frame.truth.joints, expected)
-    assert np.array_equal(dataset.known.start_pose, frames[0].truth.pose)
+    assert np.array_equal(dataset.info.initial_pose, frames[0].truth.pose)
 
 
 def test_the_person_is_where_the_truth_says():
@@ -45,7 +45,7 @@ def test_the_person_is_where_the_truth_says():
     frame = next(dataset.frames())
     rows, columns = np.nonzero(frame.views[0].image != 125)
     pixels = dataset.view_camera.project(frame.truth.joints)
-    radius_px = 70.0 / 1.75 * dataset.known.shape.head_radius + 1.0  # the largest distance from a joint to the outline
+    radius_px = 70.0 / 1.75 * dataset.info.shape.head_radius + 1.0  # the largest distance from a joint to the outline
     head = JOINT_NAMES.index("head_centre")
     assert rows.min() == pytest.approx(pixels[head, 1] - radius_px, abs=2.0)
     assert columns.min() > pixels[:, 0].min() - radius_px
@@ -60,11 +60,11 @@ def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view
         warnings.simplefilter("ignore", UserWarning)  # views along the walk have to step back
         dataset = scene(n_frames=40, path=path, view_deg=view_deg)
     camera, motion = dataset.view_camera, dataset._used_motion
-    pixels = camera.project(joints(person_skeleton(dataset.known.shape), motion.poses))
+    pixels = camera.project(joints(person_skeleton(dataset.info.shape), motion.poses))
     assert (pixels > 0.05 * np.array([160, 120]) - 1.0).all()
     assert (pixels < 0.95 * np.array([160, 120])).all()
-    way, look = motion.poses[-1, :2] - motion.poses[0, :2], camera.rotation[2, :2]
-    angle = np.degrees(np.arctan2(way[0] * look[1] - way[1] * look[0], way @ look))
+    way, frame_likelihood = motion.poses[-1, :2] - motion.poses[0, :2], camera.rotation[2, :2]
+    angle = np.degrees(np.arctan2(way[0] * frame_likelihood[1] - way[1] * frame_likelihood[0], way @ frame_likelihood))
     assert (angle - view_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-6)
     assert camera.rotation[2, 2] == pytest.approx(0.0)  # level
 
@@ -124,10 +124,10 @@ def test_a_clip_of_a_library(tmp_path):
     motions = builtin_motions(2, seed=3)
     write_library(tmp_path / "lib.h5", motions)
     dataset = scene(motion=f"{tmp_path / 'lib.h5'}:{motions[1].name}", rate_hz=60.0)
-    assert np.array_equal(dataset.known.start_pose, motions[1].poses[0])
-    assert dataset.known.shape == motions[1].shape
+    assert np.array_equal(dataset.info.initial_pose, motions[1].poses[0])
+    assert dataset.info.shape == motions[1].shape
     with pytest.raises(InputError, match=r"no motion called 'nobody', expected one of walker_00_straight, "):
-        _ = scene(motion=f"{tmp_path / 'lib.h5'}:nobody").known
+        _ = scene(motion=f"{tmp_path / 'lib.h5'}:nobody").info
 
 
 def test_a_camera_from_a_file(tmp_path):
@@ -147,7 +147,7 @@ translation = [0.0, 1.0, {depth}]
     assert (picture != 125).any()
     file.write_text(template.format(depth=-4.0))
     with pytest.raises(InputError, match="'wide' never sees the person"):
-        _ = scene(camera=str(file)).known
+        _ = scene(camera=str(file)).info
 
 
 def test_without_a_cache_that_can_be_written_the_images_are_the_same_and_it_is_said_once(tmp_path, caplog):

@@ -50,7 +50,7 @@ def scene(tmp_path):
 
 
 def video(scene, **parameters):
-    marked = ("start_marks", "eval_marks", "keypoints")
+    marked = ("initial_annotations", "eval_marks", "keypoints")
     files = {name: str(scene / value) for name, value in parameters.items() if name in marked}
     source = scene / parameters.pop("source", "images")
     camera = scene / parameters.pop("camera", "camera.toml")
@@ -59,7 +59,7 @@ def video(scene, **parameters):
 
 def refusal(scene, **parameters):
     with pytest.raises(InputError) as caught:
-        _ = video(scene, **parameters).known
+        _ = video(scene, **parameters).info
     return str(caught.value)
 
 
@@ -70,31 +70,34 @@ def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
     assert [int(frame.views[0].image[0, 0, 0]) for frame in frames] == list(range(2, 11))  # img_10 after img_9
     assert frames[0].views[0].image[0, 0, 2] == 200  # RGB: blue is last
     assert frames[3].time_s == pytest.approx(5 / 25.0)
-    assert dataset.known.n_frames == 9
+    assert dataset.info.n_frames == 9
     assert [frame.index for frame in dataset.frames()] == list(range(2, 11))  # a second time
-    assert video(scene).known.n_frames == 12
+    assert video(scene).info.n_frames == 12
     assert [frame.index for frame in video(scene, first_frame=2).frames()] == list(range(2, 12))
 
 
 def test_marks_become_the_start_and_the_truth(scene):
-    dataset = video(scene, first_frame=3, start_marks="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
-    (start,) = dataset.known.start_marks.keypoints
+    dataset = video(scene, first_frame=3, initial_annotations="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
+    (start,) = dataset.info.initial_annotations.keypoints
     assert np.array_equal(start[NECK], [31.0, 23.0, 1.0])
     assert np.array_equal(start[ANKLE], [10.5, 40.0, 0.2])
     assert np.isnan(np.delete(start, [NECK, ANKLE], axis=0)).all()
     truths = {frame.index: frame.truth for frame in dataset.frames()}
     assert [index for index, truth in truths.items() if truth is not None] == [3, 10]
     assert np.array_equal(truths[3].marks[ANKLE], [10.5, 40.0])
-    assert truths[3].marks_visible[NECK]
-    assert not truths[3].marks_visible[ANKLE]
+    assert truths[3].annotations_visible[NECK]
+    assert not truths[3].annotations_visible[ANKLE]
     assert np.isfinite(truths[10].marks).sum() == 2
 
 
 def test_marks_of_later_frames_may_help_the_start(scene):
-    marks = video(scene, first_frame=3, start_marks="marks.csv", start_last=10).known.start_marks
+    marks = video(scene, first_frame=3, initial_annotations="marks.csv", start_last=10).info.initial_annotations
     assert marks.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
     assert np.array_equal(marks.keypoints[1, NECK], [5.0, 6.0, 1.0])
-    assert len(video(scene, first_frame=3, start_marks="marks.csv", start_last=9).known.start_marks.times_s) == 1
+    assert (
+        len(video(scene, first_frame=3, initial_annotations="marks.csv", start_last=9).info.initial_annotations.times_s)
+        == 1
+    )
 
 
 def test_marks_become_keypoints_but_for_those_held_out(scene):
@@ -116,14 +119,14 @@ def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
     blob = np.exp(-((x - 40.0) ** 2 + (y - 30.0) ** 2) / (2.0 * 4.0**2))
     cv2.imwrite(str(scene / "images" / "img_0.png"), np.repeat((250.0 * blob).astype(np.uint8)[..., None], 3, axis=2))
     (scene / "blob.csv").write_text("frame,joint,u,v,visible\n0,neck,40,30,1\n")
-    dataset = video(scene, scale=scale, start_marks="blob.csv")
+    dataset = video(scene, scale=scale, initial_annotations="blob.csv")
     view = next(dataset.frames()).views[0]
     assert view.image.shape == (view.camera.height, view.camera.width, 3)
     weights = view.image[..., 0].astype(float)
     rows, columns = np.mgrid[0 : view.camera.height, 0 : view.camera.width]
     centroid = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
     # Rounding to 8 bits moves the centroid by some hundredths of a pixel; half a pixel would show a wrong convention.
-    neck = dataset.known.start_marks.keypoints[0, NECK, :2]
+    neck = dataset.info.initial_annotations.keypoints[0, NECK, :2]
     assert neck == pytest.approx(centroid, abs=0.1)
     full = load_cameras(scene / "camera.toml")[0]
     point = full.rotation.T @ (np.array([(40 - 31.0) / 80.0, (30 - 23.0) / 80.0, 1.0]) * 4.0 - full.translation)
@@ -139,7 +142,7 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
     writer.release()
     dataset = video(scene, source="film.avi", first_frame=2, rate_hz=None)
     frames = list(dataset.frames())
-    assert dataset.known.rate_hz == 20.0
+    assert dataset.info.rate_hz == 20.0
     assert [frame.index for frame in frames] == [2, 3, 4, 5, 6, 7]
     for frame in frames:  # JPEG changes grey levels by a few
         assert frame.views[0].image.mean() == pytest.approx(20 * frame.index + 10, abs=4)
@@ -166,8 +169,11 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"scale": 0.0}, ["scale"]),
         ({"scale": 0.1}, ["scale", "6×5"]),
         ({"hidden_weight": 2.0}, ["hidden_weight"]),
-        ({"start_marks": "marks.csv"}, ["no marks in frame 0", "3, 10"]),
-        ({"start_marks": "marks.csv", "first_frame": 3, "start_last": 2}, ["start_last", "first_frame, 3", "found 2"]),
+        ({"initial_annotations": "marks.csv"}, ["no marks in frame 0", "3, 10"]),
+        (
+            {"initial_annotations": "marks.csv", "first_frame": 3, "start_last": 2},
+            ["start_last", "first_frame, 3", "found 2"],
+        ),
         ({"keypoints": "marks.csv", "held_out": [4]}, ["no marks in frame 4", "held out"]),
     ],
 )
@@ -185,7 +191,7 @@ def test_images_must_be_images_of_the_cameras_size(scene):
     with pytest.raises(InputError, match="img_4"):
         list(video(scene).frames())
     (scene / "images" / "img_4.png").unlink()
-    _ = (dataset := video(scene)).known
+    _ = (dataset := video(scene)).info
     (scene / "images" / "img_11.png").unlink()
     with pytest.raises(InputError, match="ends before frame 10"):
         list(dataset.frames())

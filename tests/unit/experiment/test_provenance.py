@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.core.keys import keeps_keys, kept
+from workbench.core.keys import kept, records_arguments
 from workbench.experiment import provenance as module
 from workbench.experiment.provenance import code_state, described, has_commit, identity
 from workbench.likelihoods.keypoints import Keypoints
@@ -194,7 +194,7 @@ def test_arrays_are_written_out_or_identified():
 
 
 def test_a_decorated_class_keeps_what_it_was_built_with():
-    part = keeps_keys(type("Own", (Forgetful,), {}))(spent=5.0)
+    part = records_arguments(type("Own", (Forgetful,), {}))(spent=5.0)
     assert kept(part) == {"kept": 1.0, "spent": 5.0}
     assert described(part)["spent"] == 5.0
     assert kept(Keypoints) == {}

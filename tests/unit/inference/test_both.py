@@ -12,7 +12,7 @@ from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
-from workbench.core.likelihood import LayeredLook, Slope
+from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.gaussian_state import OWN_M, PIXELS_SAY, of_both, shares
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.priors.smooth import Smooth
@@ -51,7 +51,7 @@ def odds_by_distance(pose, other):
 @pytest.mark.parametrize("seed", range(3))
 def test_limbs_are_weighed_by_how_likely_the_pixels_are_with_them(seed):
     pose, other = two_poses(seed)
-    assert isinstance(Image(), LayeredLook)
+    assert isinstance(Image(), DenseLikelihood)
     other = pose + 0.02 * other  # as far apart as looks are
     told, apart = shares(Image(), SKELETON, [ARM, LEG], pose, other), odds_by_distance(pose, other)
     for limb, likelier in ((ARM, 1.0), (LEG, 2.0)):
@@ -72,8 +72,8 @@ def test_the_earlier_look_counts_less_the_farther_it_is(metres, share):
 @pytest.mark.parametrize("seed", range(3))
 def test_neither_body_is_preferred(seed):
     pose, other = two_poses(seed)
-    look = Image(together=3.0)
-    one, two = (shares(look, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose)))
+    frame_likelihood = Image(together=3.0)
+    one, two = (shares(frame_likelihood, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose)))
     apart, middle = odds_by_distance(pose, other), 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
     pixels = np.exp(PIXELS_SAY * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
     np.testing.assert_allclose(one[ARM] / (1.0 - one[ARM]), apart * pixels)
@@ -81,11 +81,11 @@ def test_neither_body_is_preferred(seed):
 
 
 def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
-    (pose, other), look = two_poses(0), Image()
+    (pose, other), frame_likelihood = two_poses(0), Image()
     pose[ARM], other[ARM] = 0.0, 1.0
-    look.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
+    frame_likelihood.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
     for poses, share in (((pose, other), 1.0), ((other, pose), 0.0)):
-        np.testing.assert_array_equal(shares(look, SKELETON, [ARM], *poses)[ARM], share)
+        np.testing.assert_array_equal(shares(frame_likelihood, SKELETON, [ARM], *poses)[ARM], share)
 
 
 def test_whole_turns_are_no_difference():
@@ -123,7 +123,7 @@ class Twice(Image):
         super().__init__()
         self.place, self.pixels = place, pixels
 
-    def relearned(self, frame, poses):
+    def refitted(self, frame, poses):
         return Twice(-self.place, PIXELS)
 
     def compare(self, poses, moved):
@@ -147,7 +147,7 @@ def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_fo
         return np.array([step.expected_pose[ARM] for step in filtered.run(frames, start, streams)])
 
     silent = Twice(np.full(len(ARM), 0.1))
-    silent.relearned = lambda frame, poses: Twice(-silent.place)
+    silent.refitted = lambda frame, poses: Twice(-silent.place)
     first, second = np.repeat(start[None], 2, axis=0)
     first[ARM], second[ARM] = silent.place, -silent.place
     apart = odds_by_distance(second, first)

@@ -7,7 +7,7 @@ import pytest
 from linear_gaussian import MEAN0, LookOf, Memoryless, Position, TwoJoints, frames, simulate, streams
 
 from workbench.core.filter_state import Past
-from workbench.core.step import Continuing
+from workbench.core.step import Resumable
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
@@ -43,10 +43,10 @@ class Drifting(Memoryless):
     def log_prob(self, previous, frame, previous_pose, pose):
         return Position(self.measured - self.learned).log_prob(previous, frame, previous_pose, pose)
 
-    def look(self, previous, frame):
-        look = LookOf(self, previous, frame)
-        look.remember = lambda expected: Drifting(self.measured, 0.9 * self.learned + 0.1 * expected[0])
-        return look
+    def prepare(self, previous, frame):
+        frame_likelihood = LookOf(self, previous, frame)
+        frame_likelihood.remember = lambda expected: Drifting(self.measured, 0.9 * self.learned + 0.1 * expected[0])
+        return frame_likelihood
 
 
 def inference(wrapper, move, n=N, measured=None):
@@ -72,8 +72,8 @@ def assert_same_bits(found, expected):
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 def test_from_any_frame_on_the_bits_are_the_runs(wrapper, move):
     one = inference(wrapper, move)
-    assert isinstance(one, Continuing)
-    assert one.continues
+    assert isinstance(one, Resumable)
+    assert one.resumable
     whole = list(one.run(frames(T), MEAN0, streams(0)))
     for k in (1, 2, T // 2, T - 2, T - 1, T):
         found = list(one.run(frames(T), past(whole[:k]), streams(7)))  # whose streams are set to where the run's were

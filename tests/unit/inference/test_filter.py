@@ -44,10 +44,10 @@ class Remembers:
     """Carries what the filter told it from frame to frame, and notes the frames that it is asked to look at."""
 
     told: tuple = ()
-    looks: list = field(default_factory=list)
+    frame_likelihoods: list = field(default_factory=list)
 
-    def look(self, previous, frame):
-        self.looks.append((previous, frame, self.told))
+    def prepare(self, previous, frame):
+        self.frame_likelihoods.append((previous, frame, self.told))
         return RemembersLook(self, previous, frame)
 
 
@@ -66,9 +66,9 @@ class RemembersLook:
         assert self.previous is not None
         return Evaluation(pose[:, 0], ("judged", "judged"))
 
-    def remember(self, expected_pose):
+    def update(self, expected_pose):
         told = (*self.likelihood.told, (self.frame.index, expected_pose))
-        return Remembers(told, self.likelihood.looks)
+        return Remembers(told, self.likelihood.frame_likelihoods)
 
 
 def run(n_particles, seed, measured, **options):
@@ -79,8 +79,11 @@ def run(n_particles, seed, measured, **options):
 def test_what_is_remembered_is_what_was_expected_and_looks_are_made_once():
     given, likelihood = frames(4), Remembers()
     steps = list(ParticleFilter(LinearPrior(), likelihood, n_particles=20).run(given, MEAN0, streams(1)))
-    assert [(before, frame) for before, frame, _ in likelihood.looks] == [(None, given[0]), *pairwise(given)]
-    for (index, pose), step in zip(likelihood.looks[-1][2], steps, strict=False):
+    assert [(before, frame) for before, frame, _ in likelihood.frame_likelihoods] == [
+        (None, given[0]),
+        *pairwise(given),
+    ]
+    for (index, pose), step in zip(likelihood.frame_likelihoods[-1][2], steps, strict=False):
         assert index == step.frame.index
         np.testing.assert_array_equal(pose, step.expected_pose)
     assert likelihood.told == ()  # what it remembers is another
@@ -205,7 +208,7 @@ def test_particles_are_let_go_of_once_they_have_children():
 def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_prior_proposed():
     class Proposes(LinearPrior):
         def propose(self, state, dt_s, rng):
-            return self.step(state, dt_s, rng), np.linspace(-2.0, 1.0, len(state))
+            return self.sample_transition(state, dt_s, rng), np.linspace(-2.0, 1.0, len(state))
 
     inference = ParticleFilter(Proposes(), Constant(-np.inf), n_particles=40)
     for step in inference.run(frames(3), MEAN0, streams(5)):
@@ -214,7 +217,7 @@ def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_pr
 
 def test_steps_keep_their_states_where_a_prior_hands_back_what_it_was_given():
     class Stays(LinearPrior):
-        def step(self, state, dt_s, rng):
+        def sample_transition(self, state, dt_s, rng):
             return state
 
     steps = list(ParticleFilter(Stays(), Constant(0.0), n_particles=40).run(frames(4), MEAN0, streams(5)))

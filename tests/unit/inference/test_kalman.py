@@ -12,7 +12,7 @@ from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.inference.ekf.levenberg_marquardt import climb, tails
 from workbench.likelihoods.uniform import Uniform
@@ -49,12 +49,12 @@ def model(rng):
 class Seen(MadeUpLook):
     """A likelihood that sees every number of a pose with noise, but for the first frame; its misfit widens nothing."""
 
-    levels, judges = 1, False
+    levels, informative = 1, False
 
     def __init__(self, marks, frame=None):
         self.marks, self.at = marks, frame
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return type(self)(self.marks, frame.index)
 
     def slope(self, pose, level):
@@ -68,10 +68,10 @@ class Seen(MadeUpLook):
 def setting(n_frames=6):
     rng = np.random.default_rng(1)
     prior = Linear(model(rng))
-    state = prior.start(np.zeros(N), 1, rng)
+    state = prior.sample_initial(np.zeros(N), 1, rng)
     marks = [state[0, :N]]
     for _ in range(n_frames - 1):
-        state = prior.step(state, DT_S, rng)
+        state = prior.sample_transition(state, DT_S, rng)
         marks.append(state[0, :N] + SIGMA * rng.standard_normal(N))
     frames = [Frame(k, k * DT_S, (), None) for k in range(n_frames)]
     return prior, np.array(marks), frames
@@ -118,7 +118,7 @@ def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
 
 def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_as_before():
     prior, marks, frames = setting()
-    taken = Postures(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])
+    taken = PosePrior(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])
     drawn = Linear(replace(prior.model, postures=taken))
     options = {"flatten": 1.0, "sudden": 1e-12, "n_particles": 40_000}
     before = run(Kalman(drawn, Seen(marks), BODY, **options), frames)
@@ -137,7 +137,7 @@ def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_
 class Otherwise(Seen):
     """A likelihood that sees its marks elsewhere when it looks again."""
 
-    def relearned(self, frame, poses):
+    def refitted(self, frame, poses):
         return Seen(self.marks + 0.02)
 
 
@@ -185,12 +185,12 @@ def test_constant_velocity_is_a_gaussian_prior():
     middle = np.zeros(N)
     middle[6:] = 0.5 * (prior.limits[6:].sum(axis=1))
     mean, covariance = prior.start_moments(middle)
-    drawn = prior.start(middle, 20000, rng)
+    drawn = prior.sample_initial(middle, 20000, rng)
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=5.0 * np.sqrt(np.diag(covariance) / 20000).max())
     np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.05)
     state = np.concatenate([middle, np.zeros(N)])
     noise = prior.noise_covariance(state, DT_S)
-    stepped = prior.step(np.repeat(state[None], 20000, axis=0), DT_S, rng)
+    stepped = prior.sample_transition(np.repeat(state[None], 20000, axis=0), DT_S, rng)
     np.testing.assert_allclose(stepped.std(axis=0), np.sqrt(np.diag(noise)), rtol=0.05)
     assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
 
@@ -272,13 +272,13 @@ def test_a_climb_stays_within_limits():
 class Misfit(Seen):
     """Knows its slope, and fits what the left knee moves badly, or nothing."""
 
-    judges = True
+    informative = True
 
     def __init__(self, marks, knee, frame=None):
         super().__init__(marks, frame)
         self.knee = knee
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return Misfit(self.marks, self.knee, frame.index)
 
     def misfit(self, pose):
@@ -298,7 +298,7 @@ def test_it_goes_on_from_any_frame_to_the_same_bits():
     prior, marks, frames = setting()
     kalman = Kalman(prior, Seen(marks), BODY, second_pass=False, n_particles=10)
     whole = list(kalman.run(frames, marks[0], rng_streams(0)))
-    assert kalman.continues
+    assert kalman.resumable
     for k in range(1, len(frames)):
         past = Past(np.stack([step.memory.expected for step in whole[:k]]), whole[k - 1].memory)
         found = list(kalman.run(frames, past, rng_streams(7)))
@@ -308,6 +308,6 @@ def test_it_goes_on_from_any_frame_to_the_same_bits():
             np.testing.assert_array_equal(one.memory.arrays["covariance"], other.memory.arrays["covariance"])
             assert one.log_evidence == other.log_evidence
     both = Kalman(prior, Seen(marks), BODY)
-    assert not both.continues
+    assert not both.resumable
     with pytest.raises(InputError, match="second_pass=false"):
         list(both.run(frames, past, rng_streams(0)))

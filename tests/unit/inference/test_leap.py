@@ -9,7 +9,7 @@ from made_up_looks import MadeUpLook
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
-from workbench.core.likelihood import LayeredLook, Slope
+from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.gaussian_state import GaussianState, smoothed
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.inference.ekf.limb_reinitialization import LEAST_GAIN, cost, is_better, leap
@@ -43,20 +43,20 @@ def elsewhere(by=0.6):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_an_arm_that_is_elsewhere_is_found_there(seed):
-    look = Image(elsewhere(), 80.0)
-    assert isinstance(look, LayeredLook)
-    found = leap(look, SKELETON, ARM, standing(), standing(), np.random.default_rng(seed))
-    np.testing.assert_allclose(found[ARM], look.place, atol=0.3)
+    frame_likelihood = Image(elsewhere(), 80.0)
+    assert isinstance(frame_likelihood, DenseLikelihood)
+    found = leap(frame_likelihood, SKELETON, ARM, standing(), standing(), np.random.default_rng(seed))
+    np.testing.assert_allclose(found[ARM], frame_likelihood.place, atol=0.3)
     others = np.setdiff1d(np.arange(25), ARM)
     np.testing.assert_array_equal(found[others], standing()[others])
-    names = [SKELETON.names[k] for k in np.flatnonzero(look.asked[0])]
+    names = [SKELETON.names[k] for k in np.flatnonzero(frame_likelihood.asked[0])]
     assert names == ["left_shoulder", "left_elbow", "left_wrist"]
 
 
 def test_an_arm_that_is_where_it_was_thought_to_be_stays():
-    look = Image(standing()[ARM], 80.0, wide=0.1)
-    assert leap(look, SKELETON, ARM, standing(), standing(), np.random.default_rng(0)) is None
-    assert len(look.asked) == 1  # nowhere else is worth a closer look
+    frame_likelihood = Image(standing()[ARM], 80.0, wide=0.1)
+    assert leap(frame_likelihood, SKELETON, ARM, standing(), standing(), np.random.default_rng(0)) is None
+    assert len(frame_likelihood.asked) == 1  # nowhere else is worth a closer look
 
 
 def test_a_little_likelier_is_not_enough():
@@ -67,16 +67,16 @@ def test_a_little_likelier_is_not_enough():
     found = standing()
     found[ARM] = place
     for height, expected in ((1.1 * least, True), (0.9 * least, False)):
-        look = Image(place, height, wide=0.05)
-        assert is_better(look, len(SKELETON.names), standing(), found, ARM, standing()) is expected
-        assert look.asked[0].all()
+        frame_likelihood = Image(place, height, wide=0.05)
+        assert is_better(frame_likelihood, len(SKELETON.names), standing(), found, ARM, standing()) is expected
+        assert frame_likelihood.asked[0].all()
 
 
 def test_what_is_found_is_within_the_limits():
     limits = SKELETON.limits[ARM]
     below, above = standing()[ARM] - limits[:, 0], limits[:, 1] - standing()[ARM]
-    look = Image(np.where(below < above, limits[:, 0] - 0.3, limits[:, 1] + 0.3), 300.0, wide=1.0)
-    found = leap(look, SKELETON, ARM, standing(), standing(), np.random.default_rng(0))
+    frame_likelihood = Image(np.where(below < above, limits[:, 0] - 0.3, limits[:, 1] + 0.3), 300.0, wide=1.0)
+    found = leap(frame_likelihood, SKELETON, ARM, standing(), standing(), np.random.default_rng(0))
     assert found is not None
     assert ((found[ARM] >= limits[:, 0]) & (found[ARM] <= limits[:, 1])).all()
 
@@ -112,7 +112,7 @@ class Likelihood(Image):
         super().__init__(elsewhere(), 80.0)
         self.frame, self.leapt = None, set()
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         self.frame = frame.index
         return self
 

@@ -33,11 +33,11 @@ class Twice(IsDensity):
     def _each(self, move, state):
         return np.concatenate([move(state[:, :2]), move(state[:, 2:])], axis=1)
 
-    def start(self, pose, n, rng):
-        return self._each(lambda mean: LinearPrior().start(mean, n, rng), pose[None])
+    def sample_initial(self, pose, n, rng):
+        return self._each(lambda mean: LinearPrior().sample_initial(mean, n, rng), pose[None])
 
-    def step(self, state, dt_s, rng):
-        return self._each(lambda half: LinearPrior().step(half, dt_s, rng), state)
+    def sample_transition(self, state, dt_s, rng):
+        return self._each(lambda half: LinearPrior().sample_transition(half, dt_s, rng), state)
 
     def mean(self, state, dt_s):
         return self._each(lambda half: LinearPrior().mean(half, dt_s), state)

@@ -5,7 +5,7 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 from workbench.inference.least_squares.limb_flips import FLIP_SIGMA_M, LIMBS, stretches, turned
 from workbench.inference.least_squares.residuals import (
     balance_residual,
@@ -23,7 +23,7 @@ LEFT_LEG = [SKELETON.dof(f"left_{name}") for name in ("hip_flexion", "hip_abduct
 
 
 WIDE = np.eye(21) + 0.5
-POSTURES = Postures(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), WIDE]))
+POSTURES = PosePrior(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), WIDE]))
 """Two: one that is narrow, and one whose angles go together."""
 
 

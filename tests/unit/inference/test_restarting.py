@@ -46,10 +46,10 @@ def blind(frames):
 def run(scene, make, frames):
     """Errors, px, of every frame, the width of a forearm, and the steps that started anew."""
     dataset, prior, _ = scene
-    body = person(dataset.known.shape)
+    body = person(dataset.info.shape)
     cues = {"background": Background(body, FrameCache(dataset)), "appearance": Appearance(body)}
     likelihood = Product(cues, dict.fromkeys(cues, 0.5))
-    steps = list(make(prior, likelihood, body).run(frames, dataset.known.start_pose, streams(0)))
+    steps = list(make(prior, likelihood, body).run(frames, dataset.info.initial_pose, streams(0)))
     errors = [step_errors(step, body) for step in steps]
     anew = [step for step in steps if step.diagnostics.get("restarted") == 1.0]
     return np.array([error["error_px"] for error in errors]), errors[-1]["forearm_px"], anew

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_up_looks import MadeUpLook
 
-from workbench.core.likelihood import LayeredLook, Slope
+from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.dense_refinement import settle
 from workbench.inference.ekf.levenberg_marquardt import tails
 
@@ -38,47 +38,49 @@ def scene(seed, sharp, unseen=0):
     precision = (own * np.repeat([0.01, 100.0], [unseen, D - unseen])) @ own.T
     mean, points, layers = 0.3 * rng.standard_normal((3, D))
     prior = tails(mean, covariance, np.zeros(D, dtype=np.int64), 1e-300)  # so unlikely that it is Gaussian
-    look = Image(points, precision, layers, sharp)
-    assert isinstance(look, LayeredLook)
+    frame_likelihood = Image(points, precision, layers, sharp)
+    assert isinstance(frame_likelihood, DenseLikelihood)
     alone = np.linalg.inv(covariance) + precision
     start = np.linalg.solve(alone, np.linalg.solve(covariance, mean) + precision @ points)
-    return look, prior, start, alone, own[:, :unseen]
+    return frame_likelihood, prior, start, alone, own[:, :unseen]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_it_climbs_to_the_peak_of_three_gaussians(seed):
-    look, prior, start, alone, _ = scene(seed, 500.0)
-    pose, slope, count = settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)
-    expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * look.layers)
+    frame_likelihood, prior, start, alone, _ = scene(seed, 500.0)
+    pose, slope, count = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
+    expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * frame_likelihood.layers)
 
     def below(place):
         off = place - expected
         return 0.5 * off @ (alone + 500.0 * np.eye(D)) @ off
 
     assert below(pose) < 0.02 * below(start)  # what is shared off the axes is not looked at
-    assert slope.log_prob == look.slope(pose, 1).log_prob
-    assert count == look.asked
+    assert slope.log_prob == frame_likelihood.slope(pose, 1).log_prob
+    assert count == frame_likelihood.asked
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
-    look, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
-    pose, _, count = settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)
+    frame_likelihood, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
+    pose, _, count = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
     moved = np.abs(pose - start).max()
     np.testing.assert_allclose(unseen.T @ (pose - start), 0.0, atol=1e-6 * moved)
     assert moved > 0.01
-    assert count == look.asked
+    assert count == frame_likelihood.asked
 
 
 def test_it_stays_at_the_peak_of_the_points_where_layers_say_nothing():
-    look, prior, start, *_ = scene(0, 0.0)
-    np.testing.assert_array_equal(settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)[0], start)
+    frame_likelihood, prior, start, *_ = scene(0, 0.0)
+    np.testing.assert_array_equal(
+        settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)[0], start
+    )
 
 
 def test_it_keeps_within_limits():
-    look, prior, start, *_ = scene(1, 500.0)
+    frame_likelihood, prior, start, *_ = scene(1, 500.0)
     limits = np.stack([start - 0.01, start + 0.01], axis=1)
-    pose, _, _ = settle(look, prior, start, look.slope(start, 1), limits, JOINTS)
+    pose, _, _ = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), limits, JOINTS)
     assert (pose >= limits[:, 0]).all()
     assert (pose <= limits[:, 1]).all()
     assert (pose != start).any()

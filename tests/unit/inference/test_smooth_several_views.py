@@ -12,8 +12,8 @@ from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
-from workbench.core.pose_prior import Postures
-from workbench.core.prior import Powers, Smoothness
+from workbench.core.pose_prior import PosePrior
+from workbench.core.prior import PriorCapabilities, Smoothness
 from workbench.core.residual import Loss, robust
 from workbench.inference.initialization.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
@@ -84,7 +84,9 @@ def test_one_camera_is_told_by_the_postures_that_people_take_how_limbs_lie_in_de
     shown, likelihood = frames(SKELETON, times, poses, CAMERAS[:1], 1.0), KeypointLikelihood(BODY)
     known, far = poses[:, 4:].mean(axis=0), np.full(21, 0.8)
     covariances = np.array([np.cov(poses[:, 4:].T) + 0.05**2 * np.eye(21), 0.2 * np.eye(21)])
-    knows = SimpleNamespace(powers=Powers(postures=Postures(np.array([0.1, 0.9]), np.array([known, far]), covariances)))
+    knows = SimpleNamespace(
+        capabilities=PriorCapabilities(postures=PosePrior(np.array([0.1, 0.9]), np.array([known, far]), covariances))
+    )
     rng = np.random.default_rng(0)
     (before, *_), (after, *_) = (
         LeastSquares(BODY, likelihood, prior).fit_frames(shown, None, rng) for prior in (None, knows)

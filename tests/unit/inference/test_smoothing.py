@@ -160,10 +160,10 @@ def test_bands_of_enough_ancestors_hold_the_truth_as_often_as_they_say(name):
 class Forgets(Position):
     """Judges as `Position`, but knows of no measurement after its frame any more."""
 
-    def look(self, previous, frame):
-        look = LookOf(Position(self.measured), previous, frame)
-        look.remember = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
-        return look
+    def prepare(self, previous, frame):
+        frame_likelihood = LookOf(Position(self.measured), previous, frame)
+        frame_likelihood.remember = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
+        return frame_likelihood
 
 
 def test_paths_are_judged_by_the_look_that_the_filter_had():

@@ -10,10 +10,10 @@ from least_squares_scenes import SineModel
 from view_scenes import CAMERAS, errors_mm, frames, swinging
 
 from workbench.body.kinematics import joints
-from workbench.core.dataset import Known
-from workbench.core.frame import MarkedFrames
+from workbench.core.dataset import SequenceInfo
+from workbench.core.frame import AnnotatedFrames
 from workbench.core.frame_cache import FrameCache
-from workbench.core.prior import Powers
+from workbench.core.prior import PriorCapabilities
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
 from workbench.inference.initialization.poses import (
     placed_costs,
@@ -33,18 +33,18 @@ SKELETON = BODY.skeleton
 STREAMS = ("start", "prior", "resampling")
 
 
-def prior(**powers):
-    return SimpleNamespace(powers=Powers(**powers))
+def prior(**capabilities):
+    return SimpleNamespace(capabilities=PriorCapabilities(**capabilities))
 
 
 def clip(shown=(), **known):
     """A clip of frames of which that is known."""
     known = {"cameras": (CAMERA,), **known}
-    return FrameCache(SimpleNamespace(known=Known("clip", len(shown), **known), frames=lambda: iter(shown)))
+    return FrameCache(SimpleNamespace(info=SequenceInfo("clip", len(shown), **known), frames=lambda: iter(shown)))
 
 
 def marked(times_s, poses, **noise):
-    return MarkedFrames(np.asarray(times_s), keypoints(poses, **noise))
+    return AnnotatedFrames(np.asarray(times_s), keypoints(poses, **noise))
 
 
 def apart_px(poses, truth, camera=CAMERA):
@@ -63,15 +63,15 @@ def examples():
 
 def test_a_pose_that_the_prior_knows_comes_before_all_others():
     own, given = np.full(25, 1.0), np.full(25, 2.0)
-    for known in ({"start_pose": given}, {}):
+    for known in ({"initial_pose": given}, {}):
         poses, said = start_poses(prior(first_pose=lambda: own, motion=SineModel()), BODY, clip(**known))
         assert (poses is own, said) == (True, "")
 
 
 def test_nothing_to_start_from_is_refused():
-    for powers in ({}, {"motion": SineModel()}, {"examples": examples}):
+    for capabilities in ({}, {"motion": SineModel()}, {"examples": examples}):
         with pytest.raises(InputError, match=r"no starting pose: mark joints .*dataset.start=given"):
-            start_poses(prior(**powers), BODY, clip())
+            start_poses(prior(**capabilities), BODY, clip())
 
 
 # Marked joints, by a cyclic motion.
@@ -79,7 +79,9 @@ def test_nothing_to_start_from_is_refused():
 
 def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
     times, _, truth = walk(1, heading=2.8)
-    pose, _ = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
+    pose, _ = start_poses(
+        prior(motion=SineModel(), examples=examples), BODY, clip(initial_annotations=marked(times, truth))
+    )
     assert pose.shape == (25,)
     assert apart_px(pose, truth[0]) < 2.0  # the pull of style and lean against marks of 4 px
     assert errors_mm(SKELETON, pose[None], truth) < 50.0  # mostly depth, which one camera hardly sees
@@ -88,9 +90,9 @@ def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
 def test_marks_of_several_frames_tell_the_pace_of_the_phase():
     times, _, truth = walk(11, heading=2.8, rate_hz=0.95)
     few = [0, 3, 10]
-    shown = clip(start_marks=marked(times[few], truth[few]), scale=0.5)
+    shown = clip(initial_annotations=marked(times[few], truth[few]), scale=0.5)
     pose, said = start_poses(prior(motion=SineModel()), BODY, shown)
-    fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.known.start_marks)
+    fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.info.initial_annotations)
     assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
     assert np.array_equal(pose, fit.pose)
     assert f"{fit.rate_hz:.2f} cycles/s" in said
@@ -108,7 +110,7 @@ def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
     truth[:4] = [0.3, 0.2, 0.95, 2.0]
     rows = np.column_stack([camera.project(joints(SKELETON, truth[None]))[0], np.ones(15)])
     rows[4] = np.nan  # one of them was not marked
-    shown = clip(cameras=(camera,), start_marks=MarkedFrames(np.zeros(1), rows[None]))
+    shown = clip(cameras=(camera,), initial_annotations=AnnotatedFrames(np.zeros(1), rows[None]))
     poses, said = start_poses(prior(examples=lambda: known), BODY, shown)
     assert apart_px(poses, truth, camera)[0] < 2.0
     assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
@@ -153,7 +155,7 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
     if several:
         times[-1] = 2.0  # too late to say anything about the first frame
         truth[-1] = 0.0
-    poses, said = start_poses(prior(), BODY, clip(start_marks=marked(times, truth, sigma_px=1.0)))
+    poses, said = start_poses(prior(), BODY, clip(initial_annotations=marked(times, truth, sigma_px=1.0)))
     assert apart_px(poses[:1], truth[0]) < 5.0
     low, high = SKELETON.limits.T
     assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
@@ -163,10 +165,10 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
 def test_too_few_marks_are_refused():
     rows = np.full((1, 15, 3), np.nan)
     rows[0, 1:4] = [300.0, 200.0, 1.0]
-    shown = clip(start_marks=MarkedFrames(np.zeros(1), rows))
-    for powers in ({"motion": SineModel()}, {"examples": examples}, {}):
+    shown = clip(initial_annotations=AnnotatedFrames(np.zeros(1), rows))
+    for capabilities in ({"motion": SineModel()}, {"examples": examples}, {}):
         with pytest.raises(InputError, match="found 3"):
-            start_poses(prior(**powers), BODY, shown)
+            start_poses(prior(**capabilities), BODY, shown)
 
 
 # Detected joints.
@@ -181,9 +183,9 @@ def test_detected_joints_come_before_what_a_prior_offers_and_no_frame_more_is_de
             decoded.append(frame.index)
             yield frame
 
-    known = Known("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
+    known = SequenceInfo("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
     offers = prior(motion=SineModel(), examples=examples)
-    poses, said = start_poses(offers, BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
+    poses, said = start_poses(offers, BODY, FrameCache(SimpleNamespace(info=known, frames=played)))
     assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
     assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
     assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there

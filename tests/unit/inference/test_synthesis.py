@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, person_skeleton
-from workbench.core.dataset import Known
+from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.inference import synthesis
 from workbench.inference.synthesis import (
@@ -51,7 +51,7 @@ def windows(motions):
 def until(motion, frame=AT, every=1):
     """What a dataset knows of the poses before the start."""
     poses = motion.poses[: frame + 1][::-every][::-1]
-    return Known("clip", 0, rate_hz=30.0 / every, lead_in=poses, lead_in_activity=motion.activity)
+    return SequenceInfo("clip", 0, rate_hz=30.0 / every, pose_history=poses, pose_history_activity=motion.activity)
 
 
 def frames(n, rate_hz=30.0):
@@ -62,9 +62,9 @@ def streams(seed=0):
     return {name: np.random.default_rng([seed, i]) for i, name in enumerate(("start", "prior"))}
 
 
-def run(prior, motion, n=20, lead_in=True, rate_hz=30.0, seed=0, **options):
+def run(prior, motion, n=20, pose_history=True, rate_hz=30.0, seed=0, **options):
     before = until(motion, every=round(30.0 / rate_hz))
-    inference = Synthesis(prior, person(motion.shape), before if lead_in else None, **{**PLAIN, **options})
+    inference = Synthesis(prior, person(motion.shape), before if pose_history else None, **{**PLAIN, **options})
     return list(inference.run(frames(n, rate_hz), motion.poses[AT], streams(seed)))
 
 
@@ -80,7 +80,7 @@ def test_frames_apart_by_several_of_the_librarys_take_several_draws(windows, mot
     state = first.particles
     for step in steps:
         for _ in range(3):
-            state = prior.step(state, 1 / 30, own)
+            state = prior.sample_transition(state, 1 / 30, own)
         assert (step.particles == state).all()
 
 
@@ -88,7 +88,7 @@ def test_the_lead_in_may_have_another_rate(windows, motions):
     """Which is that of the frames: 15 Hz, of which the library's 30 Hz is a multiple."""
     known = until(motions[1], every=2)
     inference = Synthesis(Implicit(windows, **CERTAIN), person(motions[1].shape), known, **PLAIN)
-    step = next(inference.run(frames(2, rate_hz=15.0), known.lead_in[-1], streams()))
+    step = next(inference.run(frames(2, rate_hz=15.0), known.pose_history[-1], streams()))
     (expected,) = run(Implicit(windows, **CERTAIN), motions[1], n=1)
     # the same window but for what a spline through half of it leaves, of coefficients in deviations
     assert step.particles == pytest.approx(expected.particles, abs=0.03)
@@ -98,18 +98,18 @@ def test_other_priors_take_their_own_steps(motions):
     prior = Smooth()
     steps = run(prior, motions[0], n=5)
     own = streams()
-    state = prior.start(motions[0].poses[AT], 1, own["start"])
+    state = prior.sample_initial(motions[0].poses[AT], 1, own["start"])
     for step in steps:
         assert step.expected_pose == pytest.approx(prior.pose(state)[0])  # times apart are rounded
         assert step.warnings == ()
         assert "same_activity" not in step.diagnostics
         assert step.activity is None
-        state = prior.step(state, 1 / 30, own["prior"])
+        state = prior.sample_transition(state, 1 / 30, own["prior"])
 
 
 def test_without_a_start_or_an_activity_there_is_nothing_to_compare_with(windows, motions):
     inference = Synthesis(
-        Implicit(windows), person(motions[0].shape), replace(until(motions[0]), lead_in_activity=None), **PLAIN
+        Implicit(windows), person(motions[0].shape), replace(until(motions[0]), pose_history_activity=None), **PLAIN
     )
     with pytest.raises(InputError, match="start"):
         list(inference.run(frames(2), None, streams()))
@@ -121,7 +121,7 @@ def test_a_start_from_the_pose_alone_is_told(windows, motions, monkeypatch):
     for name in ("POSITION", "ROTATION", "ANGLES"):
         monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", 0.0)
     prior = Implicit(windows, **STILL)
-    steps = run(prior, motions[0], lead_in=False)
+    steps = run(prior, motions[0], pose_history=False)
     assert "has 0 of the 11 frames" in steps[0].warnings[0]
     assert all(step.warnings == () for step in steps[1:])
     assert (steps[0].expected_pose == motions[0].poses[AT]).all()
@@ -169,7 +169,7 @@ def entries_drawn(prior, motion, monkeypatch, **options):
     monkeypatch.setattr(Implicit, "draw", spy)
     last = until(motion, len(motion) - 8)
     inference = Synthesis(prior, person(motion.shape), last, **{**PLAIN, **options})
-    list(inference.run(frames(6), last.lead_in[-1], streams()))
+    list(inference.run(frames(6), last.pose_history[-1], streams()))
     return np.array(drawn)
 
 

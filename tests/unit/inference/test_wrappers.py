@@ -19,7 +19,7 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.core.prior import Powers
+from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
@@ -84,7 +84,7 @@ def test_every_move_ends_the_run_where_nothing_explains_a_frame_if_told_to(move)
 @pytest.mark.parametrize("move", EXACT)
 def test_who_is_lost_is_found_by_every_move(move):
     class Anywhere(TwoJoints):
-        def start(self, pose, n, rng):
+        def sample_initial(self, pose, n, rng):
             return pose + np.array([10.0, 0.3]) * rng.uniform(-1.0, 1.0, (n, 2))
 
     n = REFERENCE_FRAMES + 15
@@ -103,21 +103,21 @@ class Follows(TwoJoints):
     space = StateSpace(("left_knee_flexion", "left_elbow_flexion", "change"), ("rad", "rad", ""), {})
     free = np.array([0, 1])
 
-    def start(self, pose, n, rng):
-        return np.column_stack([super().start(pose[:2], n, rng), np.zeros(n)])
+    def sample_initial(self, pose, n, rng):
+        return np.column_stack([super().sample_initial(pose[:2], n, rng), np.zeros(n)])
 
     def mean(self, state, dt_s):
         return np.column_stack([super().mean(state[:, :2], dt_s), np.full(len(state), 7.0)])
 
-    def step(self, state, dt_s, rng):
+    def sample_transition(self, state, dt_s, rng):
         moved = np.column_stack([super().mean(state[:, :2], dt_s), np.zeros(len(state))])
         moved[:, :2] += np.array([0.05, 0.2]) * rng.standard_normal((len(state), 2))
-        return self.complete(state, moved, dt_s, rng)
+        return self.sample_dependent(state, moved, dt_s, rng)
 
     def log_transition(self, previous, state, dt_s):
         return super().log_transition(previous[..., :2], state[..., :2], dt_s)
 
-    def complete(self, previous, state, dt_s, rng):
+    def sample_dependent(self, previous, state, dt_s, rng):
         return np.column_stack([state[:, :2], state[:, 0] - previous[:, 0]])
 
     def pose(self, state):
@@ -166,8 +166,8 @@ class Cycle(IsDensity):
     parameters, driven = NAMES, [0, 1, 3, 4, 5]
 
     @property
-    def powers(self):
-        return Powers(density=self, motion=SimpleNamespace())
+    def capabilities(self):
+        return PriorCapabilities(density=self, motion=SimpleNamespace())
 
     def _predicted(self, state, dt_s):
         moved = state.copy()
@@ -178,7 +178,7 @@ class Cycle(IsDensity):
     def predicted(self, state, dt_s):
         return self._predicted(state, dt_s)[:, self.driven], SIGMA[self.driven]
 
-    def start(self, pose, n, rng):
+    def sample_initial(self, pose, n, rng):
         """As the hybrid starts about a fit at rest."""
         noise = rng.standard_normal((n, 9))
         noise[:, self.driven] *= FIT_SIGMA
@@ -188,7 +188,7 @@ class Cycle(IsDensity):
     def mean(self, state, dt_s):
         return self._wrapped(self._predicted(state, dt_s))
 
-    def step(self, state, dt_s, rng):
+    def sample_transition(self, state, dt_s, rng):
         return self._wrapped(self._predicted(state, dt_s) + SIGMA * rng.standard_normal(state.shape))
 
     def log_transition(self, previous, state, dt_s):
@@ -233,7 +233,7 @@ def last(inference, start, seed):
 
 
 @pytest.fixture(scope="module")
-def known():
+def info():
     """By a plain filter with many particles."""
     plain = ParticleFilter(Cycle(), Root(), n_particles=100 * N)
     return np.mean([last(plain, AT_REST, seed) for seed in range(4)], axis=0)

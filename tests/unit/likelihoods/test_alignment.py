@@ -10,7 +10,7 @@ from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame_cache import FrameCache
-from workbench.core.likelihood import Relearning, SlopedLook
+from workbench.core.likelihood import DifferentiableLikelihood, Refittable
 from workbench.datasets.rendering import render
 from workbench.likelihoods.dense.background_model import (
     LEAST_PX,
@@ -201,9 +201,9 @@ def test_the_scene_is_found_about_and_behind_who_leaves_and_not_behind_who_stays
         images.append(noisy(image, i))
     found = first_scene(images, stays | leaves)
     middle = block(slice(22, 48), slice(52, 58))
-    assert found.known[middle].all()
+    assert found.info[middle].all()
     np.testing.assert_allclose(found.level[middle], wall[middle], atol=6.0)
-    assert not found.known[stays].any()
+    assert not found.info[stays].any()
     np.testing.assert_allclose(found.level[:10, :10], wall[:10, :10], atol=6.0)
     assert 2.0 < found.noise < 4.0
     ratio = found.log_ratio(images[0], 0.05)
@@ -221,9 +221,9 @@ def test_the_scene_is_learned_where_the_person_was_not():
         images.append(noisy(image, i))
         masks.append(mask)
     found = tracked_scene(images, masks)
-    assert found.known.mean() > 0.9
-    assert not found.known[31:33, 31:33].any()
-    np.testing.assert_allclose(found.level[found.known], wall[found.known], atol=8.0)
+    assert found.info.mean() > 0.9
+    assert not found.info[31:33, 31:33].any()
+    np.testing.assert_allclose(found.level[found.info], wall[found.info], atol=8.0)
 
 
 def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
@@ -233,9 +233,9 @@ def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
     shown = images[0].copy()
     shown[:10] = 200.0
     later = scene.seen(shown, block(slice(20, 40), slice(10, 30)))
-    assert later.known[30, 45]  # the person has left from here
+    assert later.info[30, 45]  # the person has left from here
     np.testing.assert_allclose(later.level[:10], scene.level[:10])
-    assert not scene.known[30, 45]  # and what was known before stays as it was
+    assert not scene.info[30, 45]  # and what was known before stays as it was
 
 
 def board_clip(n=20):
@@ -273,32 +273,34 @@ def test_an_arm_that_reaches_out_does_not_pass():
 
 
 def test_the_truth_is_likelier_than_what_is_beside_it():
-    look, truth = third()
+    frame_likelihood, truth = third()
     rng = np.random.default_rng(0)
     off = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
-    heights = look.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
+    heights = frame_likelihood.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
     assert (heights[0] > heights[1:]).all()
 
 
 def test_its_slope_points_back_to_the_truth():
-    look, truth = third()
-    assert isinstance(look, SlopedLook)
-    assert look.judges
+    frame_likelihood, truth = third()
+    assert isinstance(frame_likelihood, DifferentiableLikelihood)
+    assert frame_likelihood.informative
     for seed in range(5):
         off = np.where(np.arange(25) < 3, 0.02, 0.04) * np.random.default_rng(seed).standard_normal(25)
-        for level in range(look.levels):
-            slope = look.slope(truth + off, level)
+        for level in range(frame_likelihood.levels):
+            slope = frame_likelihood.slope(truth + off, level)
             assert slope.gradient @ -off > 0.0
             assert np.linalg.eigvalsh(slope.curvature).min() > -1e-6
-        judged = look.evaluate(truth[None], (truth + off)[None]).log_prob
-        np.testing.assert_array_equal(judged, [look.slope(truth + off, look.levels - 1).log_prob])
+        judged = frame_likelihood.evaluate(truth[None], (truth + off)[None]).log_prob
+        np.testing.assert_array_equal(
+            judged, [frame_likelihood.slope(truth + off, frame_likelihood.levels - 1).log_prob]
+        )
 
 
 def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
-    (look, truth), skeleton = third(), BODY.skeleton
+    (frame_likelihood, truth), skeleton = third(), BODY.skeleton
     off = truth.copy()
     off[skeleton.dof("left_shoulder_flexion")] += 0.8
-    fits, misses = look.misfit(truth), look.misfit(off)
+    fits, misses = frame_likelihood.misfit(truth), frame_likelihood.misfit(off)
     worse = misses / fits
     arm = [skeleton.joint("left_shoulder"), skeleton.joint("left_elbow")]
     assert (worse[arm] > 1.3).all()
@@ -309,7 +311,7 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
 def test_a_clip_that_was_tracked_teaches_more_of_the_scene():
     frames = tracked()[1]
     likelihood = DenseAlignment(walker().body, FrameCache(walker()))
-    assert isinstance(likelihood, Relearning)
-    again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
-    assert again.look(None, frames[0]).judges
-    assert not likelihood.look(None, frames[0]).judges
+    assert isinstance(likelihood, Refittable)
+    again = likelihood.refitted(frames[0], {frame.index: frame.truth.pose for frame in frames})
+    assert again.prepare(None, frames[0]).informative
+    assert not likelihood.prepare(None, frames[0]).informative

@@ -71,7 +71,7 @@ def test_a_side_is_learned_when_it_is_seen():
     front, back = scenes.root(), scenes.root(heading=np.pi)
     likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, epsilon=EPSILON), view(100), front[0])
     assert scenes.log_prob(likelihood, view(100), view(100, 1), back, back)[0] == 0.0
-    likelihood = likelihood.look(view(100), view(200, 1)).remember(back[0])
+    likelihood = likelihood.prepare(view(100), view(200, 1)).update(back[0])
     both = np.concatenate([front, back])
     for level, first, second in ((100, 0.0, 100.0), (200, 100.0, 0.0)):
         found = scenes.log_prob(likelihood, view(100), view(level, 2), both, both)
@@ -121,9 +121,9 @@ def test_the_texture_is_best_explained_where_it_went():
 
 def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_once():
     once = scenes.begun(Appearance(ROD), view(100), scenes.root()[0])
-    assert once.look(view(100), view(150, 1)).notes == ()
-    twice = once.look(view(100), view(150, 1)).remember(np.full(25, np.nan))
+    assert once.prepare(view(100), view(150, 1)).notes == ()
+    twice = once.prepare(view(100), view(150, 1)).update(np.full(25, np.nan))
     assert twice.memory.by_camera == once.memory.by_camera
-    look = twice.look(view(150, 1), view(150, 2))
-    assert look.notes == ("appearance: frame 1 has no finite expected pose to learn from",)
-    assert look.remember(scenes.root()[0]).look(view(150, 2), view(150, 3)).notes == ()
+    frame_likelihood = twice.prepare(view(150, 1), view(150, 2))
+    assert frame_likelihood.notes == ("appearance: frame 1 has no finite expected pose to learn from",)
+    assert frame_likelihood.update(scenes.root()[0]).prepare(view(150, 2), view(150, 3)).notes == ()

@@ -34,16 +34,16 @@ def bar(level=180, roll=0.0):
     return np.rint(100 + (level - 100) * np.clip(8.0 - np.abs(across), 0.0, 1.0)).astype(np.uint8)
 
 
-def look(image, pose):
+def frame_likelihood(image, pose):
     points = limb_points(ROD, POINTS, scenes.FRONT, forward(ROD.skeleton, pose))
     return responses(filtered(smoothed(View(scenes.FRONT, image))), points)
 
 
 def test_a_step_answers_where_and_along_which_direction_it_lies():
-    on, on_axis, counts = look(bar(), scenes.root())
+    on, on_axis, counts = frame_likelihood(bar(), scenes.root())
     assert counts.all()
-    aside, _, _ = look(bar(), scenes.root((0.0, 0.6, 0.0)))
-    across, _, _ = look(bar(), scenes.root(roll=np.pi / 2))
+    aside, _, _ = frame_likelihood(bar(), scenes.root((0.0, 0.6, 0.0)))
+    across, _, _ = frame_likelihood(bar(), scenes.root(roll=np.pi / 2))
     assert on.min() > 0.3
     assert aside.max() < 1e-6
     assert across[0, 0, [0, -1]].max() < 1e-6  # the ends of a rod that lies across the bar meet no edge
@@ -53,8 +53,8 @@ def test_a_step_answers_where_and_along_which_direction_it_lies():
 
 
 def test_a_bar_is_a_ridge_along_its_axis_only():
-    _, along, _ = look(bar(), scenes.root())
-    _, across, _ = look(bar(), scenes.root(roll=np.pi / 2))
+    _, along, _ = frame_likelihood(bar(), scenes.root())
+    _, across, _ = frame_likelihood(bar(), scenes.root(roll=np.pi / 2))
     middle = ALONG // 2
     assert along.min() > 0.3
     assert across[0, 0, [middle - 1, middle]].max() < 0.0  # there, what changes lies along the limb
@@ -63,8 +63,8 @@ def test_a_bar_is_a_ridge_along_its_axis_only():
 
 @pytest.mark.parametrize("roll", [0.3, -0.8])
 def test_filters_are_steered(roll):
-    upright, tilted = look(bar(), scenes.root()), look(bar(roll=roll), scenes.root(roll=roll))
-    wrong = look(bar(roll=roll), scenes.root(roll=-roll))
+    upright, tilted = frame_likelihood(bar(), scenes.root()), frame_likelihood(bar(roll=roll), scenes.root(roll=roll))
+    wrong = frame_likelihood(bar(roll=roll), scenes.root(roll=-roll))
     # the square window of the contrast holds more of a tilted bar, and the rim is drawn to a pixel
     np.testing.assert_allclose(tilted[1].mean(), upright[1].mean(), rtol=0.1)
     np.testing.assert_allclose(tilted[0].mean(), upright[0].mean(), rtol=0.1)
@@ -72,7 +72,7 @@ def test_filters_are_steered(roll):
 
 
 def test_contrast_does_not_matter():
-    faint, strong = look(bar(level=140), scenes.root()), look(bar(level=220), scenes.root())
+    faint, strong = frame_likelihood(bar(level=140), scenes.root()), frame_likelihood(bar(level=220), scenes.root())
     # the floor of 4 grey levels under a contrast of 20 and of 60
     np.testing.assert_allclose(strong[0] / faint[0], (1.0 + 4.0 / 20.0) / (1.0 + 4.0 / 60.0), rtol=0.05)
 

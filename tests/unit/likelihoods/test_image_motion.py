@@ -112,7 +112,7 @@ def test_body_behind_the_camera_is_occluded_altogether():
     likelihood = ImageMotion(scenes.PERSON)
     frames = (scenes.frame(i, (scenes.FRONT, scenes.flat(128))) for i in range(2))
     pose = scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))
-    found = likelihood.look(*frames).evaluate(pose, pose)
+    found = likelihood.prepare(*frames).evaluate(pose, pose)
     np.testing.assert_allclose(found.log_prob, 12 * np.log(P_OCCLUDED), rtol=1e-12)
     assert found.notes == ("image motion: 100% of the sample points lay outside the images of front",)
 
@@ -247,14 +247,14 @@ def test_points_outside_the_image_lower_the_visible_fraction():
     pose = scenes.root((0.0, 0.0, -1.5))
     inside = 119.5 + 75.0 * (0.3 - 0.6 * likelihood.samples[:, 0] + 1.5) < 239.0
     assert 10 < inside.sum() < 40
-    look = likelihood.look(*frames)
-    found, notes = look.evaluate(pose, pose).log_prob, look.evaluate(pose, pose).notes
+    frame_likelihood = likelihood.prepare(*frames)
+    found, notes = frame_likelihood.evaluate(pose, pose).log_prob, frame_likelihood.evaluate(pose, pose).notes
     np.testing.assert_allclose(found, np.log(p_limb(0.0, visible=inside.mean())), rtol=1e-12)
     share = f"{1 - inside.mean():.0%}"
     assert notes == (f"image motion: {share} of the sample points lay outside the images of front",)
     # a point outside in either frame is not compared
-    np.testing.assert_array_equal(look.evaluate(pose, scenes.root()).log_prob, found)
-    np.testing.assert_array_equal(look.evaluate(scenes.root(), pose).log_prob, found)
+    np.testing.assert_array_equal(frame_likelihood.evaluate(pose, scenes.root()).log_prob, found)
+    np.testing.assert_array_equal(frame_likelihood.evaluate(scenes.root(), pose).log_prob, found)
 
 
 @pytest.mark.parametrize(("exponent", "n"), [("mean", lambda compared: 1), ("sum", lambda compared: compared)])

@@ -49,9 +49,9 @@ def test_what_cannot_be_is_impossible_and_what_is_not_there_is_told():
     behind[1] -= 8.0
     broken[7] = np.nan
     likelihood = KeypointLikelihood(BODY)
-    look = likelihood.look(frame, frame)
-    assert look.evaluate(poses, np.stack([behind, broken])).log_prob.tolist() == [-np.inf, -np.inf]
-    assert look.notes + look.evaluate(poses, behind[None]).notes == ()
+    frame_likelihood = likelihood.prepare(frame, frame)
+    assert frame_likelihood.evaluate(poses, np.stack([behind, broken])).log_prob.tolist() == [-np.inf, -np.inf]
+    assert frame_likelihood.notes + frame_likelihood.evaluate(poses, behind[None]).notes == ()
     blind = Frame(7, 0.1, ())
     assert log_prob(likelihood, frame, blind, poses, poses).tolist() == [0.0]
-    assert likelihood.look(frame, blind).notes == ("frame 7: there are no keypoints",)
+    assert likelihood.prepare(frame, blind).notes == ("frame 7: there are no keypoints",)

@@ -11,7 +11,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.likelihood import LayeredLook
+from workbench.core.likelihood import DenseLikelihood
 from workbench.likelihoods.dense.layer_rendering import (
     LayerImage,
     drawn,
@@ -110,25 +110,27 @@ def test_log_ratios_are_the_same_on_any_number_of_threads(monkeypatch):
 
 @pytest.mark.parametrize("limb", ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])
 def test_a_limb_is_likelier_where_it_is_than_elsewhere(limb):
-    look, truth = third()
-    assert isinstance(look, LayeredLook)
+    frame_likelihood, truth = third()
+    assert isinstance(frame_likelihood, DenseLikelihood)
     own = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(limb)]
     rng, tried = np.random.default_rng(0), np.repeat(truth[None], 40, axis=0)
     tried[1:, own] += rng.choice([-1.0, 1.0], (39, len(own))) * rng.uniform(0.4, 0.9, (39, len(own)))
-    ratios = look.compare(tried, carried(limb))
+    ratios = frame_likelihood.compare(tried, carried(limb))
     assert ratios[0] > ratios[1:].max() + 5.0
 
 
 def test_an_arm_that_is_seen_cannot_hide_for_nothing():
-    look, truth = third()
+    frame_likelihood, truth = third()
     everything = np.ones(len(SKELETON.names), dtype=bool)
-    visible = max(("left", "right"), key=lambda side: look.compare(truth[None], carried(f"{side}_shoulder"))[0])
-    without = look.compare(truth[None], ~carried(f"{visible}_shoulder"))[0]
-    assert look.compare(truth[None], everything)[0] > without + 5.0
+    visible = max(
+        ("left", "right"), key=lambda side: frame_likelihood.compare(truth[None], carried(f"{side}_shoulder"))[0]
+    )
+    without = frame_likelihood.compare(truth[None], ~carried(f"{visible}_shoulder"))[0]
+    assert frame_likelihood.compare(truth[None], everything)[0] > without + 5.0
 
 
 def test_what_passes_before_the_person_says_nothing():
-    look, truth = third()
-    (sight, known), = look.sights  # fmt: skip
-    hidden = replace(look, sights=((replace(sight, free=np.zeros_like(sight.free)), known),))
+    frame_likelihood, truth = third()
+    (sight, known), = frame_likelihood.sights  # fmt: skip
+    hidden = replace(frame_likelihood, sights=((replace(sight, free=np.zeros_like(sight.free)), known),))
     assert hidden.compare(truth[None], carried("left_hip"))[0] == 0.0

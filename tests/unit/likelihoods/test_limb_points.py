@@ -104,8 +104,8 @@ def test_points_placed_together_are_those_placed_alone(n, beside):
             assert getattr(found, name).flags.c_contiguous
 
 
-def look(name, *judges, body=scenes.PERSON):
-    return LimbLook(name, body, judges, lambda expected_pose: None)
+def frame_likelihood(name, *informative, body=scenes.PERSON):
+    return LimbLook(name, body, informative, lambda expected_pose: None)
 
 
 def count(points, *beside):
@@ -119,14 +119,14 @@ def test_looks_evaluated_together_find_what_each_finds_alone():
     poses[3, 5] = np.nan
     first, second, third = SETS
     other = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
-    looks = [
-        look("one", ViewJudge(scenes.FRONT, first, count)),
-        look("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(OTHER, second, count)),
-        look("beside", ViewJudge(scenes.FRONT, third, count, third * [1.0, 1.5])),
-        look("nothing"),
+    frame_likelihoods = [
+        frame_likelihood("one", ViewJudge(scenes.FRONT, first, count)),
+        frame_likelihood("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(OTHER, second, count)),
+        frame_likelihood("beside", ViewJudge(scenes.FRONT, third, count, third * [1.0, 1.5])),
+        frame_likelihood("nothing"),
     ]
-    together = evaluate_together(looks, poses)
-    for found, each in zip(together, looks, strict=True):
+    together = evaluate_together(frame_likelihoods, poses)
+    for found, each in zip(together, frame_likelihoods, strict=True):
         alone = each.evaluate(poses, poses)
         np.testing.assert_array_equal(found.log_prob, alone.log_prob)
         assert found.log_prob[3] == -np.inf
@@ -137,10 +137,10 @@ def test_looks_evaluated_together_find_what_each_finds_alone():
         def __init__(self, seen):
             self.seen = seen
 
-        def look(self, previous, frame):
+        def prepare(self, previous, frame):
             return self.seen
 
-    looks[1] = look("rod", ViewJudge(scenes.FRONT, second, count), body=other)
-    terms = {each.name: Seen(each) for each in looks}
-    found = Product(terms, dict.fromkeys(terms, 1.0)).look(None, None).evaluate(poses, poses).log_prob
-    np.testing.assert_array_equal(found, sum(each.evaluate(poses, poses).log_prob for each in looks))
+    frame_likelihoods[1] = frame_likelihood("rod", ViewJudge(scenes.FRONT, second, count), body=other)
+    terms = {each.name: Seen(each) for each in frame_likelihoods}
+    found = Product(terms, dict.fromkeys(terms, 1.0)).prepare(None, None).evaluate(poses, poses).log_prob
+    np.testing.assert_array_equal(found, sum(each.evaluate(poses, poses).log_prob for each in frame_likelihoods))

@@ -18,20 +18,20 @@ POSES = np.zeros((4, 25))
 class Fixed:
     """Says the same of any poses, and counts what it was told to remember."""
 
-    def __init__(self, *log_prob, notes=(), remembered=0):
-        self.values, self.notes, self.remembered = np.array(log_prob, dtype=float), notes, remembered
+    def __init__(self, *log_prob, notes=(), updated=0):
+        self.values, self.notes, self.updated = np.array(log_prob, dtype=float), notes, updated
 
-    def look(self, previous, frame):
+    def prepare(self, previous, frame):
         return SimpleNamespace(
             notes=tuple(f"{note} of the frame" for note in self.notes),
             diagnostics={"found": 0.0},
             evaluate=lambda previous_pose, pose: Evaluation(self.values, self.notes, {"found": 3.0}),
-            remember=lambda pose: Fixed(*self.values, notes=self.notes, remembered=self.remembered + 1),
+            remember=lambda pose: Fixed(*self.values, notes=self.notes, updated=self.updated + 1),
         )
 
 
 def evaluate(product):
-    return product.look(FRAME, FRAME).evaluate(POSES, POSES)
+    return product.prepare(FRAME, FRAME).evaluate(POSES, POSES)
 
 
 def test_weights_are_powers():
@@ -44,7 +44,7 @@ def test_a_term_without_weight_is_never_asked():
     np.testing.assert_array_equal(evaluate(product).log_prob, [0.0, 1.0, 2.0, 3.0])
     assert set(evaluate(product).diagnostics) == {"found", "share_a"}
     after = scenes.begun(product, FRAME, POSES[0])
-    assert {name: term.remembered for name, term in after.terms.items()} == {"off": 0, "a": 1}
+    assert {name: term.updated for name, term in after.terms.items()} == {"off": 0, "a": 1}
     assert list(after.terms) == ["off", "a"]
 
 
@@ -67,14 +67,14 @@ def test_shares_sum_to_one_and_a_cue_that_contradicts_is_negative():
 def test_every_term_is_told_what_was_found_and_speaks():
     terms = {"a": Fixed(0, 1, 0, 0, notes=("careful",)), "b": Uniform()}
     product = Product(terms, {"a": 1.0, "b": 1.0})
-    first = product.look(None, FRAME)
+    first = product.prepare(None, FRAME)
     assert first.diagnostics == {"found": 0.0, "share_a": 0.0, "share_b": 0.0}
     assert first.notes == ("careful of the frame",)
     assert evaluate(product).notes == ("careful",)
     assert evaluate(product).diagnostics == {"found": 3.0, "share_a": 1.0, "share_b": 0.0}
-    twice = scenes.begun(first.remember(POSES[0]), FRAME, POSES[0])
-    assert twice.terms["a"].remembered == 2
-    assert terms["a"].remembered == 0
+    twice = scenes.begun(first.update(POSES[0]), FRAME, POSES[0])
+    assert twice.terms["a"].updated == 2
+    assert terms["a"].updated == 0
 
 
 @pytest.mark.parametrize(

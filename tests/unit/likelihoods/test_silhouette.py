@@ -77,7 +77,7 @@ def test_how_far_away_a_person_is_is_told_without_bias():
         moved = np.repeat(pose[None], 41, axis=0)
         sight = pose[:3] - camera.position
         moved[:, :3] += away[:, None] * sight / np.linalg.norm(sight)
-        likelihood = likelihood.look(frame, frame).remember(pose)
+        likelihood = likelihood.prepare(frame, frame).update(pose)
         total += scenes.log_prob(likelihood, frame, frame, moved, moved)
     assert abs(away[np.argmax(total)]) <= 0.01  # rim_px is right to a tenth of a pixel: 4 mm at 4 m
     assert total.max() - total[[10, 30]].max() > len(frames) * 0.5  # and 5 cm off costs
@@ -85,10 +85,10 @@ def test_how_far_away_a_person_is_is_told_without_bias():
 
 def test_without_a_first_frame_it_says_nothing_and_says_so():
     still, frames = clip(*[scenes.flat(100)] * 3)
-    look = Silhouette(ROD, still).look(frames[0], frames[1])
-    assert look.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
-    assert "how large front sees the person is not known" in look.notes[0]
-    assert Silhouette(ROD, still).look(None, frames[0]).notes == ()
+    frame_likelihood = Silhouette(ROD, still).prepare(frames[0], frames[1])
+    assert frame_likelihood.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
+    assert "how large front sees the person is not known" in frame_likelihood.notes[0]
+    assert Silhouette(ROD, still).prepare(None, frames[0]).notes == ()
 
 
 def people(*centres, size=(60, 80)):
@@ -138,13 +138,13 @@ def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background(
     person = Synthetic(
         n_frames=12, width=160, height=120, person_px=80.0, focal_px=175.0, moving=["left_arm"], exact=True, seed=1
     )
-    frames, pose = list(person.frames()), person.known.start_pose
+    frames, pose = list(person.frames()), person.info.initial_pose
     beside = np.stack([frames[5].truth.pose] * 2)
     beside[1, :3] += 0.1 * person.view_camera.rotation[0]
     told = {}
     for standing in (False, True):
         term = Silhouette(person.body, FrameCache(person), standing=standing)
-        look = term.look(None, frames[0]).remember(pose).look(frames[0], frames[5])
-        told[standing] = look.evaluate(beside, beside).log_prob
+        frame_likelihood = term.prepare(None, frames[0]).update(pose).prepare(frames[0], frames[5])
+        told[standing] = frame_likelihood.evaluate(beside, beside).log_prob
     assert told[True][0] > told[True][1] + 5.0
     assert told[True][0] > 0.0 > told[False][0]

@@ -74,4 +74,4 @@ def test_what_is_not_finite_is_left_out_and_told():
 def test_a_frame_without_points_says_nothing(points):
     likelihood = SurfacePoints(BODY)
     assert (log_prob(likelihood, frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
-    assert likelihood.look(None, frame(points)).notes == ("frame 1: there are no points",)
+    assert likelihood.prepare(None, frame(points)).notes == ("frame 1: there are no points",)

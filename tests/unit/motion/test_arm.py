@@ -50,7 +50,7 @@ def test_parts_stand_for_their_parameters_in_the_order_of_the_pose():
     )
     assert set(PARTS["upper_body"]) | set(PARTS["lower_body"]) == set(PARTS["body"])
     with pytest.raises(InputError, match="synthetic: moving: 'wing'"):
-        _ = Synthetic(n_frames=2, moving=["wing"]).known
+        _ = Synthetic(n_frames=2, moving=["wing"]).info
 
 
 def test_motions_by_name(tmp_path):

@@ -41,7 +41,7 @@ def test_without_noise_phase_and_root_go_on(model):
         sigma_rotation=(0.0, 0.0, 0.0), sigma_velocity=0.0,
     )  # fmt: skip
     state = states(prior, 6)
-    moved = prior.step(state, DT, np.random.default_rng(1))
+    moved = prior.sample_transition(state, DT, np.random.default_rng(1))
     slices = prior.space.slices
     expected = state.copy()
     expected[:, slices["phase"]] = (state[:, slices["phase"]] + DT * state[:, slices["phase_speed"]]) % 1.0
@@ -55,7 +55,7 @@ def test_coefficients_keep_their_standard_normal_distribution(model):
     rng = np.random.default_rng(2)
     state = states(prior, 40_000, seed=3)
     for _ in range(5):
-        state = prior.step(state, 1 / 30, rng)
+        state = prior.sample_transition(state, 1 / 30, rng)
     variance = state[:, prior.space.slices["coefficients"]].var(axis=0)
     assert variance == pytest.approx(1.0, abs=5 * np.sqrt(2 / 40_000))
 
@@ -75,6 +75,6 @@ def test_the_start_lies_at_the_pose_that_the_model_can_take(model):
     rounded[prior.space.slices["phase"]] = np.round(truth[prior.space.slices["phase"]] * 64) / 64
     assert cost(found) <= cost(rounded) + 1e-9  # the truth at the nearest of the phases tried is one candidate
     assert cost(found) < 0.1 * cost(prior.nearest(np.zeros(len(POSE_NAMES))))
-    cloud = prior.start(pose, 2000, np.random.default_rng(5))
+    cloud = prior.sample_initial(pose, 2000, np.random.default_rng(5))
     assert np.abs(prior.pose(cloud).mean(axis=0)[:3] - pose[:3]).max() < 5 * 0.02 / np.sqrt(2000)
     assert set(np.unique(cloud[:, prior.space.slices["phase_speed"]])) <= set(model.cycle_rate_hz)

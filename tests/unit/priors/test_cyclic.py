@@ -57,7 +57,7 @@ def test_start_is_near_the_pose(monkeypatch):
     true = states(prior, 1)
     true[0, prior.space.slices["coefficients"]] = [0.4, -0.3, 0.2]
     pose = prior.pose(true)[0]
-    start = prior.start(pose, 2000, np.random.default_rng(0))
+    start = prior.sample_initial(pose, 2000, np.random.default_rng(0))
     poses = prior.pose(start)
     assert poses[:, :3].std(axis=0) == pytest.approx(0.01, rel=0.1)
     assert poses[:, 3:6].std(axis=0) == pytest.approx(0.02, rel=0.1)
@@ -87,7 +87,7 @@ def test_one_step_has_the_stated_mean_and_deviation(dt_s):
     one = states(prior, 1)
     one[0, prior.space.slices["phase"]] = 0.3
     many = np.repeat(one, 40000, axis=0)
-    moved = prior.step(many, dt_s, np.random.default_rng(0)) - one
+    moved = prior.sample_transition(many, dt_s, np.random.default_rng(0)) - one
     slices, share = prior.space.slices, dt_s * 30
     deviations = np.array([0.05] * D + [0.009, 0.01, 0.01, 0.02, 0.03, 0.02, 0.01, 0.03]) * np.sqrt(share)
     assert moved.std(axis=0) == pytest.approx(deviations, rel=0.03)
@@ -110,7 +110,7 @@ def test_as_paper_a_writes_it_the_state_is_its_twelve_numbers_and_coefficients_w
     assert "phase_speed" not in prior.space.slices
     state, rng = np.zeros((4000, len(prior.space))), np.random.default_rng(0)
     for _ in range(400):
-        state = prior.step(state, 1 / 30, rng)
+        state = prior.sample_transition(state, 1 / 30, rng)
     assert state[:, prior.space.slices["coefficients"]].std(axis=0) == pytest.approx(0.2 * 20.0, rel=0.04)
     phase = 0.95 * 400 / 30 % 1.0  # by the mean ρ of the training cycles, the same for all
     assert state[:, prior.space.slices["phase"]] == pytest.approx(phase, abs=1e-9)
@@ -119,7 +119,7 @@ def test_as_paper_a_writes_it_the_state_is_its_twelve_numbers_and_coefficients_w
 def test_as_paper_a_writes_it_the_root_moves_along_the_torsos_own_axis():
     prior = Cyclic(model(), transition="A", sigma_coefficients=0.0, **STILL)
     state = states(prior, 5)
-    moved = prior.step(state, 0.1, np.random.default_rng(0))
+    moved = prior.sample_transition(state, 0.1, np.random.default_rng(0))
     pose = np.zeros((5, 25))
     pose[:, :N_ROOT] = state[:, -N_ROOT:]
     torso = forward(person_skeleton(from_height(1.75)), pose).rotations[:, 0]
@@ -131,7 +131,7 @@ def test_as_paper_a_writes_it_the_root_moves_along_the_torsos_own_axis():
 def test_as_paper_b_writes_it_nothing_but_noise_moves_the_root():
     prior = Cyclic(model(), transition="B", sigma_coefficients=0.0, **STILL)
     state = states(prior, 5)
-    moved = prior.step(state, 0.1, np.random.default_rng(0))
+    moved = prior.sample_transition(state, 0.1, np.random.default_rng(0))
     phase, cycles_hz = (state[:, prior.space.slices[name]] for name in ("phase", "phase_speed"))
     expected = state.copy()
     expected[:, prior.space.slices["phase"]] = (phase + 0.1 * cycles_hz) % 1.0
@@ -142,7 +142,7 @@ def test_as_paper_b_writes_it_nothing_but_noise_moves_the_root():
 def test_a_start_as_the_papers_write_it_is_near_the_pose(transition):
     prior = Cyclic(model(), transition=transition)
     pose = prior.pose(0.1 * states(prior, 1))[0]
-    start = prior.pose(prior.start(pose, 500, np.random.default_rng(0)))
+    start = prior.pose(prior.sample_initial(pose, 500, np.random.default_rng(0)))
     assert start[:, :3].mean(axis=0) == pytest.approx(pose[:3], abs=0.005)
     assert start[:, :3].std(axis=0) == pytest.approx(0.01, rel=0.15)
 
@@ -152,7 +152,7 @@ def test_coefficients_stay_standard_normal(dt_s):
     prior, rng = Cyclic(model(), sigma_coefficients=0.5), np.random.default_rng(0)
     state, own = np.zeros((40_000, len(prior.space))), prior.space.slices["coefficients"]
     state[:, own] = rng.standard_normal((40_000, D))
-    moved = prior.step(state, dt_s, rng)[:, own]
+    moved = prior.sample_transition(state, dt_s, rng)[:, own]
     assert moved.std(axis=0) == pytest.approx(1.0, rel=5 / np.sqrt(2 * 40_000))
     assert prior.mean(state, dt_s)[:, own] == pytest.approx(np.sqrt(1.0 - 30.0 * dt_s * 0.25) * state[:, own])
 

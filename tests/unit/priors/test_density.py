@@ -45,15 +45,15 @@ def family(prior):
     """A parent near the end of its cycle and, where there are limits, at one; and another, half a deviation away."""
     rng = np.random.default_rng(0)
     pose = builtin_motions()[0].resampled(30.0).poses[0].copy()
-    parent = prior.start(pose, 1, rng)
+    parent = prior.sample_initial(pose, 1, rng)
     for name in ("left_elbow_flexion", "right_elbow_flexion"):
         if name in prior.space.names:
             parent[0, prior.space.names.index(name)] = -0.09  # the limit is −0.1
     if "phase" in prior.space.names:
         parent[0, prior.space.names.index("phase")] = 0.99
-    children = prior.step(np.repeat(parent, N, axis=0), DT, np.random.default_rng(1))
-    spread = apart(prior.space, prior.powers.density.mean(parent, DT), children).std(axis=0)
-    spread[[i for i in range(len(spread)) if i not in prior.powers.density.free]] = 0.0
+    children = prior.sample_transition(np.repeat(parent, N, axis=0), DT, np.random.default_rng(1))
+    spread = apart(prior.space, prior.capabilities.density.mean(parent, DT), children).std(axis=0)
+    spread[[i for i in range(len(spread)) if i not in prior.capabilities.density.free]] = 0.0
     other = parent + 0.5 * spread * np.where(spread > 1e-12, rng.choice([-1.0, 1.0], len(spread)), 0.0)
     for i, name in enumerate(prior.space.names):
         if name.endswith("elbow_flexion"):
@@ -65,11 +65,11 @@ def family(prior):
 def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name):
     prior = priors[name]
     parent, other, children = family(prior)
-    density = prior.powers.density
+    density = prior.capabilities.density
     log_ratio = density.log_transition(other, children, DT) - density.log_transition(parent, children, DT)
     assert np.isfinite(log_ratio).all()
     weights = np.exp(log_ratio)
-    others = prior.step(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
+    others = prior.sample_transition(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
     middle = density.mean(other, DT)
     found, expected = (apart(prior.space, middle, states)[:, density.free] for states in (children, others))
     for power in (0, 1, 2):
@@ -111,7 +111,7 @@ def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
     offsets = prior.space.slices["jitter"]
     parent[0, offsets] = 0.3
     for dt_s, frames in ((1 / 30, 1), (1 / 10, 3)):
-        children = prior.step(np.repeat(parent, N, axis=0), dt_s, np.random.default_rng(3))[:, offsets]
+        children = prior.sample_transition(np.repeat(parent, N, axis=0), dt_s, np.random.default_rng(3))[:, offsets]
         variance = 0.02**2 * sum(0.9 ** (2 * k) for k in range(frames))
         assert children.mean(axis=0) == pytest.approx(0.3 * 0.9**frames, abs=5 * np.sqrt(variance / N))
         assert children.var(axis=0) == pytest.approx(variance, rel=5 * np.sqrt(2 / N))
@@ -120,8 +120,8 @@ def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
 def test_offsets_start_as_they_are_in_the_long_run():
     """Of an autoregression that keeps k of itself, with noise σ: N(0, σ² / (1 − k²)), which a step leaves as it is."""
     prior, rng = Jitter(Smooth(parameters=ARM), sigma=0.03, keep=0.8), np.random.default_rng(0)
-    state = prior.start(np.full(25, 0.1), N, rng)
-    for states in (state, prior.step(state, 1 / 30, rng)):
+    state = prior.sample_initial(np.full(25, 0.1), N, rng)
+    for states in (state, prior.sample_transition(state, 1 / 30, rng)):
         found = states[:, prior.space.slices["jitter"]].std(axis=0)
         assert found == pytest.approx(0.03 / 0.6, rel=5 / np.sqrt(2 * N))
 
@@ -139,10 +139,10 @@ def test_offsets_move_the_pose_and_nothing_else(priors):
 def test_the_density_of_a_following_prior_is_the_bases(priors):
     prior = priors["following"]
     parent, _, children = family(prior)
-    found = prior.powers.density.log_transition(parent, children, DT)
+    found = prior.capabilities.density.log_transition(parent, children, DT)
     np.testing.assert_array_equal(found, prior.base.log_transition(parent[:, :-1], children[:, :-1], DT))
     late = children + np.eye(len(prior.space))[-1] * 1e-6
-    assert (prior.powers.density.log_transition(parent, late, DT) == -np.inf).all()
+    assert (prior.capabilities.density.log_transition(parent, late, DT) == -np.inf).all()
 
 
 @pytest.fixture(scope="module")
@@ -158,15 +158,15 @@ def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wra
         "jitter": Jitter(base, sigma=0.05),
         "following": Following(base, lambda: TRAJECTORY),
     }[wrapped]
-    density, dt_s = prior.powers.density, 1 / 30
-    parent = prior.start(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
+    density, dt_s = prior.capabilities.density, 1 / 30
+    parent = prior.sample_initial(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
     n = N // 4
     parents = np.repeat(parent, n, axis=0)
-    stepped, forgotten = (prior.step(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
+    stepped, forgotten = (prior.sample_transition(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
     follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
     assert len(follows) == len(base.space) - 25
     forgotten[:, follows] = np.nan
-    completed = density.complete(parents, forgotten, dt_s, np.random.default_rng(3))
+    completed = density.sample_dependent(parents, forgotten, dt_s, np.random.default_rng(3))
     assert (completed[:, density.free] == forgotten[:, density.free]).all()
     assert np.isfinite(density.log_transition(parents, forgotten, dt_s)).all()
     middle = stepped.mean(axis=0)
@@ -183,7 +183,10 @@ def test_offsets_are_as_large_as_what_the_model_misses():
     base = Smooth()
     missed = Discrepancy(("neck_nod", "left_elbow_flexion"), np.array([[0.3], [0.0]]), np.array([0.4, 0.1]), KEPT, 3)
     base_that_knows = SimpleNamespace(
-        powers=replace(base.powers, discrepancy=missed), space=base.space, parameters=base.parameters, start=base.start
+        capabilities=replace(base.capabilities, discrepancy=missed),
+        space=base.space,
+        parameters=base.parameters,
+        start=base.start,
     )
     wide = np.sqrt(3.0) * np.array([0.5, 0.1])
     for keep, kept in ((0.9, [0.9, 0.9]), (None, KEPT)):
@@ -193,7 +196,7 @@ def test_offsets_are_as_large_as_what_the_model_misses():
         np.testing.assert_allclose((prior.sigma / np.sqrt(1.0 - prior.keep**2))[which], wide)
         others = np.delete(np.arange(len(prior.sigma)), which)
         assert set(prior.sigma[others]) == {SIGMA}
-        drawn = prior.start(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.own]
+        drawn = prior.sample_initial(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.own]
         np.testing.assert_allclose(drawn[:, which].std(axis=0), wide, rtol=5 * np.sqrt(0.5 / 20_000))
     assert set(Jitter(base_that_knows, sigma=0.05).sigma) == {0.05}
     assert set(Jitter(base).sigma) == {SIGMA}

@@ -67,7 +67,7 @@ def test_proposals_by_their_weights_have_the_moments_of_draws():
     pose = poses(60)
     pose = pose[np.abs(prior.flip(pose, LIMBS[0]) - pose).sum(axis=1).argmax()]
     state = np.repeat(prior.base.enter(pose[None], np.zeros((1, 25))), n, axis=0)
-    drawn = prior.step(state, DT, np.random.default_rng(1))
+    drawn = prior.sample_transition(state, DT, np.random.default_rng(1))
     proposed, log_weights = prior.propose(state, DT, np.random.default_rng(2))
     weights = np.exp(log_weights)
     assert weights.mean() == pytest.approx(1.0, abs=1e-4)  # the shares are dealt out to within one particle

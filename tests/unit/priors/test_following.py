@@ -26,9 +26,12 @@ def test_the_rest_goes_where_the_trajectory_is_and_the_arm_as_its_own_prior_has_
     times, poses = swinging(SKELETON)
     prior, alone = following(times, poses), Smooth(parameters=["right_arm"])
     rng, same = np.random.default_rng(0), np.random.default_rng(0)
-    state, arm = prior.start(poses[0], 20, rng), alone.start(poses[0], 20, same)
+    state, arm = prior.sample_initial(poses[0], 20, rng), alone.sample_initial(poses[0], 20, same)
     for t in range(1, 3 * len(times)):  # half frames, and past the last
-        state, arm = prior.step(state, 0.5 / RATE_HZ, rng), alone.step(arm, 0.5 / RATE_HZ, same)
+        state, arm = (
+            prior.sample_transition(state, 0.5 / RATE_HZ, rng),
+            alone.sample_transition(arm, 0.5 / RATE_HZ, same),
+        )
         low, high = (poses[min(k, len(times) - 1)] for k in (t // 2, (t + 1) // 2))
         found = prior.pose(state)
         np.testing.assert_allclose(found[:, ~ARM], np.tile(0.5 * (low + high)[~ARM], (20, 1)), atol=1e-12)
@@ -48,9 +51,9 @@ def test_one_camera_counts_alone_where_it_is_named():
     (frame,) = frames(SKELETON, times, poses, sigma_px=8.0)
     some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
     for view in frame.views:
-        named = KeypointLikelihood(BODY, which=[view.camera.name]).look(frame, frame).evaluate(some, some)
+        named = KeypointLikelihood(BODY, which=[view.camera.name]).prepare(frame, frame).evaluate(some, some)
         alone = replace(frame, views=(view,))
-        expected = KeypointLikelihood(BODY).look(alone, alone).evaluate(some, some)
+        expected = KeypointLikelihood(BODY).prepare(alone, alone).evaluate(some, some)
         np.testing.assert_array_equal(named.log_prob, expected.log_prob)
     with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
-        KeypointLikelihood(BODY, which=["back"]).look(frame, frame)
+        KeypointLikelihood(BODY, which=["back"]).prepare(frame, frame)

@@ -35,7 +35,7 @@ def test_a_known_motion_is_replayed(windows, poses, prediction):
     prior = Implicit(windows, prediction=prediction, **CERTAIN)
     state, rng = prior.start_after(poses[20:31], 3), np.random.default_rng(0)
     for k in range(31, 60):
-        state = prior.step(state, DT, rng)
+        state = prior.sample_transition(state, DT, rng)
         assert prior.pose(state) == pytest.approx(np.repeat(poses[k : k + 1], 3, axis=0), abs=1e-4)  # float32 rows
 
 
@@ -45,7 +45,7 @@ def test_the_motion_turns_with_the_body(windows, poses):
     turned[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]]) + [5.0, 1.0]
     turned[:, 3] += 2.0
     prior = Implicit(windows, **CERTAIN)
-    state = prior.step(prior.start_after(turned[20:31], 1), DT, np.random.default_rng(0))
+    state = prior.sample_transition(prior.start_after(turned[20:31], 1), DT, np.random.default_rng(0))
     assert prior.pose(state)[0] == pytest.approx(turned[31], abs=1e-4)
 
 
@@ -73,7 +73,7 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
     state = prior.start_after(poses[20:31], 5)
     track = [prior.pose(state)]
     for _ in range(windows.length):
-        state = prior.step(state, DT, rng)
+        state = prior.sample_transition(state, DT, rng)
         track.append(prior.pose(state))
     b = len(windows.sigmas)
     for particle in range(5):
@@ -85,7 +85,7 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
 def test_noise_has_the_stated_deviations(windows, poses):
     sigmas = {"sigma_position": (0.01, 0.02, 0.03), "sigma_rotation": (0.02, 0.01, 0.03), "sigma_angles": 0.05}
     prior = Implicit(windows, beta=1e-6, **sigmas)
-    state = prior.step(prior.start_after(poses[20:31], 20000), DT, np.random.default_rng(0))
+    state = prior.sample_transition(prior.start_after(poses[20:31], 20000), DT, np.random.default_rng(0))
     spread = prior.pose(state).std(axis=0)
     c, s = np.cos(poses[30, 3]), np.sin(poses[30, 3])
     across = [np.hypot(c * 0.01, s * 0.02), np.hypot(s * 0.01, c * 0.02), 0.03]
@@ -102,7 +102,7 @@ def start_constants(monkeypatch, **values):
 def test_start_finds_windows_that_end_near_the_pose(windows, poses, monkeypatch):
     start_constants(monkeypatch, BETA=1e-4, POSITION=0.0, ROTATION=0.0, ANGLES=0.0)
     prior = Implicit(windows)
-    state = prior.start(poses[40], 10, np.random.default_rng(0))
+    state = prior.sample_initial(poses[40], 10, np.random.default_rng(0))
     assert (prior.pose(state) == poses[40]).all()
     own = prior.start_after(poses[30:41], 1)
     assert state[:, len(POSE_NAMES) :] == pytest.approx(np.repeat(own[:, len(POSE_NAMES) :], 10, axis=0), abs=1e-4)
@@ -111,19 +111,21 @@ def test_start_finds_windows_that_end_near_the_pose(windows, poses, monkeypatch)
 def test_start_spreads_as_asked(windows, poses, monkeypatch):
     start_constants(monkeypatch, POSITION=0.03, ROTATION=0.02, ANGLES=0.04)
     prior = Implicit(windows)
-    spread = prior.pose(prior.start(poses[40], 20000, np.random.default_rng(0))).std(axis=0)
+    spread = prior.pose(prior.sample_initial(poses[40], 20000, np.random.default_rng(0))).std(axis=0)
     assert spread == pytest.approx([0.03] * 3 + [0.02] * 3 + [0.04] * 19, rel=0.03)
 
 
 def test_two_frames_at_once_are_two_steps(windows, poses):
     prior = Implicit(windows)
-    start = prior.start(poses[30], 20, np.random.default_rng(0))
+    start = prior.sample_initial(poses[30], 20, np.random.default_rng(0))
     once, twice = np.random.default_rng(1), np.random.default_rng(1)
-    expected = prior.step(prior.step(start, DT, twice), DT, twice)
-    assert (prior.step(start, 2 * DT, once) == expected).all()
+    expected = prior.sample_transition(prior.sample_transition(start, DT, twice), DT, twice)
+    assert (prior.sample_transition(start, 2 * DT, once) == expected).all()
 
 
 def test_a_video_of_another_rate_is_refused(windows, poses):
     prior = Implicit(windows)
     with pytest.raises(InputError, match="30 Hz"):
-        prior.step(prior.start(poses[30], 2, np.random.default_rng(0)), 1 / 50, np.random.default_rng(0))
+        prior.sample_transition(
+            prior.sample_initial(poses[30], 2, np.random.default_rng(0)), 1 / 50, np.random.default_rng(0)
+        )

@@ -84,7 +84,7 @@ def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_wind
     grid = np.linspace(-2.0, 4.0, 6001)
     states = np.repeat(before, len(grid), axis=0)
     states[:, ELBOW] = grid
-    found = np.exp(prior.powers.density.log_transition(before, states, DT))
+    found = np.exp(prior.capabilities.density.log_transition(before, states, DT))
     assert found.sum() * (grid[1] - grid[0]) == pytest.approx(1.0, abs=1e-6)
     everything = np.arange(len(elbow))
     p = np.exp(exact_log_prob(elbow.coefficients, before[0, prior.space.slices["coefficients"]], prior.beta))
@@ -105,7 +105,7 @@ def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow,
     log_p += norm.logpdf(after[0, ELBOW], means, 0.05)
     p = np.exp(log_p - logsumexp(log_p))
     memories = prior.prediction.arrive(np.repeat(before, n, axis=0), np.repeat(after[:, :P], n, axis=0), everything)
-    completed = prior.powers.density.complete(
+    completed = prior.capabilities.density.sample_dependent(
         np.repeat(before, N, axis=0), np.repeat(after, N, axis=0), DT, np.random.default_rng(0)
     )
     expected = p @ memories[:, P:]
@@ -128,9 +128,9 @@ def test_reweighted_children_of_a_body_have_the_moments_of_the_other_parents(bod
     prior = Implicit(body, beta=0.5, sigma_position=(0.02, 0.01, 0.03), sigma_angles=0.1)
     mine, other = parent(prior, poses), parent(prior, poses)
     other[:, :P] += np.array([0.005, -0.004, 0.01, 0.01, 0.005, -0.005, *np.full(19, 0.02)])
-    density = prior.powers.density
-    children = prior.step(np.repeat(mine, N, axis=0), DT, np.random.default_rng(1))
-    others = prior.step(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
+    density = prior.capabilities.density
+    children = prior.sample_transition(np.repeat(mine, N, axis=0), DT, np.random.default_rng(1))
+    others = prior.sample_transition(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
     weights = np.exp(density.log_transition(other, children, DT) - density.log_transition(mine, children, DT))
     middle = others[:, :P].mean(axis=0)
     for power in (0, 1, 2):
@@ -141,9 +141,9 @@ def test_reweighted_children_of_a_body_have_the_moments_of_the_other_parents(bod
 
 def test_the_density_turns_and_moves_with_the_body(body, poses):
     prior = Implicit(body)
-    density, turn = prior.powers.density, 2.0
+    density, turn = prior.capabilities.density, 2.0
     before = parent(prior, poses, 20)
-    after = prior.step(before, DT, np.random.default_rng(0))
+    after = prior.sample_transition(before, DT, np.random.default_rng(0))
     c, s = np.cos(turn), np.sin(turn)
     elsewhere = []
     for state in (before, after):
@@ -156,12 +156,12 @@ def test_the_density_turns_and_moves_with_the_body(body, poses):
 
 def test_the_mean_is_where_the_nearest_window_leads(body, poses):
     prior = Implicit(body)
-    before = prior.start(poses[30], 8, np.random.default_rng(0))
+    before = prior.sample_initial(poses[30], 8, np.random.default_rng(0))
     probes = before[:, prior.space.slices["coefficients"]]
     nearest = ((body.coefficients[None] - probes[:, None]) ** 2).sum(axis=2).argmin(axis=1)
     assert (nearest_entries(prior.tree, probes, prior.beta) == nearest).all()
     expected = prior.predict(before, nearest, np.zeros((8, P)))
-    assert (prior.powers.density.mean(before, DT) == expected).all()
+    assert (prior.capabilities.density.mean(before, DT) == expected).all()
 
 
 def test_a_restricted_or_colder_prior_has_the_density_of_its_own_draws(elbow, poses):
@@ -171,42 +171,42 @@ def test_a_restricted_or_colder_prior_has_the_density_of_its_own_draws(elbow, po
     for other in (prior.only(kept), prior.searching("exact", 0.01)):
         grid = np.repeat(before, 3001, axis=0)
         grid[:, ELBOW] = np.linspace(-1.0, 3.0, 3001)
-        p = np.exp(other.powers.density.log_transition(before, grid, DT))
-        drawn = other.step(np.repeat(before, N, axis=0), DT, np.random.default_rng(0))[:, ELBOW]
+        p = np.exp(other.capabilities.density.log_transition(before, grid, DT))
+        drawn = other.sample_transition(np.repeat(before, N, axis=0), DT, np.random.default_rng(0))[:, ELBOW]
         mean = (p * grid[:, ELBOW]).sum() / p.sum()
         assert abs(drawn.mean() - mean) <= 5 * drawn.std() / np.sqrt(N)
 
 
 def test_other_searches_have_no_density_and_other_rates_are_refused(elbow, poses):
     for search in ("sign_tree", "median_tree"):
-        assert Implicit(elbow, search=search).powers.density is None
+        assert Implicit(elbow, search=search).capabilities.density is None
     prior = Implicit(elbow)
-    assert prior.searching("sign_tree", 0.1).powers.density is None
+    assert prior.searching("sign_tree", 0.1).capabilities.density is None
     before = parent(prior, poses)
     for ask in (
-        lambda dt_s: prior.powers.density.mean(before, dt_s),
-        lambda dt_s: prior.powers.density.log_transition(before, before, dt_s),
-        lambda dt_s: prior.powers.density.complete(before, before, dt_s, np.random.default_rng(0)),
+        lambda dt_s: prior.capabilities.density.mean(before, dt_s),
+        lambda dt_s: prior.capabilities.density.log_transition(before, before, dt_s),
+        lambda dt_s: prior.capabilities.density.sample_dependent(before, before, dt_s, np.random.default_rng(0)),
     ):
         with pytest.raises(InputError, match=r"2 rows .* whose density is of one"):
             ask(2 * DT)
 
 
 def test_examples_are_poses_at_the_windows_ends(body, elbow):
-    examples = Implicit(body).powers.examples()
+    examples = Implicit(body).capabilities.examples()
     assert examples.shape == (min(len(body), MOST_EXAMPLES), P)
     assert (examples[:, :4] == 0.0).all()
     rows = body.rows[body.ends].astype(np.float64)
     np.testing.assert_array_equal(examples[:, 6:], rows[:, :19])
     np.testing.assert_array_equal(examples[:, 4:6], rows[:, 42:44])
-    one = Implicit(elbow).powers.examples()
+    one = Implicit(elbow).capabilities.examples()
     assert (np.ptp(one, axis=0) > 0.0).nonzero()[0].tolist() == [ELBOW]
 
 
 def test_many_examples_are_thinned_evenly(elbow):
     repeated = elbow.only(np.tile(np.arange(len(elbow)), 9)) if len(elbow) * 9 > MOST_EXAMPLES else None
     assert repeated is not None
-    examples = Implicit(repeated).powers.examples()
+    examples = Implicit(repeated).capabilities.examples()
     assert len(examples) == MOST_EXAMPLES
     ends = repeated.rows[repeated.ends, 0]
     assert (examples[0, ELBOW], examples[-1, ELBOW]) == (ends[0], ends[-1])

@@ -25,7 +25,7 @@ def prior():
 def test_draws_have_the_mean_and_the_noise_that_it_tells(prior):
     state = np.concatenate([np.full(N_POSE, 0.2), np.linspace(-1.0, 1.0, N_POSE)])
     state[3] = 1.0  # heads aside
-    drawn = prior.step(np.repeat(state[None], 40000, axis=0), DT_S, np.random.default_rng(1))
+    drawn = prior.sample_transition(np.repeat(state[None], 40000, axis=0), DT_S, np.random.default_rng(1))
     expected = prior.noise_covariance(state, DT_S)
     deviations = np.sqrt(np.diag(expected))
     assert np.abs((drawn.mean(axis=0) - prior.mean(state[None], DT_S)[0]) / deviations).max() < 5.0 / 200.0
@@ -35,30 +35,32 @@ def test_draws_have_the_mean_and_the_noise_that_it_tells(prior):
 
 def test_the_density_is_that_of_the_poses_drawn(prior):
     rng = np.random.default_rng(2)
-    before = prior.start(np.full(N_POSE, 0.1), 1, rng)
-    drawn = prior.step(np.repeat(before, 6, axis=0), DT_S, rng)
+    before = prior.sample_initial(np.full(N_POSE, 0.1), 1, rng)
+    drawn = prior.sample_transition(np.repeat(before, 6, axis=0), DT_S, rng)
     own = prior.noise_covariance(before[0], DT_S)[:N_POSE, :N_POSE]
     off = (drawn - prior.mean(before, DT_S))[:, :N_POSE]
     quadratic = np.einsum("np,np->n", off, np.linalg.solve(own, off.T).T)
     expected = -0.5 * (quadratic + np.linalg.slogdet(2.0 * np.pi * own)[1])
     assert np.allclose(prior.log_transition(before, drawn, DT_S), expected)
-    assert np.allclose(prior.complete(np.repeat(before, 6, axis=0), drawn, DT_S, rng), drawn)
+    assert np.allclose(prior.sample_dependent(np.repeat(before, 6, axis=0), drawn, DT_S, rng), drawn)
 
 
 def test_first_states_are_as_their_moments_say(prior):
     pose = np.linspace(-0.1, 0.1, N_POSE)
     mean, covariance = prior.start_moments(pose)
-    drawn = prior.start(pose, 20000, np.random.default_rng(3))
+    drawn = prior.sample_initial(pose, 20000, np.random.default_rng(3))
     assert np.abs((drawn.mean(axis=0) - mean) / np.sqrt(np.diag(covariance))).max() < 5.0 / np.sqrt(20000)
     assert np.allclose(drawn.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.03)
     assert np.array_equal(mean[N_POSE:], np.ones(N_POSE))
 
 
 def test_it_says_what_it_is_and_refuses_other_rates(prior):
-    assert isinstance(prior.powers.density, Gaussian)
+    assert isinstance(prior.capabilities.density, Gaussian)
     assert prior.parameters == POSE_NAMES
     with pytest.raises(InputError, match=r"learned at 30 Hz"):
-        prior.step(prior.start(np.zeros(N_POSE), 2, np.random.default_rng(0)), 0.05, np.random.default_rng(0))
+        prior.sample_transition(
+            prior.sample_initial(np.zeros(N_POSE), 2, np.random.default_rng(0)), 0.05, np.random.default_rng(0)
+        )
     with pytest.raises(InputError, match="that of one frame"):
         prior.noise_covariance(np.zeros(2 * N_POSE), 2.0 * DT_S)
     with pytest.raises(InputError, match="noise"):

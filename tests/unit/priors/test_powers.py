@@ -31,14 +31,14 @@ def windows():
 def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
     """To the difference of its cubic splines and the prior's linear interpolation, 1e-3 rad."""
     prior = getattr(from_motions, name)(motions="builtin", cache=folder)
-    motion, rng = prior.powers.motion, np.random.default_rng(0)
-    state = prior.start(builtin_motions()[0].poses[0], 50, rng)
+    motion, rng = prior.capabilities.motion, np.random.default_rng(0)
+    state = prior.sample_initial(builtin_motions()[0].poses[0], 50, rng)
     alpha, phase = state[:, prior.space.slices["coefficients"]], state[:, prior.space.slices["phase"]][:, 0]
     assert motion.angles == POSE_NAMES[N_ROOT:]
     np.testing.assert_allclose(motion.angles_at(alpha, phase), prior.pose(state)[:, N_ROOT:], atol=1e-3)
     mean_hz, deviation_hz = prior.model.cycle_rate_hz
     np.testing.assert_allclose(motion.cycle_rate_hz, mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]))
-    assert prior.powers.motion is motion  # so that its splines are made once
+    assert prior.capabilities.motion is motion  # so that its splines are made once
 
 
 def test_a_penalty_is_as_given_and_else_the_default(folder):
@@ -49,19 +49,19 @@ def test_a_penalty_is_as_given_and_else_the_default(folder):
         "smooth": Smooth,
     }
     for make in made.values():
-        assert make().powers.smoothness == Smoothness()
-        assert make(penalty={"style": 0.1, "angle": 1.0}).powers.smoothness == Smoothness(style=0.1, angle=1.0)
+        assert make().capabilities.smoothness == Smoothness()
+        assert make(penalty={"style": 0.1, "angle": 1.0}).capabilities.smoothness == Smoothness(style=0.1, angle=1.0)
 
 
 def test_wrappers_pass_on_what_still_holds(folder, windows):
     walking = from_motions.walking(motions="builtin", cache=folder)
     jitter = Jitter(walking)
-    assert jitter.powers.motion is walking.powers.motion
-    assert jitter.powers.smoothness is None
+    assert jitter.capabilities.motion is walking.capabilities.motion
+    assert jitter.capabilities.smoothness is None
     flipping = Flipping(jitter, lambda: None)
-    assert flipping.powers.motion is walking.powers.motion
+    assert flipping.capabilities.motion is walking.capabilities.motion
     followed = Following(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
-    assert (followed.powers.first_pose() == 1.0).all()
-    assert (Flipping(followed, lambda: None).powers.first_pose() == 1.0).all()
+    assert (followed.capabilities.first_pose() == 1.0).all()
+    assert (Flipping(followed, lambda: None).capabilities.first_pose() == 1.0).all()
     arm = Implicit(windows)
-    assert len(Jitter(arm).powers.examples()) == len(arm.powers.examples())
+    assert len(Jitter(arm).capabilities.examples()) == len(arm.capabilities.examples())

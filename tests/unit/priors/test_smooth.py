@@ -72,7 +72,7 @@ def test_one_step_away_from_limits(dt_s):
     prior = Smooth(damping=2.0)
     velocities = np.linspace(-1.0, 1.0, 25)
     state = many(prior, POSE, velocities)
-    moved = prior.step(state, dt_s, np.random.default_rng(0))
+    moved = prior.sample_transition(state, dt_s, np.random.default_rng(0))
     growth = np.sqrt(30 * dt_s)
     free = [i for i, name in enumerate(POSE_NAMES) if np.ptp(SKELETON.limits[i]) > 100]
     within(moved[:, free], (POSE + dt_s * velocities)[free], growth * prior.sigma[free])
@@ -91,7 +91,7 @@ def test_ten_steps_away_from_limits_follow_the_linear_model():
     mean, cov = np.array([POSE[POSE_NAMES.index(ARM[i])], 0.7]), np.zeros((2, 2))
     rng = np.random.default_rng(1)
     for _ in range(10):
-        state = prior.step(state, dt_s, rng)
+        state = prior.sample_transition(state, dt_s, rng)
         mean, cov = f @ mean, f @ cov @ f.T + q
     drawn = np.stack([column(prior, state, ARM[i]), column(prior, state, f"{ARM[i]}_velocity")], axis=1)
     within(drawn, mean, np.sqrt(np.diag(cov)))
@@ -107,7 +107,7 @@ def test_draws_near_a_limit_follow_the_normalised_density(velocity):
     low, high = SKELETON.limits[POSE_NAMES.index(name)]
     pose = POSE.copy()
     pose[POSE_NAMES.index(name)] = high - 0.03
-    moved = prior.step(many(prior, pose, np.full(25, velocity)), dt_s, np.random.default_rng(2))
+    moved = prior.sample_transition(many(prior, pose, np.full(25, velocity)), dt_s, np.random.default_rng(2))
     mean = high - 0.03 + velocity * dt_s
     law = truncnorm((low - mean) / 0.05, (high - mean) / 0.05, loc=mean, scale=0.05)
     assert kstest(column(prior, moved, name), law.cdf).pvalue > 1e-4
@@ -117,7 +117,7 @@ def test_draws_near_a_limit_follow_the_normalised_density(velocity):
 def test_start_is_around_the_pose_and_uniform_where_asked():
     twist = "right_shoulder_twist"
     prior = Smooth(parameters=ARM, start_pose=1.5, start_uniform=[twist])
-    state = prior.start(POSE, N, np.random.default_rng(0))
+    state = prior.sample_initial(POSE, N, np.random.default_rng(0))
     low, high = SKELETON.limits[POSE_NAMES.index(twist)]
     assert kstest(column(prior, state, twist), "uniform", (low, high - low)).pvalue > 1e-4
     calm = [i for i, name in enumerate(ARM) if name != twist and name != "right_elbow_flexion"]
@@ -139,7 +139,7 @@ def test_deviations_are_looked_up_from_the_parameter_to_the_body_part():
 def test_a_parameter_without_noise_keeps_its_value():
     prior = Smooth(sigma={"root_rotation": 0.0}, sigma_velocity={"root_rotation": 0.0})
     rng = np.random.default_rng(0)
-    state = prior.step(prior.start(POSE, 20, rng), 1 / 30, rng)
+    state = prior.sample_transition(prior.sample_initial(POSE, 20, rng), 1 / 30, rng)
     assert (prior.pose(state)[:, 3:6] == POSE[3:6]).all()
 
 
@@ -157,7 +157,7 @@ def test_the_mean_goes_on_at_its_velocity_as_far_as_the_limits():
 def test_a_start_outside_the_limits_is_told_and_begins_inside(caplog):
     prior, pose = Smooth(parameters=ARM), POSE.copy()
     pose[POSE_NAMES.index("right_elbow_flexion")] = 3.0
-    state = prior.start(pose, 100, np.random.default_rng(0))
+    state = prior.sample_initial(pose, 100, np.random.default_rng(0))
     assert "right_elbow_flexion is 3.000, outside" in caplog.text
     elbow = column(prior, state, "right_elbow_flexion")
     assert (elbow <= 2.7).all()
@@ -185,12 +185,12 @@ def test_no_draw_leaves_the_limits(a, b, sigma, sigma_velocity, pose, dt_s, seed
         start_uniform=["root_heading"],
     )
     rng = np.random.default_rng(seed)
-    state = prior.start(np.full(len(POSE_NAMES), pose), 30, rng)
+    state = prior.sample_initial(np.full(len(POSE_NAMES), pose), 30, rng)
     for _ in range(3):
         assert np.isfinite(state).all()
         for i, (low, high) in enumerate((a, b)):
             assert ((low <= state[:, i]) & (state[:, i] <= high)).all()
-        state = prior.step(state, dt_s, rng)
+        state = prior.sample_transition(state, dt_s, rng)
 
 
 @settings(deadline=None, max_examples=200)

@@ -100,7 +100,7 @@ def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
     assert read_plan(tmp_path).jobs == tuple(range(7))
 
 
-def looks(sweep, monkeypatch):
+def frame_likelihoods(sweep, monkeypatch):
     """Watch for three looks at most; what the command returns, None where it would go on."""
     left = iter(range(3))
     monkeypatch.setattr(module, "sleep", lambda _: next(left))
@@ -114,8 +114,8 @@ def looks(sweep, monkeypatch):
 def test_a_sweep_is_followed_as_long_as_its_launcher_or_a_job_is_at_work(sweep, capsys, monkeypatch, at_work):
     leave(sweep / "1", status="running")
     with locked(sweep / at_work):
-        assert looks(sweep, monkeypatch) is None
-    assert looks(sweep, monkeypatch) == 1
+        assert frame_likelihoods(sweep, monkeypatch) is None
+    assert frame_likelihoods(sweep, monkeypatch) == 1
     assert capsys.readouterr().out.splitlines()[-4:] == [
         f"{sweep / '1'}: killed",
         f"{sweep / '2'}: never begun",

@@ -80,12 +80,19 @@ _FIXED: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """Keys that components no longer have, by target, with the value that is fixed today."""
 
+_KEYS: dict[str, dict[str, str]] = {
+    f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
+}
+"""Keys of components that have another name today, by target: old and new."""
+_VALUES: dict[str, dict[str, dict[Any, Any]]] = {}
+"""Values of keys that have another name today, by target and today's key: old and new."""
+
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration with today's keys; a warning names each key whose value changes.
 
-    Targets get the names they have today, a video's `last_frame` becomes `n_frames`, the `first_frame` of files of
-    points becomes `truth_first`, and keys whose values are fixed today are removed.
+    Targets, keys and values get the names they have today, a video's `last_frame` becomes `n_frames`, the `first_frame`
+    of files of points becomes `truth_first`, and keys whose values are fixed today are removed.
 
     Parameters
     ----------
@@ -122,6 +129,11 @@ def _today(path: Path, place: str, value: Any) -> Any:
                 f"{path}: {place}.{key}: expected {fixed}, which is fixed today, found {found!r}; run its experiment "
                 "again without this key"
             )
+    renamed = _KEYS.get(target, {})
+    today = {renamed.get(key, key): item for key, item in today.items()}
+    for key, values in _VALUES.get(target, {}).items():
+        if key in today and not isinstance(today[key], list | dict):
+            today[key] = values.get(today[key], today[key])
     return today
 
 

@@ -3,7 +3,7 @@ far the person drifts from it, while the image as layers says where they really 
 
 import numpy as np
 
-from workbench.core.likelihood import LayeredLook, Slope
+from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.levenberg_marquardt import Tails
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -20,7 +20,12 @@ ENOUGH = 0.5
 
 
 def settle(
-    look: LayeredLook, prior: Tails, pose: FloatArray, slope: Slope, limits: FloatArray, joints: BoolArray
+    frame_likelihood: DenseLikelihood,
+    prior: Tails,
+    pose: FloatArray,
+    slope: Slope,
+    limits: FloatArray,
+    joints: BoolArray,
 ) -> tuple[FloatArray, Slope, int]:
     """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the mode of the first two.
 
@@ -28,7 +33,7 @@ def settle(
     of the points there, and the number of evaluations of the layers. The layers' derivatives are differences along the
     axes that the prior's precision and the points' curvature share, over the deviations of both there, where the points
     see them (LEAST_SEEN). Curvature is taken to be diagonal and not negative."""
-    last, count = look.levels - 1, 0
+    last, count = frame_likelihood.levels - 1, 0
     for _ in range(STEPS):
         precision = prior.precision(pose)
         root = np.linalg.inv(np.linalg.cholesky(precision)).T
@@ -38,15 +43,15 @@ def settle(
         widths = np.clip(1.0 / np.sqrt(1.0 + np.maximum(seen, 0.0)), NARROWEST / largest, WIDEST / largest)
         gradient, curvature = np.zeros(len(pose)), np.zeros(len(pose))
         ways = (axes * widths)[:, asked]
-        gradient[asked], curvature[asked] = _differences(look, pose, ways, limits, joints)
+        gradient[asked], curvature[asked] = _differences(frame_likelihood, pose, ways, limits, joints)
         uphill = axes.T @ (slope.gradient - precision @ (pose - prior.mean)) + gradient / widths
         step = axes @ (uphill / (1.0 + seen + curvature / widths**2))
         tried = np.clip(pose + np.array(LENGTHS)[:, None] * step, *limits.T)
-        heights = look.compare(np.concatenate([pose[None], tried]), joints)
+        heights = frame_likelihood.compare(np.concatenate([pose[None], tried]), joints)
         count += 2 * ways.shape[1] + 2 + len(LENGTHS)
         here = slope.log_prob + prior.height(pose) + heights[0]
         for place, height in zip(tried, heights[1:], strict=True):
-            at_place = look.slope(place, last)
+            at_place = frame_likelihood.slope(place, last)
             if at_place.log_prob + prior.height(place) + height > here + ENOUGH:
                 pose, slope = place, at_place
                 break
@@ -56,12 +61,12 @@ def settle(
 
 
 def _differences(
-    look: LayeredLook, pose: FloatArray, ways: FloatArray, limits: FloatArray, joints: BoolArray
+    frame_likelihood: DenseLikelihood, pose: FloatArray, ways: FloatArray, limits: FloatArray, joints: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Approximate gradient (D,) and downward curvature (D,), not negative, of the layers at a pose (P,) along ways
     (P, D), in their units."""
     d = ways.shape[1]
     places = pose + np.concatenate([np.zeros((1, len(pose))), ways.T, -ways.T])
-    heights = look.compare(np.clip(places, *limits.T), joints)
+    heights = frame_likelihood.compare(np.clip(places, *limits.T), joints)
     here, above, below = heights[0], heights[1 : d + 1], heights[d + 1 :]
     return 0.5 * (above - below), np.maximum(2.0 * here - above - below, 0.0)

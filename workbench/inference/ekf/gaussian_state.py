@@ -10,7 +10,7 @@ from workbench.body.angles import nearest_turn
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.gaussian import predict_covariance, smooth
-from workbench.core.likelihood import LayeredLook
+from workbench.core.likelihood import DenseLikelihood
 from workbench.core.prior import Gaussian, Prior
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -34,7 +34,7 @@ class GaussianState:
     shares: FloatArray = field(default_factory=lambda: np.full(len(POSE_NAMES), 0.5))
 
     def released(self, known: IntArray, values: FloatArray, deviations: FloatArray) -> "GaussianState":
-        """As if the past said nothing of some columns `known` (K,), which are expected at values (K,), deviations (K,)
+        """As if the past said nothing of some columns `info` (K,), which are expected at values (K,), deviations (K,)
         off."""
         mean, covariance, transition = self.mean.copy(), self.covariance.copy(), self.transition.copy()
         covariance[known], covariance[:, known], transition[known] = 0.0, 0.0, 0.0
@@ -48,7 +48,7 @@ class GaussianState:
 def gaussian_of(prior: Prior) -> Gaussian:
     """Return the prior's density; raises InputError where its noise is not Gaussian, or its states do not begin with
     the pose."""
-    density, names = prior.powers.density, prior.space.names
+    density, names = prior.capabilities.density, prior.space.names
     if not isinstance(density, Gaussian) or names[: len(POSE_NAMES)] != POSE_NAMES:
         raise InputError(
             "inference: a Kalman filter needs a prior with Gaussian noise that moves the whole pose, such as linear, "
@@ -87,7 +87,11 @@ OWN_M = 0.045
 
 
 def shares(
-    look: LayeredLook, skeleton: Skeleton, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray
+    frame_likelihood: DenseLikelihood,
+    skeleton: Skeleton,
+    limbs: Sequence[IntArray],
+    pose: FloatArray,
+    other: FloatArray,
 ) -> FloatArray:
     """Return the weights (P,) of a first pass's pose `other` (P,) beside the second pass's `pose` (P,), 0 to 1.
 
@@ -101,7 +105,7 @@ def shares(
     tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
     for k, limb in enumerate(limbs):
         tried[k + 1, limb], tried[n + k + 2, limb] = theirs[limb], pose[limb]
-    ratios = look.compare(tried, joints).reshape(2, n + 1)
+    ratios = frame_likelihood.compare(tried, joints).reshape(2, n + 1)
     one, another = forward(skeleton, np.stack([pose, other])).positions
     agreeing = -np.log1p((float(np.linalg.norm(one - another, axis=1).mean()) / OWN_M) ** 2)
     found = np.full(len(pose), scipy.special.expit(agreeing))

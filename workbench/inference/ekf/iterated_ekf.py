@@ -10,12 +10,12 @@ import numpy as np
 
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.capabilities import DERIVATIVES, EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
+from workbench.core.capabilities import DERIVATIVES, GAUSSIAN, START, UNIFORM_WEIGHTS, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.filter_state import Memory, Past, recalled, streams_now
 from workbench.core.frame import Frame
 from workbench.core.gaussian import condition_block
-from workbench.core.likelihood import LayeredLook, Likelihood, Relearning, SlopedLook
+from workbench.core.likelihood import DenseLikelihood, DifferentiableLikelihood, Likelihood, Refittable
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
@@ -54,12 +54,12 @@ class Kalman:
     joint, by BASE_DOUBT plus the likelihood's misfit: curvature alone does not know a loss. postures: power of the
     prior's density of postures, where it has one, which draws the reported Gaussian, but not the tracking, to what
     people do. second_pass: after the last frame smooth backwards; before that, a likelihood that learns from tracked
-    clips (`Relearning`) is filtered by again, and both passes are fused (`pass_fusion`). Else every frame is reported
+    clips (`Refittable`) is filtered by again, and both passes are fused (`pass_fusion`). Else every frame is reported
     as soon as it is filtered. Raises InputError for a prior without Gaussian noise, a likelihood without derivatives
     and numbers out of range.
     """
 
-    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=DERIVATIVES)
+    traits: ClassVar[Traits] = offering(UNIFORM_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=DERIVATIVES)
 
     prior: Prior
     likelihood: Likelihood
@@ -84,7 +84,7 @@ class Kalman:
         return self.prior.space
 
     @property
-    def continues(self) -> bool:
+    def resumable(self) -> bool:
         """Whether it goes on from a `Past`: without a second pass, which needs all frames."""
         return not self.second_pass
 
@@ -104,15 +104,15 @@ class Kalman:
         if isinstance(start, Past):
             raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
         seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
-        looks = [smoothed([belief for _, belief, _ in seen])]
-        if isinstance(self.likelihood, Relearning):
-            seen = self._again(self.likelihood, seen, looks[0], start, rng_streams)
-            looks.append(smoothed([belief for _, belief, _ in seen]))
-        for (frame, _, extra), *beliefs in zip(seen, *looks, strict=True):
+        frame_likelihoods = [smoothed([belief for _, belief, _ in seen])]
+        if isinstance(self.likelihood, Refittable):
+            seen = self._again(self.likelihood, seen, frame_likelihoods[0], start, rng_streams)
+            frame_likelihoods.append(smoothed([belief for _, belief, _ in seen]))
+        for (frame, _, extra), *beliefs in zip(seen, *frame_likelihoods, strict=True):
             yield self._step(frame, beliefs, rng_streams["prior"], extra)
 
     def _again(
-        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[GaussianState], start: FloatArray,
+        self, likelihood: Refittable, seen: list[Filtered], beliefs: list[GaussianState], start: FloatArray,
         rng_streams: Streams,
     ) -> list[Filtered]:  # fmt: skip
         """Look at all frames again, knowing more, and where the person was believed to be; each tells what both looks
@@ -120,9 +120,9 @@ class Kalman:
         clock, frames = Stopwatch(), [frame for frame, _, _ in seen]
         poses = self.prior.pose(np.stack([belief.mean for belief in beliefs]))
         found = {frame.index: pose for frame, pose in zip(frames, poses, strict=True)}
-        relearned = likelihood.relearned(frames[0], found)
+        refitted = likelihood.refitted(frames[0], found)
         clock.lap("likelihood")
-        again = list(self._filtered(relearned, frames, start, rng_streams, found))
+        again = list(self._filtered(refitted, frames, start, rng_streams, found))
         for (_, _, before), (_, _, now) in zip(seen, again, strict=True):
             spent = before["timing_s"], now["timing_s"], clock.laps
             now["timing_s"] = {stage: sum(laps.get(stage, 0.0) for laps in spent) for stage in {**spent[0], **spent[1]}}
@@ -146,69 +146,79 @@ class Kalman:
         belief = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0
-            look = likelihood.look(previous, frame)
-            if not isinstance(look, SlopedLook):
+            frame_likelihood = likelihood.prepare(previous, frame)
+            if not isinstance(frame_likelihood, DifferentiableLikelihood):
                 name = type(self.likelihood).__name__
                 raise InputError(f"inference: a Kalman filter needs a likelihood with {DERIVATIVES}, found {name}")
-            if previous is not None or look.judges:
+            if previous is not None or frame_likelihood.informative:
                 before = self.prior.pose(belief.mean[None])
                 predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
                 leaps = previous is not None  # not from a given start
-                belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
-                if frame.index in found and isinstance(look, LayeredLook):
-                    weighed = shares(look, self.body.skeleton, self._leaping, peak.pose, found[frame.index])
+                belief, peak = self._updated(predicted, frame_likelihood, before, leaps, rng_streams["resampling"])
+                if frame.index in found and isinstance(frame_likelihood, DenseLikelihood):
+                    weighed = shares(frame_likelihood, self.body.skeleton, self._leaping, peak.pose, found[frame.index])
                     belief = replace(belief, shares=weighed)
                 log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
-            likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
+            likelihood = frame_likelihood.update(self.prior.pose(belief.mean[None])[0])
             clock.lap("likelihood")
             yield frame, belief, {
-                "log_evidence": log_evidence, "timing_s": clock.laps, "warnings": tuple(look.notes),
-                "diagnostics": look.diagnostics, "evaluations": evaluations,
+                "log_evidence": log_evidence, "timing_s": clock.laps, "warnings": tuple(frame_likelihood.notes),
+                "diagnostics": frame_likelihood.diagnostics, "evaluations": evaluations,
             }  # fmt: skip
             previous = frame
 
     def _updated(
-        self, belief: GaussianState, look: SlopedLook, before: FloatArray, leaps: bool, rng: np.random.Generator
+        self,
+        belief: GaussianState,
+        frame_likelihood: DifferentiableLikelihood,
+        before: FloatArray,
+        leaps: bool,
+        rng: np.random.Generator,
     ) -> tuple[GaussianState, Peak]:
         """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
-        peak = self._climbed(look, belief, belief.mean[: before.shape[1]])
-        if isinstance(look, LayeredLook):
+        peak = self._climbed(frame_likelihood, belief, belief.mean[: before.shape[1]])
+        if isinstance(frame_likelihood, DenseLikelihood):
             if leaps:
-                belief, peak = self._leapt(look, belief, peak, before[0], rng)
-            peak = self._settled(look, belief, peak)
-        doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
+                belief, peak = self._leapt(frame_likelihood, belief, peak, before[0], rng)
+            peak = self._settled(frame_likelihood, belief, peak)
+        doubt = BASE_DOUBT + frame_likelihood.misfit(peak.pose)[self.body.skeleton.dof_joints]
         mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
-    def _climbed(self, look: SlopedLook, belief: GaussianState, start: FloatArray) -> Peak:
+    def _climbed(self, frame_likelihood: DifferentiableLikelihood, belief: GaussianState, start: FloatArray) -> Peak:
         """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
         n = len(start)
         return climb(
-            look, belief.mean[:n], belief.covariance[:n, :n], self.body.skeleton.limits, start=start,
+            frame_likelihood, belief.mean[:n], belief.covariance[:n, :n], self.body.skeleton.limits, start=start,
             limbs=self._limbs, sudden=self.sudden, flatten=self.flatten,
         )  # fmt: skip
 
     def _leapt(
-        self, look: LayeredLook, belief: GaussianState, peak: Peak, before: FloatArray, rng: np.random.Generator
+        self,
+        frame_likelihood: DenseLikelihood,
+        belief: GaussianState,
+        peak: Peak,
+        before: FloatArray,
+        rng: np.random.Generator,
     ) -> tuple[GaussianState, Peak]:
         """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
         skeleton = self.body.skeleton
         for limb in self._leaping:
-            found = leap(look, skeleton, limb, peak.pose, before, rng)
+            found = leap(frame_likelihood, skeleton, limb, peak.pose, before, rng)
             if found is None:
                 continue
             released = belief.released(*self._anew(limb, found))
-            again = self._climbed(look, released, found)
-            if is_better(look, len(skeleton.names), peak.pose, again.pose, limb, before):
+            again = self._climbed(frame_likelihood, released, found)
+            if is_better(frame_likelihood, len(skeleton.names), peak.pose, again.pose, limb, before):
                 belief, peak = released, again
         return belief, peak
 
-    def _settled(self, look: LayeredLook, belief: GaussianState, peak: Peak) -> Peak:
+    def _settled(self, frame_likelihood: DenseLikelihood, belief: GaussianState, peak: Peak) -> Peak:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
         prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
-        pose, slope, count = settle(look, prior, peak.pose, peak.slope, skeleton.limits, self._everything)
+        pose, slope, count = settle(frame_likelihood, prior, peak.pose, peak.slope, skeleton.limits, self._everything)
         return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
 
     def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -251,9 +261,9 @@ class Kalman:
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
         if len(beliefs) > 1:
             mean, covariance = of_both(beliefs[0].mean, mean, covariance, belief.shares)
-        if self.postures > 0.0 and self.prior.powers.postures is not None:
+        if self.postures > 0.0 and self.prior.capabilities.postures is not None:
             n = len(belief.doubt)
-            drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
+            drawn = self.prior.capabilities.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
             mean, covariance = condition_block(mean, covariance, *drawn)
         values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.likelihood import Slope, SlopedLook
+from workbench.core.likelihood import DifferentiableLikelihood, Slope
 from workbench.utils.arrays import FloatArray, IntArray
 
 STEPS = 5
@@ -73,7 +73,7 @@ def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: flo
 
 
 def climb(
-    look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
+    frame_likelihood: DifferentiableLikelihood, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
     start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
 ) -> Peak:  # fmt: skip
     """Climb from a pose `start` (P,) by damped Gauss–Newton steps (Levenberg 1944, Marquardt 1963), smoothing by
@@ -84,8 +84,8 @@ def climb(
     frame to frame. Where a limb is far from the prediction, the covariance is wider by as much as that was unlikely.
     """
     prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
-    for level in range(look.levels):
-        pose, slope, taken = _climb_at(look, level, prior, pose, limits)
+    for level in range(frame_likelihood.levels):
+        pose, slope, taken = _climb_at(frame_likelihood, level, prior, pose, limits)
         count += taken
     return peak_at(prior, pose, slope, flatten, count)
 
@@ -100,11 +100,11 @@ def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count:
 
 
 def _climb_at(
-    look: SlopedLook, level: int, prior: Tails, pose: FloatArray, limits: FloatArray
+    frame_likelihood: DifferentiableLikelihood, level: int, prior: Tails, pose: FloatArray, limits: FloatArray
 ) -> tuple[FloatArray, Slope, int]:
     """Climb at one smoothing; return the pose, the slope there, and how often the likelihood was asked."""
-    slope, damping = look.slope(pose, level), 0.0
-    least = ENOUGH if level == look.levels - 1 else ENOUGH_YET
+    slope, damping = frame_likelihood.slope(pose, level), 0.0
+    least = ENOUGH if level == frame_likelihood.levels - 1 else ENOUGH_YET
     height = slope.log_prob + prior.height(pose)
     for taken in range(1, STEPS + 1):
         precision = prior.precision(pose)
@@ -112,7 +112,7 @@ def _climb_at(
         uphill = slope.gradient - precision @ (pose - prior.mean)
         step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), uphill)
         tried = np.clip(pose + step, *limits.T)
-        at_tried = look.slope(tried, level)
+        at_tried = frame_likelihood.slope(tried, level)
         reached = at_tried.log_prob + prior.height(tried)
         if reached > height:
             enough = reached - height < least

@@ -4,7 +4,7 @@ import numpy as np
 
 from workbench.body.kinematics import descendants
 from workbench.body.skeleton import Skeleton
-from workbench.core.likelihood import LayeredLook
+from workbench.core.likelihood import DenseLikelihood
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 REACH = 0.7
@@ -21,7 +21,7 @@ NARROWER = (0.25, 0.12)
 
 
 def leap(
-    look: LayeredLook,
+    frame_likelihood: DenseLikelihood,
     skeleton: Skeleton,
     limb: IntArray,
     pose: FloatArray,
@@ -42,7 +42,7 @@ def leap(
         tried = np.clip(around + deviation * rng.standard_normal((n, len(limb))), low, high)
         poses = np.repeat(pose[None], n + 1, axis=0)
         poses[1:, limb] = tried
-        ratios = look.compare(poses, moved)
+        ratios = frame_likelihood.compare(poses, moved)
         here = ratios[0]
         places, scores = (
             np.concatenate([places, tried]),
@@ -63,12 +63,17 @@ def cost(places: FloatArray, before: FloatArray) -> FloatArray:
 
 
 def is_better(
-    look: LayeredLook, n_joints: int, pose: FloatArray, leapt: FloatArray, limb: IntArray, before: FloatArray
+    frame_likelihood: DenseLikelihood,
+    n_joints: int,
+    pose: FloatArray,
+    leapt: FloatArray,
+    limb: IntArray,
+    before: FloatArray,
 ) -> bool:
     """Return whether a frame is likelier in the pose (P,) that was climbed to after a leap: by all its pixels alone, as
     a limb that hides behind others costs the points nothing, and one that is seen costs them something anywhere."""
     everything = np.ones(n_joints, dtype=np.bool_)
-    ratios = look.compare(np.stack([pose, leapt]), everything)
+    ratios = frame_likelihood.compare(np.stack([pose, leapt]), everything)
     return bool(ratios[1] - ratios[0] - cost(leapt[limb], before[limb]) > LEAST_GAIN)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, Observed, observe, person_px
-from workbench.core.prior import PACE_HZ, RECORDED, Smoothness
+from workbench.core.prior import RECORDED, REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
 from workbench.inference.least_squares.smooth_fit import (
@@ -48,7 +48,7 @@ def start_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatAr
     for frame in frames:
         if taken and frame.time_s - taken[0].time_s > START_S:
             break
-        if not taken or frame.time_s - taken[-1].time_s > 0.99 / PACE_HZ:
+        if not taken or frame.time_s - taken[-1].time_s > 0.99 / REFERENCE_RATE_HZ:
             taken.append(frame)
     seen, _ = observe(taken, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
     if not seen or not enough_keypoints(seen[0]):

@@ -15,7 +15,7 @@ from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.capabilities import KEYPOINTS, Traits, declaring, offering
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
-from workbench.core.prior import PACE_HZ
+from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import projection_jacobian
 from workbench.core.side_information import FIRST_FRAMES, HEIGHT
 from workbench.inference.least_squares.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
@@ -74,7 +74,7 @@ def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: i
         if len(seen) == n_frames:
             break
         keypoints = frame_keypoints(skeleton, frame)
-        if frame.time_s - last_s > 0.99 / PACE_HZ and enough_keypoints(Observed(np.empty((0, 3)), keypoints)):
+        if frame.time_s - last_s > 0.99 / REFERENCE_RATE_HZ and enough_keypoints(Observed(np.empty((0, 3)), keypoints)):
             seen.append(keypoints)
             last_s = frame.time_s
     if not seen:

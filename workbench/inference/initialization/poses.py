@@ -12,10 +12,10 @@ from workbench.body.kinematics import axis_rotations, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface, person_surface
-from workbench.core.frame import Frame, MarkedFrames
+from workbench.core.frame import AnnotatedFrames, Frame
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
-from workbench.core.prior import MotionModel, Powers, Prior
+from workbench.core.prior import MotionModel, Prior, PriorCapabilities
 from workbench.core.residual import Loss, ResidualFunction, surface_residual
 from workbench.inference.initialization.from_keypoints import LIKELY, START_S, allowed_poses, start_from_keypoints
 from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
@@ -58,7 +58,7 @@ class _StartFit:
     rate_hz: float
 
 
-def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> _StartFit:
+def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, marks: AnnotatedFrames) -> _StartFit:
     """Return the cyclic motion of the model that fits the joints marked in all F frames, in one style.
 
     Least squares over coefficients, phases and roots, from several headings and phases; the lowest cost wins. Marks
@@ -77,7 +77,7 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
     return _StartFit(poses[0], error_px(skeleton, seen, poses), float(phases[0] % 1.0), float(poses[0, 3]), rate_hz)
 
 
-def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> list[Keypoints]:
+def usable_marks(skeleton: Skeleton, camera: Camera, marks: AnnotatedFrames) -> list[Keypoints]:
     """Select the joints marked in each of F frames; raises InputError where they are fewer than LEAST_KEYPOINTS."""
     given = [usable_keypoints(skeleton, rows, camera) for rows in marks.keypoints]
     seen = [keypoints for keypoints in given if keypoints is not None and len(keypoints.joints) >= LEAST_KEYPOINTS]
@@ -199,37 +199,37 @@ def start_poses(prior: Prior | None, body: Body, clip: FrameCache) -> tuple[Floa
     by what the prior knows of people: a cyclic motion, examples, or nothing, where the body's limits have to do; then
     detected joints, then points. Raises InputError where there is none of these, or too few joints.
     """
-    known, powers = clip.known, Powers() if prior is None else prior.powers
-    if powers.first_pose is not None:
-        return powers.first_pose(), ""
-    if known.start_pose is not None:
-        return known.start_pose, ""
-    if known.start_marks is not None:
-        poses, how = _from_marks(powers, body.skeleton, known.cameras[0], known.start_marks, known.scale)
+    info, capabilities = clip.info, PriorCapabilities() if prior is None else prior.capabilities
+    if capabilities.first_pose is not None:
+        return capabilities.first_pose(), ""
+    if info.initial_pose is not None:
+        return info.initial_pose, ""
+    if info.initial_annotations is not None:
+        poses, how = _from_marks(capabilities, body.skeleton, info.cameras[0], info.initial_annotations, info.scale)
         return poses, f"start fitted to the marks: {how}"
-    if known.has_keypoints:
+    if info.has_keypoints:
         poses = start_from_keypoints(body.skeleton, clip)
         return poses, f"start fitted to keypoints: {len(poses)} poses that they allow"
-    if known.has_points:
+    if info.has_points:
         return _start_from_points(prior, body, clip), "start fitted to the points of the first second"
     raise InputError(
-        "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
+        "dataset: no starting pose: mark joints of the first frame of a video (dataset.initial_annotations=FILE.csv), give "
         "the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
     )
 
 
 def _from_marks(
-    powers: Powers, skeleton: Skeleton, camera: Camera, marks: MarkedFrames, scale: float
+    capabilities: PriorCapabilities, skeleton: Skeleton, camera: Camera, marks: AnnotatedFrames, scale: float
 ) -> tuple[FloatArray, str]:
     """Find the pose (P,) or poses (n, P) that fit the marks, and say how well, in pixels of the source's images."""
-    if powers.motion is not None:
-        fit = start_from_marks(powers.motion, skeleton, camera, marks)
+    if capabilities.motion is not None:
+        fit = start_from_marks(capabilities.motion, skeleton, camera, marks)
         pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
         error, heading = fit.error_px / scale, np.degrees(fit.heading)
         return fit.pose, f"residual {error:.1f} px, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"
     seen = usable_marks(skeleton, camera, marks)
-    if powers.examples is not None:
-        poses, of = start_from_examples(powers.examples(), skeleton, seen[0]), "the prior's examples"
+    if capabilities.examples is not None:
+        poses, of = start_from_examples(capabilities.examples(), skeleton, seen[0]), "the prior's examples"
     else:
         soon = np.flatnonzero(marks.times_s - marks.times_s[0] <= START_S)
         poses = allowed_poses(skeleton, [(seen[k],) for k in soon], marks.times_s[soon])

@@ -10,7 +10,7 @@ import scipy
 from tqdm import tqdm
 
 from workbench.body.skeleton import N_ROOT
-from workbench.core.prior import PACE_HZ
+from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.inference.least_squares.single_frame import Decoder, FitData, MotionDecoder
 from workbench.inference.least_squares.solver import Minimum, Pattern, Quadratic, minimise
@@ -120,7 +120,7 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int, pl
     """
     if np.any(np.diff(data.times_s) <= 0.0):
         raise InputError("least squares: expected the times of the frames to increase")
-    times, styles = PACE_HZ * data.times_s, np.arange(len(data.times_s)) // frames_per_style
+    times, styles = REFERENCE_RATE_HZ * data.times_s, np.arange(len(data.times_s)) // frames_per_style
     columns, n_border = _columns(styles, decoder.n_style)
     if plain:
         return FitProblem.of(decoder, data, columns, (), n_border)

@@ -13,7 +13,7 @@ import numpy as np
 from workbench.body.kinematics import descendants, joint_jacobian, joints, length_jacobian
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.core.observations import Observed
-from workbench.core.prior import PACE_HZ, Smoothness
+from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares import pose_kernels as kernels
 from workbench.inference.least_squares.foot_contact import ANKLES, DRIFT_LOSS, DRIFT_M
@@ -131,8 +131,8 @@ class KeypointProblem:
         """Return poses (T, P), each fitted near the one before, the first near `start` (P,)."""
         poses = np.empty((self.n_frames, len(start)))
         poses[0] = start
-        gaps = np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / PACE_HZ)
-        pulls = np.repeat(1.0 / (FOLLOW_SIGMA**2 * PACE_HZ * gaps)[:, None], len(start), axis=1)
+        gaps = np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / REFERENCE_RATE_HZ)
+        pulls = np.repeat(1.0 / (FOLLOW_SIGMA**2 * REFERENCE_RATE_HZ * gaps)[:, None], len(start), axis=1)
         kernels.fit_frames(poses, True, pulls, self._terms, 20, 1e-3, np.empty(len(poses)))
         return poses
 
@@ -201,8 +201,8 @@ class KeypointProblem:
         """The second differences (T − 2, 3), see `motion.second_differences`."""
         if self.n_frames < 3:
             return np.zeros((0, 3))
-        before, after = (1.0 / np.diff(PACE_HZ * self.times_s)[k : self.n_frames - 2 + k] for k in range(2))
-        walked = np.sqrt(0.5 * PACE_HZ * (self.times_s[2:] - self.times_s[:-2]))
+        before, after = (1.0 / np.diff(REFERENCE_RATE_HZ * self.times_s)[k : self.n_frames - 2 + k] for k in range(2))
+        walked = np.sqrt(0.5 * REFERENCE_RATE_HZ * (self.times_s[2:] - self.times_s[:-2]))
         return np.stack([before, -before - after, after], axis=1) / walked[:, None]
 
     @cached_property

@@ -9,13 +9,13 @@ import numpy as np
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
-from workbench.core.capabilities import EVEN_WEIGHTS, FIT, RESIDUALS, Traits, needs_of_all, offering
+from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, needs_of_all, offering
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
-from workbench.core.keys import keeps_keys
+from workbench.core.keys import records_arguments
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
-from workbench.core.prior import Powers, Prior, Smoothness
+from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
@@ -33,7 +33,7 @@ FEW_INLIERS = 0.3
 """Where fewer of a frame's points and keypoints are near the body, the step says so."""
 
 
-@keeps_keys
+@records_arguments
 class LeastSquares:
     """Fit a person to all frames: an inference that yields its steps after solving.
 
@@ -54,7 +54,7 @@ class LeastSquares:
         """Declare even weights about one fit, the need of residuals, and what the problem needs: by itself it may take
         the phases of the ends."""
         fit, problem = offering(likelihood=RESIDUALS), keys["problem"] or offering(known=PHASE_ENDS)
-        return Traits(frozenset({EVEN_WEIGHTS, FIT}), needs_of_all({"fit": fit, "problem": problem}))
+        return Traits(frozenset({UNIFORM_WEIGHTS, FIT}), needs_of_all({"fit": fit, "problem": problem}))
 
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
@@ -66,13 +66,13 @@ class LeastSquares:
                 "inference: least squares expected a likelihood with residuals, such as surface_points or keypoints, "
                 f"found {type(likelihood).__name__}"
             )
-        powers = Powers() if prior is None else prior.powers
+        capabilities = PriorCapabilities() if prior is None else prior.capabilities
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
         self.length_doubt = told_doubt(body.skeleton) if body.length_doubt is None else body.length_doubt
-        self.motion, self.smoothness = powers.motion, powers.smoothness or Smoothness()
-        self.discrepancy, self.postures = powers.discrepancy, powers.postures
-        self.problem: Problem = problem or (SmoothFit() if powers.motion is None else MotionFit())
+        self.motion, self.smoothness = capabilities.motion, capabilities.smoothness or Smoothness()
+        self.discrepancy, self.postures = capabilities.discrepancy, capabilities.postures
+        self.problem: Problem = problem or (SmoothFit() if capabilities.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
-from workbench.core.prior import PACE_HZ, Smoothness
+from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, robust, stacked
 from workbench.inference.least_squares.all_frames import FitProblem, second_differences
 from workbench.inference.least_squares.foot_contact import ties_of_feet
@@ -58,9 +58,11 @@ class ResidualProblem:
 
     def followed(self, start: FloatArray) -> FloatArray:
         """Return poses (T, P), each fitted near the one before, the first near `start` (P,)."""
-        poses, gaps = [start], np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / PACE_HZ)
+        poses, gaps = [start], np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / REFERENCE_RATE_HZ)
         for t in tqdm(range(len(gaps)), desc="following", unit="frame", disable=None, leave=False):
-            prior = GaussianPrior.independent(poses[-1], np.full(len(start), FOLLOW_SIGMA * np.sqrt(PACE_HZ * gaps[t])))
+            prior = GaussianPrior.independent(
+                poses[-1], np.full(len(start), FOLLOW_SIGMA * np.sqrt(REFERENCE_RATE_HZ * gaps[t]))
+            )
             poses.append(fit_frame(PoseDecoder(self.skeleton), self._bounded[t], SQUARED, poses[-1], prior=prior).x)
         return np.array(poses[1:])
 
@@ -92,7 +94,7 @@ class ResidualProblem:
         n_frames, n_dofs = len(self.residuals), len(self.skeleton.dof_names)
         columns = np.arange(n_frames * n_dofs).reshape(n_frames, n_dofs)
         own = [*self.smoothness.second_differences[1:], *[self.smoothness.angle] * (n_dofs - N_ROOT)]
-        rows = second_differences(columns, PACE_HZ * self.times_s, np.array(own))
+        rows = second_differences(columns, REFERENCE_RATE_HZ * self.times_s, np.array(own))
         none = [(columns[0, :1], np.zeros(1))]  # one or two frames have no second differences
         ties = ties_of_feet(self.skeleton, self.stand, self.times_s)
         data = FitData(self._bounded, self.times_s, SQUARED, self.smoothness)

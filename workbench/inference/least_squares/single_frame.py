@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
+from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import Loss, ResidualFunction, scaled
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.solver import Minimum, Pattern, Quadratic, minimise
@@ -46,7 +46,7 @@ def spaced(shown: Iterable[bool], times_s: FloatArray) -> IntArray:
     """Select of the frames that are `shown` (T,), at times (T,), those no closer than 1 / PACE_HZ to one before."""
     frames: list[int] = []
     for t in np.flatnonzero(list(shown)):
-        if not frames or times_s[t] - times_s[frames[-1]] > 0.99 / PACE_HZ:
+        if not frames or times_s[t] - times_s[frames[-1]] > 0.99 / REFERENCE_RATE_HZ:
             frames.append(int(t))
     return np.array(frames, dtype=np.intp)
 
@@ -219,13 +219,13 @@ def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> 
 
 
 def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArray:
-    """Return states (T, D) of all frames, the first ones `known` (F ≥ 2, D), the next followed one by one.
+    """Return states (T, D) of all frames, the first ones `info` (F ≥ 2, D), the next followed one by one.
 
     Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held; the
     phase goes on at its mean speed of late, and the root is first found with a wide loss.
     """
     states, free = list(known), PoseDecoder(decoder.skeleton)
-    gaps, n_style = PACE_HZ * np.diff(data.times_s), decoder.n_style
+    gaps, n_style = REFERENCE_RATE_HZ * np.diff(data.times_s), decoder.n_style
     for t in tqdm(range(len(known), len(data.residuals)), desc="following", unit="frame", disable=None, leave=False):
         before, after = gaps[t - 2 : t]
         ahead = states[t - 1] + (states[t - 1] - states[t - 2]) * (after / before)

@@ -13,8 +13,8 @@ from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
 from workbench.core.capabilities import Traits, offering
 from workbench.core.observations import Keypoints, Observed, kinds_seen
-from workbench.core.pose_prior import Postures
-from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
+from workbench.core.pose_prior import PosePrior
+from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import KeypointResiduals, Loss
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
@@ -136,7 +136,7 @@ def keypoint_problem(
 
 def fit_smooth(
     problem: KeypointProblem | ResidualProblem, seen: Sequence[Observed], starts: FloatArray, max_iterations: int,
-    postures: Postures | None = None, doubt: FloatArray | None = None,
+    postures: PosePrior | None = None, doubt: FloatArray | None = None,
 ) -> SmoothPoses:  # fmt: skip
     """Fit poses (T, P) to what is seen of T frames.
 
@@ -201,7 +201,7 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
     all around, the best first."""
     poses = upright_poses(skeleton, seen, posture_prior(skeleton).mean)
     copies = [Observed(np.empty((0, 3)), tuple(seen))] * len(poses)
-    problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / PACE_HZ, sigma_px, KEYPOINT_LOSS)
+    problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / REFERENCE_RATE_HZ, sigma_px, KEYPOINT_LOSS)
     poses, costs = problem.each(poses)
     return distinct_poses(skeleton, poses[np.argsort(costs, kind="stable")], N_HYPOTHESES, DISTINCT_M)
 
@@ -229,7 +229,7 @@ def _searched(
 
 
 def _drawn(
-    problem: KeypointProblem | ResidualProblem, before: SmoothPoses, postures: Postures, max_iterations: int
+    problem: KeypointProblem | ResidualProblem, before: SmoothPoses, postures: PosePrior, max_iterations: int
 ) -> SmoothPoses:
     """Draw what is fitted to postures, in POSTURE_ROUNDS of expectation and maximisation.
 
@@ -247,10 +247,10 @@ def _drawn(
 
 
 def nearest_postures(
-    postures: Postures, poses: FloatArray, covariances: FloatArray, power: float
+    postures: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return means (T, P) and precisions (T, P, P) of the postures, to a power above 0, that poses (T, P) with
-    covariances (T, P, P) are drawn to, see `Postures.nearest`: they stay those when the poses move."""
+    covariances (T, P, P) are drawn to, see `PosePrior.nearest`: they stay those when the poses move."""
     own = slice(poses.shape[1] - postures.means.shape[1], None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):

@@ -10,7 +10,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.observations import Observed, kinds_seen
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
@@ -39,7 +39,7 @@ class Task:
     phase_ends: tuple[float, float] | None = None
     max_iterations: int = 40
     discrepancy: Discrepancy | None = None
-    postures: Postures | None = None
+    postures: PosePrior | None = None
     length_doubt: FloatArray | None = None
 
     @property

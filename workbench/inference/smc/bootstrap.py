@@ -10,7 +10,7 @@ from workbench.core.capabilities import Traits, offering
 from workbench.core.checks import UNIT, check, one_of
 from workbench.core.prior import Prior
 from workbench.inference.smc.move import DensityMove, First, Streams
-from workbench.inference.smc.target import Moved, Particles, Target
+from workbench.inference.smc.target import MoveResult, Particles, Target
 from workbench.inference.smc.weights import RESAMPLING, even_log_weights, lookahead_log_weight, systematic
 
 
@@ -42,7 +42,7 @@ class Bootstrap:
         """Return no diagnostics and warnings of the first step."""
         return {}, ()
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Resample, propagate, weigh."""
         log_weights, ancestors = target.parents.log_weights, np.arange(target.n)
         if target.parents.ess <= self.ess_threshold * target.n:
@@ -74,7 +74,7 @@ class Auxiliary(DensityMove):
     def __post_init__(self) -> None:
         check("inference", self, flatten=UNIT)
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Look ahead, choose the parents, propagate, weigh."""
         parents = target.parents
         ahead = target.evaluate(target.density.mean(parents.state, target.dt_s), np.arange(target.n))

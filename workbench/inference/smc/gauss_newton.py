@@ -10,7 +10,7 @@ import scipy
 from workbench.core.checks import INSIDE_UNIT, UNIT, at_least, check
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.move import DensityMove, Streams
-from workbench.inference.smc.target import STILL, Moved, Target
+from workbench.inference.smc.target import STILL, MoveResult, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
 from workbench.priors.density import apart, circular
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -51,7 +51,7 @@ class GaussNewton(DensityMove):
     def __post_init__(self) -> None:
         check("inference", self, share=INSIDE_UNIT, flatten=UNIT, steps=at_least(1))
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Climb, draw from the mixture, weigh."""
         parents, n, rng = target.parents, target.n, rng_streams["prior"]
         prediction = predict(target, rng)
@@ -61,14 +61,14 @@ class GaussNewton(DensityMove):
         counts = (guide.log_parents, n_guided), (parents.log_weights, n - n_guided)
         chosen = np.concatenate([systematic(np.exp(log_w), rng_streams["resampling"], k) for log_w, k in counts])
         target.clock.lap("resampling")
-        state = target.prior.step(parents.state[chosen], target.dt_s, rng)
+        state = target.prior.sample_transition(parents.state[chosen], target.dt_s, rng)
         state[:n_guided] = guide.draw(state[:n_guided], chosen[:n_guided], rng)
         drawn = target.evaluate(state, chosen)
         log_plain = parents.log_weights[chosen] + drawn.log_prior
         log_guided = np.log(n_guided / n) + guide.log_density(state, chosen)
         log_drawn = np.logaddexp(log_guided, np.log1p(-n_guided / n) + log_plain)
         log_weights, log_gain = target.weigh(even_log_weights(n), drawn.log_prob, log_plain - log_drawn)
-        return target.settle(target.complete(drawn, rng), log_weights, log_gain)
+        return target.settle(target.sample_dependent(drawn, rng), log_weights, log_gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def predict(target: Target, rng: np.random.Generator) -> _PredictedStates:
     """Predict from the target's parents; deviations of the noise are those of one draw for each parent."""
     space, parents = target.prior.space, target.parents
     means = target.density.mean(parents.state, target.dt_s)
-    noise = apart(space, means, target.prior.step(parents.state, target.dt_s, rng))
+    noise = apart(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
     noisy = np.flatnonzero(target.free() & (np.abs(noise).max(axis=0) > STILL))
     weights, heaviest = np.exp(parents.log_weights), means[np.argmax(parents.log_weights)]
     middle = heaviest + weights @ apart(space, heaviest, means)  # phases have no mean but beside one of them

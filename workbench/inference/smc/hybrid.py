@@ -11,8 +11,8 @@ from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.step import Step
-from workbench.inference.smc.move import Move, Streams, Surrounded, Wrapper
-from workbench.inference.smc.target import Moved, Target
+from workbench.inference.smc.move import Move, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.target import MoveResult, Target
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -70,7 +70,7 @@ class Hybrid(Wrapper):
     share: float = 0.7
     widen: float = 6.0
 
-    continues: ClassVar[bool] = False
+    resumable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,12 +91,12 @@ class Hybrid(Wrapper):
         guides = guides_of(prior, fit.states, self.widen**2 * fit.state_covariance, times_s, self.share)
         by_frame = {frame.index: guide for frame, guide in zip(frames, guides, strict=True)}
 
-        def guide_move(move: Move, target: Target, rng_streams: Streams) -> Moved:
+        def guide_move(move: Move, target: Target, rng_streams: Streams) -> MoveResult:
             return move(replace(target, prior=by_frame[target.frame.index]), rng_streams)
 
         if not self.move.proposes:
             warnings[0] = (*warnings[0], UNGUIDED)
-        guided = self.filter.rebuilt(prior=guides[0], move=Surrounded(self.move, guide_move))
+        guided = self.filter.rebuilt(prior=guides[0], move=WrappedMove(self.move, guide_move))
         for step, more in zip(guided.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
             more_evaluations = step.evaluations + fit.iterations
             yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, memory=None)
@@ -104,7 +104,7 @@ class Hybrid(Wrapper):
 
 def _driven_prior(prior: Prior) -> _Driven:
     """Return the prior itself; raises InputError where it has no motion to fit."""
-    if prior.powers.motion is None or not isinstance(prior, _Driven):
+    if prior.capabilities.motion is None or not isinstance(prior, _Driven):
         raise InputError(
             f"inference: hybrid needs a prior with a motion model to fit, such as prior=activity, "
             f"found {type(prior).__name__.lower()}"
@@ -120,14 +120,14 @@ class _Guided:
         self, prior: _Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
     ) -> None:
         self.prior, self.mean, self.covariance, self.speeds, self.share = prior, mean, covariance, speeds, share
-        self.space, self.parameters, self.powers = prior.space, prior.parameters, prior.powers
-        self.step, self.pose = prior.step, prior.pose
+        self.space, self.parameters, self.capabilities = prior.space, prior.parameters, prior.capabilities
+        self.sample_transition, self.pose = prior.sample_transition, prior.pose
         # the phase comes behind the coefficients and before the root's position
         self._turn = prior.driven.index(prior.space.slices["phase"].start)
 
-    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw N states from the Gaussian, with the speeds to 0.1 m/s and cycles/s."""
-        state, slices, driven = self.prior.start(pose, n, rng), self.space.slices, self.prior.driven
+        state, slices, driven = self.prior.sample_initial(pose, n, rng), self.space.slices, self.prior.driven
         values, vectors = np.linalg.eigh(self.covariance)
         spread = rng.standard_normal((n, len(driven))) * np.sqrt(np.maximum(values, 0.0))
         state[:, driven] = self.mean + spread @ vectors.T
@@ -153,7 +153,7 @@ class _Guided:
         white = rng.standard_normal((len(state), len(driven)))
         guided = rng.random(len(state)) < self.share
 
-        moved = self.prior.step(state, dt_s, rng)
+        moved = self.prior.sample_transition(state, dt_s, rng)
         drawn = np.where(guided[:, None], middle + white @ factor.T, moved[:, driven])
         drawn[:, turn] += np.round(middle[:, turn] - drawn[:, turn])
         log_product = _log_gaussian((drawn - middle) @ np.linalg.inv(factor).T, np.diag(factor))

@@ -12,7 +12,7 @@ from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Inference, Step
-from workbench.inference.smc.target import Moved, Target, density_of
+from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -39,7 +39,7 @@ class Move(Protocol):
     def first(self, n_particles: int) -> First:
         """Return what to say of a run's first step, for which nothing moves."""
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Make N weighted particles of the target's parents."""
 
 
@@ -67,12 +67,12 @@ class DensityMove:
 
 
 @dataclass(frozen=True, eq=False)
-class Surrounded:
+class WrappedMove:
     """A move that a wrapper does something around: `around(move, target, rng_streams)` makes the particles.
     diagnostics: of the first step, beside the move's own."""
 
     move: Move
-    around: Callable[[Move, Target, Streams], Moved]
+    around: Callable[[Move, Target, Streams], MoveResult]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     gathers: ClassVar[bool] = False  # as `around` may look at any
@@ -91,7 +91,7 @@ class Surrounded:
         diagnostics, warnings = self.move.first(n_particles)
         return {**diagnostics, **self.diagnostics}, warnings
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Make the particles by what is around the move."""
         return self.around(self.move, target, rng_streams)
 
@@ -113,13 +113,13 @@ class Filter(Inference, Protocol):
     @property
     def kind(self) -> Kind: ...
     @property
-    def continues(self) -> bool: ...
+    def resumable(self) -> bool: ...
 
     def rebuilt(self, **parts: Any) -> Self:
         """Replace parts of the particle filter, such as the prior, the move or n_particles."""
 
     def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
-        """Yield one step per frame, or for those after a past, see `Continuing`."""
+        """Yield one step per frame, or for those after a past, see `Resumable`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +170,9 @@ class Wrapper:
         return self.filter.finds_start
 
     @property
-    def continues(self) -> bool:
+    def resumable(self) -> bool:
         """Return whether the filter can go on from a past; what has to see all frames first cannot."""
-        return self.filter.continues
+        return self.filter.resumable
 
     def rebuilt(self, **parts: Any) -> Self:
         """Replace parts of the particle filter, such as the prior, the move or n_particles."""

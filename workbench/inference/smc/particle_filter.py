@@ -17,7 +17,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.smc.bootstrap import Bootstrap
 from workbench.inference.smc.move import Move, Streams
-from workbench.inference.smc.target import Moved, Particles, Stopwatch, Target, Workspace
+from workbench.inference.smc.target import MoveResult, Particles, Stopwatch, Target, Workspace
 from workbench.inference.smc.weights import DegenerateWeights as DegenerateWeights
 from workbench.inference.smc.weights import even_log_weights, systematic
 from workbench.utils.arrays import AnyArray, FloatArray, IntArray
@@ -53,7 +53,7 @@ class ParticleFilter:
 
     kind: ClassVar[Literal["filtered"]] = "filtered"
     finds_start: ClassVar[bool] = False
-    continues: ClassVar[bool] = True
+    resumable: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
@@ -84,7 +84,7 @@ class ParticleFilter:
             moved, origins, log_evidence = self._restored(start.memory, rng_streams)
         for frame in frames:
             clock = Stopwatch()
-            look = likelihood.look(previous, frame)
+            frame_likelihood = likelihood.prepare(previous, frame)
             clock.lap("likelihood")
             if previous is None:
                 moved = self._start(start, rng_streams["start"])
@@ -92,28 +92,34 @@ class ParticleFilter:
             else:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(
-                    Target(self.prior, look, moved.particles, previous, frame, clock, stop, room), rng_streams
+                    Target(self.prior, frame_likelihood, moved.particles, previous, frame, clock, stop, room),
+                    rng_streams,
                 )
             origins = traced(origins, moved.particles.ancestors)
             counted = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
-            diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
+            diagnostics, warnings = (
+                {**frame_likelihood.diagnostics, **moved.diagnostics, **counted},
+                (*frame_likelihood.notes, *moved.warnings),
+            )
             moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
             step = _particle_step(frame, self.space, moved, log_evidence, clock)
-            likelihood = look.remember(step.expected_pose)
+            likelihood = frame_likelihood.update(step.expected_pose)
             clock.lap("likelihood")
             memory = self._memory(moved.particles, origins, log_evidence, step.expected_pose, rng_streams)
             yield replace(step, timing_s=clock.laps, memory=memory)
             previous = frame
 
-    def _start(self, poses: FloatArray | Past | None, rng: np.random.Generator) -> Moved:
+    def _start(self, poses: FloatArray | Past | None, rng: np.random.Generator) -> MoveResult:
         """Return even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
         if poses is None or isinstance(poses, Past):
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
         diagnostics, warnings = self.move.first(self.n_particles)
-        return Moved(Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings)
+        return MoveResult(
+            Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings
+        )
 
     def _memory(
         self, particles: Particles, origins: AnyArray, log_evidence: float, expected: FloatArray, rng_streams: Streams
@@ -126,7 +132,7 @@ class ParticleFilter:
         parents = particles.ancestors if self.move.gathers else None
         return Memory(arrays, expected, streams_now(rng_streams), parents)
 
-    def _restored(self, memory: Memory, rng_streams: Streams) -> tuple[Moved, AnyArray, float]:
+    def _restored(self, memory: Memory, rng_streams: Streams) -> tuple[MoveResult, AnyArray, float]:
         """Return particles, their origins and the log evidence as a memory has them, and set the streams. Poses that it
         does not have are what the prior makes of its states."""
         memory.restore(rng_streams)
@@ -140,7 +146,7 @@ class ParticleFilter:
             picked = systematic(np.exp(log_weights), rng_streams["resampling"], self.n_particles)
             particles = Particles(state[picked], poses[picked], even_log_weights(self.n_particles), picked)
             origins = origins[:, picked]
-        return Moved(particles), origins, float(log_evidence)
+        return MoveResult(particles), origins, float(log_evidence)
 
 
 def traced(origins: AnyArray, ancestors: IntArray) -> AnyArray:
@@ -156,10 +162,10 @@ def traced(origins: AnyArray, ancestors: IntArray) -> AnyArray:
 def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
     """Draw states (N, D), as evenly as possible around the poses (n, P)."""
     shares = np.bincount(np.arange(n_particles) % len(poses), minlength=len(poses))
-    return np.concatenate([prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
+    return np.concatenate([prior.sample_initial(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
 
 
-def _particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
+def _particle_step(frame: Frame, space: StateSpace, moved: MoveResult, log_evidence: float, clock: Stopwatch) -> Step:
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best

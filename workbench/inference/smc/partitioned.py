@@ -14,7 +14,7 @@ from workbench.core.checks import UNIT, check
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.move import DensityMove, Streams
-from workbench.inference.smc.target import Moved, Target, density_of
+from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.inference.smc.weights import even_log_weights, lookahead_log_weight, systematic
 from workbench.utils.arrays import IntArray
 from workbench.utils.errors import InputError
@@ -57,7 +57,7 @@ class Partitioned(DensityMove):
             )
         columns_of_parts(prior.space, self.parts)
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Draw, judge and choose part by part; weigh the whole."""
         even, prior, parents = even_log_weights(target.n), target.prior, target.parents
         resampling, rng = rng_streams["resampling"], rng_streams["prior"]
@@ -66,14 +66,14 @@ class Partitioned(DensityMove):
         previous_judged, log_gain = np.zeros(target.n), 0.0
         *first_parts, last_part = columns_of_parts(prior.space, self.parts)
         for columns in first_parts:
-            state[:, columns] = prior.step(parents.state[chosen], target.dt_s, rng)[:, columns]
+            state[:, columns] = prior.sample_transition(parents.state[chosen], target.dt_s, rng)[:, columns]
             judged = lookahead_log_weight(target.evaluate(state, chosen).log_prob, self.flatten)
             log_weights = even + judged - previous_judged
             gained = float(scipy.special.logsumexp(log_weights))
             picked = systematic(np.exp(log_weights - gained), resampling)
             state, chosen, previous_judged, log_gain = state[picked], chosen[picked], judged[picked], log_gain + gained
             target.clock.lap("resampling")
-        state[:, last_part] = prior.step(parents.state[chosen], target.dt_s, rng)[:, last_part]
+        state[:, last_part] = prior.sample_transition(parents.state[chosen], target.dt_s, rng)[:, last_part]
         drawn = target.evaluate(state, chosen)
         return target.settle(drawn, *target.weigh(even, drawn.log_prob, log_gain - previous_judged))
 

@@ -16,9 +16,9 @@ from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.smc.move import Kind, Move, Streams, Surrounded, Wrapper
+from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.particle_filter import start_around
-from workbench.inference.smc.target import Moved, Particles, Target
+from workbench.inference.smc.target import MoveResult, Particles, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -71,11 +71,11 @@ class Restarting(Wrapper):
         gains: list[float] = []
         if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
             gains = start.memory.array("gains", None).tolist()
-        move = Surrounded(self.move, partial(self._around, gains), {"restarted": 0.0})
+        move = WrappedMove(self.move, partial(self._around, gains), {"restarted": 0.0})
         for step in self.filter.rebuilt(move=move).run(frames, start, rng_streams):
             yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
 
-    def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> Moved:
+    def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> MoveResult:
         """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""
         origins, warning = np.arange(target.n), tuple[str, ...]()
         if lost(gains):

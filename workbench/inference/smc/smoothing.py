@@ -14,10 +14,10 @@ from workbench.core.capabilities import DENSITY, Traits, needs_of_all, offering
 from workbench.core.checks import at_least, check
 from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Look
+from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
-from workbench.inference.smc.move import Kind, Move, Streams, Surrounded, Wrapper
-from workbench.inference.smc.target import Moved, Target, density_of
+from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.inference.smc.weights import drop_undefined, effective_number, even_log_weights, systematic
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.timing import working_s
@@ -125,7 +125,7 @@ class BackwardSimulation(Wrapper):
     least_ancestors: int = 50
 
     kind: ClassVar[Kind] = "smoothed"
-    continues: ClassVar[bool] = False
+    resumable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -138,25 +138,27 @@ class BackwardSimulation(Wrapper):
         rng_streams: as for the filter, and "resampling" for the paths. log_evidence is the filter's for that frame; ess
         counts the particles that the paths go through, and so does the diagnostic `distinct`, however many paths.
         """
-        looks: list[Look] = []
+        frame_likelihoods: list[FrameLikelihood] = []
 
-        def keep_look(move: Move, target: Target, rng_streams: Streams) -> Moved:
-            looks.append(target.look)
+        def keep_look(move: Move, target: Target, rng_streams: Streams) -> MoveResult:
+            frame_likelihoods.append(target.frame_likelihood)
             return move(target, rng_streams)
 
-        forward = self.filter.rebuilt(move=Surrounded(self.move, keep_look)).run(frames, start, rng_streams)
+        forward = self.filter.rebuilt(move=WrappedMove(self.move, keep_look)).run(frames, start, rng_streams)
         forward = (replace(step, memory=None) for step in forward)  # no path goes on, and it would be kept for all
         steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
-        yield from reversed(list(self._backwards(steps, looks, rng_streams["resampling"])))
+        yield from reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
 
-    def _backwards(self, steps: list[Step], looks: list[Look], rng: np.random.Generator) -> Iterator[Step]:
+    def _backwards(
+        self, steps: list[Step], frame_likelihoods: list[FrameLikelihood], rng: np.random.Generator
+    ) -> Iterator[Step]:
         """Return the steps with paths for particles, the last one first; looks: of all frames but the first."""
         even = even_log_weights(self.n_paths)
         score, stretch, chosen = np.zeros(self.n_paths), list[tuple[Step, IntArray]](), np.zeros(0, dtype=np.int64)
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
             began = working_s()
             if stretch:
-                chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], looks[t], rng)
+                chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], frame_likelihoods[t], rng)
                 score, stretch[-1] = score + gained, (later, stretch[-1][1])
             if not stretch or effective_number(chosen, even) < self.least_ancestors:
                 yield from self._told(stretch, score)
@@ -174,7 +176,7 @@ class BackwardSimulation(Wrapper):
             yield replace(smoothed, diagnostics={"acceptance": 1.0, **smoothed.diagnostics, "lag": float(lag)})
 
     def _one_back(
-        self, step: Step, later: Step, chosen: IntArray, look: Look, rng: np.random.Generator
+        self, step: Step, later: Step, chosen: IntArray, frame_likelihood: FrameLikelihood, rng: np.random.Generator
     ) -> tuple[IntArray, FloatArray, Step, Step]:
         """Return the particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of
         this part of the paths; both steps, the first with the share of moves accepted, the later with what they
@@ -182,11 +184,11 @@ class BackwardSimulation(Wrapper):
         dt_s = later.frame.time_s - step.frame.time_s
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
-        log_prob, more = _log_prob(look, step, later, current, poses)
+        log_prob, more = _log_prob(frame_likelihood, step, later, current, poses)
         warnings = [*later.warnings, *more]
         accepted = 0.0
         for proposed in self._proposed(step, states, dt_s, rng):
-            proposed_log_prob, more = _log_prob(look, step, later, proposed, poses)
+            proposed_log_prob, more = _log_prob(frame_likelihood, step, later, proposed, poses)
             warnings += more
             with np.errstate(invalid="ignore"):  # −∞ − (−∞), where neither is possible
                 accept = np.log1p(-rng.random(self.n_paths)) < proposed_log_prob - log_prob
@@ -214,10 +216,10 @@ class BackwardSimulation(Wrapper):
 
 
 def _log_prob(
-    look: Look, step: Step, later: Step, before: IntArray, poses: FloatArray
+    frame_likelihood: FrameLikelihood, step: Step, later: Step, before: IntArray, poses: FloatArray
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Return log likelihoods (M,) of the later step's poses (M, P) after particles (M,) of `step`, and warnings."""
-    evaluation = look.evaluate(step.poses[before], poses)
+    evaluation = frame_likelihood.evaluate(step.poses[before], poses)
     log_prob, undefined = drop_undefined(evaluation.log_prob)
     return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes)
 

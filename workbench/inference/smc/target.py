@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Look
+from workbench.core.likelihood import FrameLikelihood
 from workbench.core.prior import Density, Prior, propose
 from workbench.inference.smc.weights import DegenerateWeights, drop_undefined, effective_sample_size, logsumexp
 from workbench.priors.density import apart, circular
@@ -93,7 +93,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class MoveResult:
     """What a move makes of the particles in one more frame.
 
     log_gain: log p(frame | frames before), NaN by moves that do not estimate it.
@@ -118,7 +118,7 @@ class Target:
     """
 
     prior: Prior
-    look: Look
+    frame_likelihood: FrameLikelihood
     parents: Particles
     previous: Frame
     frame: Frame
@@ -153,7 +153,7 @@ class Target:
 
     def predict(self, parents: IntArray, rng: np.random.Generator) -> Candidates:
         """Draw a child of each of these parents (N,) by the prior."""
-        return self.evaluate(self.prior.step(self.parents.state[parents], self.dt_s, rng), parents)
+        return self.evaluate(self.prior.sample_transition(self.parents.state[parents], self.dt_s, rng), parents)
 
     def evaluate(self, state: FloatArray, parents: IntArray) -> Candidates:
         """Evaluate the density at states (N, D) with these parents (N,)."""
@@ -164,7 +164,7 @@ class Target:
     def log_prob(self, poses: FloatArray, parents: IntArray) -> FloatArray:
         """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
-        evaluation = self.look.evaluate(self.room.rows("poses", self.parents.poses, parents), poses)
+        evaluation = self.frame_likelihood.evaluate(self.room.rows("poses", self.parents.poses, parents), poses)
         log_prob, undefined = drop_undefined(evaluation.log_prob)
         self.clock.lap("likelihood")
         self.evaluations += float(len(poses))
@@ -191,7 +191,8 @@ class Target:
         return log_weights, 0.0
 
     def free(self) -> BoolArray:
-        """Select (D,), the columns that the prior's density speaks of; the others follow from them, see `complete`."""
+        """Select (D,), the columns that the prior's density speaks of; the others follow from them, see
+        `sample_dependent`."""
         free = np.zeros(len(self.prior.space), dtype=np.bool_)
         free[self.density.free] = True
         return free
@@ -215,17 +216,17 @@ class Target:
         state[:, circular(self.prior.space)] %= 1.0
         return self.evaluate(state, candidates.parents)
 
-    def complete(self, candidates: Candidates, rng: np.random.Generator) -> Candidates:
+    def sample_dependent(self, candidates: Candidates, rng: np.random.Generator) -> Candidates:
         """Draw the columns that follow from the free ones; none for most priors."""
         before = self.parents.state[candidates.parents]
-        return replace(candidates, state=self.density.complete(before, candidates.state, self.dt_s, rng))
+        return replace(candidates, state=self.density.sample_dependent(before, candidates.state, self.dt_s, rng))
 
-    def moved(self, particles: Particles, log_gain: float, **diagnostics: float) -> Moved:
+    def moved(self, particles: Particles, log_gain: float, **diagnostics: float) -> MoveResult:
         """Hand back the frame's particles, with what was counted and collected on the way."""
         warnings = tuple(dict.fromkeys(self.warnings))
-        return Moved(particles, log_gain, self.evaluations, warnings, {**self.diagnostics, **diagnostics})
+        return MoveResult(particles, log_gain, self.evaluations, warnings, {**self.diagnostics, **diagnostics})
 
-    def settle(self, chosen: Candidates, log_weights: FloatArray, log_gain: float, **diagnostics: float) -> Moved:
+    def settle(self, chosen: Candidates, log_weights: FloatArray, log_gain: float, **diagnostics: float) -> MoveResult:
         """Hand back candidates with these log weights (N,) as the frame's particles; the best is the one with the
         highest density, and `distinct` counts the parents that have offspring."""
         density = np.where(log_weights > -np.inf, chosen.log_prior + chosen.log_prob, -np.inf)
@@ -236,9 +237,9 @@ class Target:
 
 def density_of(prior: Prior) -> Density:
     """Return the prior's density; raises InputError where its transitions have none that could be evaluated."""
-    if prior.powers.density is None:
+    if prior.capabilities.density is None:
         raise InputError(
             "inference: it needs a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "
             f"{type(prior).__name__.lower()} can only be drawn from"
         )
-    return prior.powers.density
+    return prior.capabilities.density

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.checks import INSIDE_UNIT, at_least, check
 from workbench.inference.smc.move import DensityMove, Streams
-from workbench.inference.smc.target import Candidates, Moved, Target
+from workbench.inference.smc.target import Candidates, MoveResult, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -44,7 +44,7 @@ class TemperedSMC(DensityMove):
     def __post_init__(self) -> None:
         check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Temper from the equally weighted particles of the previous frame to those of this one."""
         even, resampling, rng = even_log_weights(target.n), rng_streams["resampling"], rng_streams["prior"]
         candidates = target.predict(np.arange(target.n), rng)
@@ -71,7 +71,7 @@ class TemperedSMC(DensityMove):
                     candidates, rate = _random_walk(target, candidates, phi, scale * root, noisy, rng)
                     scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
                 rates.append(rate)
-        settled = target.complete(candidates, rng)
+        settled = target.sample_dependent(candidates, rng)
         return target.settle(settled, even, log_gain, temperatures=float(count), acceptance=float(np.mean(rates)))
 
     def _following(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
@@ -181,7 +181,7 @@ class Annealed(DensityMove):
     def __post_init__(self) -> None:
         check("inference", self, layers=at_least(1))
 
-    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+    def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Take the weighted particles of the previous frame through all layers."""
         even = even_log_weights(target.n)
         resampling, rng = rng_streams["resampling"], rng_streams["prior"]
@@ -196,4 +196,4 @@ class Annealed(DensityMove):
             scattered = target.shift(candidates, noisy, _SHRINK**layer * innovations.std(axis=0) * noise)
             candidates = candidates.merge(scattered, np.isfinite(scattered.log_prior))
         log_weights, _ = target.weigh(even, candidates.log_prob)
-        return target.settle(target.complete(candidates, rng), log_weights, np.nan, is_posterior=0.0)
+        return target.settle(target.sample_dependent(candidates, rng), log_weights, np.nan, is_posterior=0.0)

@@ -91,21 +91,21 @@ class Appearance:
         v = -np.cos(angles)
         return limbs.patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
 
-    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person still unknown."""
         return self._look(_Templates(), previous, frame)
 
     def _look(self, known: _Templates, previous: Frame | None, frame: Frame) -> LimbLook:
         images = [grey_levels(view, BLUR_PX) for view in frame.views]
-        judges, notes = [], known.notes
+        informative, notes = [], known.notes
         for view, image in zip(frame.views, images, strict=True):
             template = known.by_camera.get(view.camera.name)
             if template is not None:
-                judges.append(ViewJudge(view.camera, self.samples, partial(self._log_prob, image, template)))
+                informative.append(ViewJudge(view.camera, self.samples, partial(self._log_prob, image, template)))
             elif previous is not None:
                 notes += (f"appearance: nothing is known yet of how {view.camera.name} sees the person",)
         learn = partial(self._learn, known, frame, images)
-        return LimbLook("appearance", self.body, judges, learn, notes)
+        return LimbLook("appearance", self.body, informative, learn, notes)
 
     def _log_prob(self, image: Float32Array, template: Template, points: LimbPoints) -> FloatArray:
         ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)

@@ -68,12 +68,12 @@ class Background:
         """The still scene of every camera of the clip, by the camera's name."""
         return still_scenes(self.clip, self.n_frames, BLUR_PX)
 
-    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
         inside, beside = self.samples
         ratios = [(view.camera, log_ratio(view, self.scenes, BLUR_PX, self.epsilon)) for view in frame.views]
-        judges = [ViewJudge(camera, inside, partial(self._log_prob, ratio), beside) for camera, ratio in ratios]
-        return LimbLook("background", self.body, judges, lambda expected_pose: self)
+        informative = [ViewJudge(camera, inside, partial(self._log_prob, ratio), beside) for camera, ratio in ratios]
+        return LimbLook("background", self.body, informative, lambda expected_pose: self)
 
     def _log_prob(self, ratio: Float32Array, inside: LimbPoints, beside: LimbPoints) -> FloatArray:
         return self.k * (mean_at(ratio, inside) - mean_at(ratio, beside)).sum(axis=1)

@@ -150,10 +150,12 @@ class Edges:
         """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
         return _edge_model(self.cache).log_ratio(self.body.limbs.names)
 
-    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at every view; only where the limbs turn out to be is it smoothed and filtered."""
-        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, SmoothedView(view))) for view in frame.views]
-        return LimbLook("edges", self.body, judges, lambda expected_pose: self)
+        informative = [
+            ViewJudge(view.camera, POINTS, partial(self._log_prob, SmoothedView(view))) for view in frame.views
+        ]
+        return LimbLook("edges", self.body, informative, lambda expected_pose: self)
 
     def _log_prob(self, view: SmoothedView, points: LimbPoints) -> FloatArray:
         box = looked_up(points)

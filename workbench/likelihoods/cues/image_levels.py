@@ -92,7 +92,7 @@ def spaced_images(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, 
 
 def spaced_frames(clip: FrameCache, n_frames: int) -> Iterator[Frame]:
     """Go through `n_frames` frames of the clip, evenly spread, the first among them."""
-    n = clip.known.n_frames
+    n = clip.info.n_frames
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
     yield from (f for i, f in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)) if i in used)
 

@@ -148,7 +148,7 @@ class LimbLook:
 
     name: str
     body: Body
-    judges: Sequence[ViewJudge]
+    informative: Sequence[ViewJudge]
     then: Callable[[FloatArray], Likelihood]
     notes: tuple[str, ...] = ()
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -157,32 +157,32 @@ class LimbLook:
         """Log likelihoods (N,) of poses (N, P), −∞ and a note for those not finite; the previous ones do not matter."""
         return evaluate_together([self], pose)[0]
 
-    def remember(self, expected_pose: FloatArray) -> Likelihood:
+    def update(self, expected_pose: FloatArray) -> Likelihood:
         """The likelihood of the next frame."""
         return self.then(expected_pose)
 
 
-def evaluate_together(looks: Sequence[LimbLook], pose: FloatArray) -> list[Evaluation]:
+def evaluate_together(frame_likelihoods: Sequence[LimbLook], pose: FloatArray) -> list[Evaluation]:
     """What each look at one body finds of poses (N, P) by itself."""
     finite = finite_rows(pose)
-    frames = forward(looks[0].body.skeleton, those(pose, finite))
-    judges = [judge for look in looks for judge in look.judges]
-    placed = dict(zip(map(id, judges), _placed(looks[0].body, judges, frames), strict=True))
+    frames = forward(frame_likelihoods[0].body.skeleton, those(pose, finite))
+    informative = [judge for frame_likelihood in frame_likelihoods for judge in frame_likelihood.informative]
+    placed = dict(zip(map(id, informative), _placed(frame_likelihoods[0].body, informative, frames), strict=True))
     n, evaluations = len(frames.positions), []
-    for look in looks:
-        log_prob = sum((judge.judge(*placed[id(judge)]) for judge in look.judges), np.zeros(n))
-        evaluations.append(among_finite(look.name, finite, log_prob))
+    for frame_likelihood in frame_likelihoods:
+        log_prob = sum((judge.judge(*placed[id(judge)]) for judge in frame_likelihood.informative), np.zeros(n))
+        evaluations.append(among_finite(frame_likelihood.name, finite, log_prob))
     return evaluations
 
 
-def _placed(body: Body, judges: Sequence[ViewJudge], frames: JointFrames) -> list[list[LimbPoints]]:
+def _placed(body: Body, informative: Sequence[ViewJudge], frames: JointFrames) -> list[list[LimbPoints]]:
     """The points that each judge asks for, placed in one pass a camera, and another beside the limbs."""
     asked: dict[tuple[int, bool], list[tuple[int, ViewJudge, FloatArray]]] = defaultdict(list)
-    for i, judge in enumerate(judges):
+    for i, judge in enumerate(informative):
         asked[id(judge.camera), False].append((i, judge, judge.samples))
         if judge.beside is not None:
             asked[id(judge.camera), True].append((i, judge, judge.beside))
-    placed: list[list[LimbPoints]] = [[] for _ in judges]
+    placed: list[list[LimbPoints]] = [[] for _ in informative]
     for beside in (False, True):
         for (_, aside), wanted in asked.items():
             if aside == beside:

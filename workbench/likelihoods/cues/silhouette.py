@@ -73,22 +73,22 @@ class Silhouette:
         """The still scene of every camera of the clip, by the camera's name."""
         return image_levels.still_scenes(self.clip, self.n_frames, 0.0)
 
-    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+    def prepare(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
         return self._look({}, previous, frame)
 
     def _look(self, seen: Mapping[str, "_SeenPerson"], previous: Frame | None, frame: Frame) -> LimbLook:
-        judges, notes = [], []
+        informative, notes = [], []
         for view in frame.views:
             known = seen.get(view.camera.name)
             ratio = self._ratio(known, view)
             if known is not None:
                 judge = partial(self._log_prob, running_sums(ratio), known.area)
-                judges.append(ViewJudge(view.camera, CORNERS, judge))
+                informative.append(ViewJudge(view.camera, CORNERS, judge))
             elif previous is not None:
                 name = view.camera.name
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
-        return LimbLook("silhouette", self.body, judges, partial(self._measure, seen, frame), tuple(notes))
+        return LimbLook("silhouette", self.body, informative, partial(self._measure, seen, frame), tuple(notes))
 
     def _ratio(self, known: "_SeenPerson | None", view: View) -> Float32Array:
         if not self.standing:

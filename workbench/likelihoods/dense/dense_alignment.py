@@ -110,31 +110,31 @@ class DenseAlignment:
                 found.setdefault(view.camera.name, {})[frame.index] = grey_levels(view, 0.0)
         return found
 
-    def relearned(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
+    def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
         """The likelihood of a clip that was tracked before, by poses (P,) for indices of its frames, and that begins
         with `frame`: the scene is known wherever the person was not, and how they look is learned anew."""
-        known = {}
+        view_states = {}
         for view in frame.views:
             images = {i: image for i, image in self._images_of(view.camera).items() if i in poses}
             persons = [self._person(view, poses[i]) for i in images]
             scene = background_model.tracked_scene([*images.values()], persons)
             person = self._person(view, poses[frame.index])
-            known[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
-        return Remembering(known, self._look)
+            view_states[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
+        return Remembering(view_states, self._look)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "_AlignmentLook":
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         """Look at a frame, the person still unknown."""
         return self._look({}, previous, frame)
 
-    def _look(self, known: Mapping[str, ViewState], previous: Frame | None, frame: Frame) -> "_AlignmentLook":
+    def _look(self, view_states: Mapping[str, ViewState], previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         sights, notes = [], []
         for view in frame.views:
-            seen = known.get(view.camera.name)
+            seen = view_states.get(view.camera.name)
             if seen is not None:
                 sights.append(self._sight(seen, view))
             elif previous is not None:
                 notes.append(f"alignment: nothing is known yet of how {view.camera.name} sees the person")
-        return _AlignmentLook(self, known, frame, tuple(sights), tuple(notes))
+        return _AlignmentLook(self, view_states, frame, tuple(sights), tuple(notes))
 
     def _sight(self, seen: ViewState, view: View) -> tuple[Sight, ViewState]:
         """Look at a view, and find what passes there, before the person is found."""
@@ -149,10 +149,10 @@ class DenseAlignment:
         """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
         cells = placed(self.cells, frames, sight.camera)
         shown = visible(cells, sight.shape, FACING)
-        known = shown[seen.n[shown] > 0.0]
-        sigma = self.sigma * np.sqrt(1.0 + 1.0 / seen.n[known])
+        view_states = shown[seen.n[shown] > 0.0]
+        sigma = self.sigma * np.sqrt(1.0 + 1.0 / seen.n[view_states])
         joints = self.cells.joints
-        texture = sight.texture(level, cells, known, joints[known], seen.texture[level, known], sigma)
+        texture = sight.texture(level, cells, view_states, joints[view_states], seen.texture[level, view_states], sigma)
         blur = BLURS_PX[level]
         outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], OUTLINE)
         return texture, outline
@@ -188,7 +188,7 @@ class _AlignmentLook:
     """A look at one frame by an alignment: what the cameras show of whom they know."""
 
     likelihood: DenseAlignment
-    known: Mapping[str, ViewState]
+    view_states: Mapping[str, ViewState]
     frame: Frame
     sights: tuple[tuple[Sight, ViewState], ...]
     notes: tuple[str, ...] = ()
@@ -205,7 +205,7 @@ class _AlignmentLook:
         return len(BLURS_PX)
 
     @property
-    def judges(self) -> bool:
+    def informative(self) -> bool:
         """Whether some camera knows the scene."""
         return bool(self.sights)
 
@@ -256,12 +256,15 @@ class _AlignmentLook:
         texture, outline = (sums[:, 0] + FEW * whole) / (sums[:, 1] + FEW)
         return np.asarray(texture + OUTLINE_SHARE * outline)
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[Mapping[str, ViewState]]:
+    def update(self, expected_pose: FloatArray) -> Remembering[Mapping[str, ViewState]]:
         """The likelihood of the next frame; a pose that is not finite teaches nothing."""
-        own, known = self.likelihood, {**self.known, **{sight.camera.name: seen for sight, seen in self.sights}}
+        own, view_states = (
+            self.likelihood,
+            {**self.view_states, **{sight.camera.name: seen for sight, seen in self.sights}},
+        )
         if np.isfinite(expected_pose).all():
             looked = {sight.camera.name: sight for sight, _ in self.sights}
             for view in self.frame.views:
                 name = view.camera.name
-                known[name] = own.learned(known.get(name), view, expected_pose, looked.get(name))
-        return Remembering(known, own._look)
+                view_states[name] = own.learned(view_states.get(name), view, expected_pose, looked.get(name))
+        return Remembering(view_states, own._look)

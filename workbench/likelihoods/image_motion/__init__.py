@@ -92,7 +92,7 @@ class ImageMotion:
         constants = (self.sigma, self.epsilon, P_OCCLUDED, self.exponent, self.k, self.occlusion, self.background)
         return kernel.LimbModel(*constants)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
         """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
         under a still background, an image size, and when an image has not the size that its camera states."""
         return self._look(None, previous, frame)
@@ -154,7 +154,7 @@ class _MotionLook:
                 notes.append(f"image motion: {share:.0%} of the sample points lay outside the images of {name}")
         return among_finite("image motion", finite, log_prob, tuple(notes))
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[_PackedFrame]:
+    def update(self, expected_pose: FloatArray) -> Remembering[_PackedFrame]:
         """The likelihood, which keeps this frame's images for the next look."""
         return Remembering(self.now, self.cue._look)
 

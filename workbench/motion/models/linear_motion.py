@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.body.angles import mirror_image
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.pose_prior import Postures
+from workbench.core.pose_prior import PosePrior
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -50,7 +50,7 @@ class LinearMotion:
     start_gain: FloatArray
     start_offset: FloatArray
     start_covariance: FloatArray
-    postures: Postures | None = None
+    postures: PosePrior | None = None
 
 
 def velocities(before: FloatArray, after: FloatArray, rate_hz: float) -> FloatArray:
@@ -111,7 +111,7 @@ def _regressed(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
     return gain, mean - gain @ middle, residual.T @ residual / len(residual) + 1e-9 * np.eye(targets.shape[1])
 
 
-def learn_postures(postures: FloatArray) -> Postures:
+def learn_postures(postures: FloatArray) -> PosePrior:
     """Fit a mixture of Gaussians to postures (n, A), rad, by expectation and maximisation (Dempster,
     Laird & Rubin 1977), ROUNDS times.
 
@@ -122,13 +122,13 @@ def learn_postures(postures: FloatArray) -> Postures:
     n_parts = max(1, min(N_PARTS, n // FRAMES_A_PART))
     first = stream(SEED, "postures").choice(n, n_parts, replace=False)
     wide = BEGUN**2 * np.cov(postures.T) + LEAST_RAD**2 * np.eye(a)
-    model = Postures(np.full(n_parts, 1.0 / n_parts), postures[first], np.tile(wide, (n_parts, 1, 1)))
+    model = PosePrior(np.full(n_parts, 1.0 / n_parts), postures[first], np.tile(wide, (n_parts, 1, 1)))
     for _ in range(ROUNDS):
         model = fitted(postures, model.shares(postures))
     return model
 
 
-def fitted(postures: FloatArray, shares: FloatArray) -> Postures:
+def fitted(postures: FloatArray, shares: FloatArray) -> PosePrior:
     """Return the mixture whose parts have these shares (n, K) in postures (n, A), rad: the maximisation."""
     n, a = postures.shape
     sizes = shares.sum(axis=0) + 1e-9
@@ -139,4 +139,4 @@ def fitted(postures: FloatArray, shares: FloatArray) -> Postures:
         scatter[k] = (away * shares[:, k, None]).T @ away
     common = scatter.sum(axis=0) / n
     drawn = (scatter + FRAMES_A_PART * common) / (sizes + FRAMES_A_PART)[:, None, None]
-    return Postures(sizes / sizes.sum(), means, drawn + LEAST_RAD**2 * np.eye(a))
+    return PosePrior(sizes / sizes.sum(), means, drawn + LEAST_RAD**2 * np.eye(a))

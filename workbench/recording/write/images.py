@@ -97,7 +97,9 @@ def overlay(
 def truth_marks(shown: RecordedCamera, known: Truth | None, names: tuple[str, ...]) -> Entities:
     """Yield the annotated joints as points in the straightened image, dark where hidden; none where there are none."""
     places = np.full((len(names), 2), np.nan) if known is None or known.marks is None else known.marks
-    visible = np.ones(len(names), bool) if known is None or known.marks_visible is None else known.marks_visible
+    visible = (
+        np.ones(len(names), bool) if known is None or known.annotations_visible is None else known.annotations_visible
+    )
     shades = np.where(visible[:, None], styles.TRUTH, styles.TRUTH_HIDDEN).astype(np.uint8)
     yield _points(shown, "truth_marks", places, names, 2.5, shades[_known(places)], 40.0)
 

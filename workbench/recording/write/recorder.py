@@ -149,7 +149,7 @@ class Recorder:
         self._n_frames = self._n_frames_pictured = len(frames)
         self._flush()
 
-    def remember(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
+    def update(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
         """Store, where checkpoints are, what a continuation needs of the frames before the first.
 
         before: number, time, s, the recorded pose (P,) and the pose (P,) given to the likelihood.
