@@ -85,7 +85,7 @@ class Synthesis:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
         ahead = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
-        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, info=LEAD_IN, without=ALL_JOINTS)
+        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
 
     finds_start: ClassVar[bool] = False
 

@@ -233,7 +233,7 @@ def last(inference, start, seed):
 
 
 @pytest.fixture(scope="module")
-def info():
+def known():
     """By a plain filter with many particles."""
     plain = ParticleFilter(Cycle(), Root(), n_particles=100 * N)
     return np.mean([last(plain, AT_REST, seed) for seed in range(4)], axis=0)

@@ -201,9 +201,9 @@ def test_the_scene_is_found_about_and_behind_who_leaves_and_not_behind_who_stays
         images.append(noisy(image, i))
     found = first_scene(images, stays | leaves)
     middle = block(slice(22, 48), slice(52, 58))
-    assert found.info[middle].all()
+    assert found.known[middle].all()
     np.testing.assert_allclose(found.level[middle], wall[middle], atol=6.0)
-    assert not found.info[stays].any()
+    assert not found.known[stays].any()
     np.testing.assert_allclose(found.level[:10, :10], wall[:10, :10], atol=6.0)
     assert 2.0 < found.noise < 4.0
     ratio = found.log_ratio(images[0], 0.05)
@@ -221,9 +221,9 @@ def test_the_scene_is_learned_where_the_person_was_not():
         images.append(noisy(image, i))
         masks.append(mask)
     found = tracked_scene(images, masks)
-    assert found.info.mean() > 0.9
-    assert not found.info[31:33, 31:33].any()
-    np.testing.assert_allclose(found.level[found.info], wall[found.info], atol=8.0)
+    assert found.known.mean() > 0.9
+    assert not found.known[31:33, 31:33].any()
+    np.testing.assert_allclose(found.level[found.known], wall[found.known], atol=8.0)
 
 
 def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
@@ -233,9 +233,9 @@ def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
     shown = images[0].copy()
     shown[:10] = 200.0
     later = scene.seen(shown, block(slice(20, 40), slice(10, 30)))
-    assert later.info[30, 45]  # the person has left from here
+    assert later.known[30, 45]  # the person has left from here
     np.testing.assert_allclose(later.level[:10], scene.level[:10])
-    assert not scene.info[30, 45]  # and what was known before stays as it was
+    assert not scene.known[30, 45]  # and what was known before stays as it was
 
 
 def board_clip(n=20):

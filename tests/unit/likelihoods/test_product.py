@@ -26,7 +26,7 @@ class Fixed:
             notes=tuple(f"{note} of the frame" for note in self.notes),
             diagnostics={"found": 0.0},
             evaluate=lambda previous_pose, pose: Evaluation(self.values, self.notes, {"found": 3.0}),
-            remember=lambda pose: Fixed(*self.values, notes=self.notes, updated=self.updated + 1),
+            update=lambda pose: Fixed(*self.values, notes=self.notes, updated=self.updated + 1),
         )
 
 

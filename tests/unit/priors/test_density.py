@@ -186,7 +186,7 @@ def test_offsets_are_as_large_as_what_the_model_misses():
         capabilities=replace(base.capabilities, discrepancy=missed),
         space=base.space,
         parameters=base.parameters,
-        start=base.start,
+        sample_initial=base.sample_initial,
     )
     wide = np.sqrt(3.0) * np.array([0.5, 0.1])
     for keep, kept in ((0.9, [0.9, 0.9]), (None, KEPT)):
