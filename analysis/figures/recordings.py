@@ -111,7 +111,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
 
-_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "given", "clips", "paper")
+_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "assumptions", "clips", "paper")
 _PLACES = ("data", "cache")
 
 

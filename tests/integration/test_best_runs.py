@@ -49,5 +49,5 @@ def test_a_video_of_ones_own_is_tracked_with_nothing_but_a_height_and_marks(run,
     )  # fmt: skip
     assert code == 0, told
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["given"] == ["marks", "height", "camera", "still_background"]
+    assert summary["assumptions"] == ["initial_annotations", "height", "camera_calibration", "static_background"]
     assert summary["metrics"]["frames"] == 4

@@ -38,9 +38,9 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     _, poses = recorded.poses
     assert poses.shape == (4, 25)
     assert "n_particles: 60" in recorded.config
-    assert summary["given"] == recorded.settings["given"]
-    assert {"start", "limb_lengths"} <= set(summary["given"])
-    assert recorded.provenance["given"] == ", ".join(summary["given"])
+    assert summary["assumptions"] == recorded.settings["assumptions"]
+    assert {"initial_pose", "limb_lengths"} <= set(summary["assumptions"])
+    assert recorded.provenance["assumptions"] == ", ".join(summary["assumptions"])
     assert f"given: {recorded.provenance['given']}\n" in told
     assert "the experiment as it stands lists" not in told
     assert not list(folder.glob("*.part"))

@@ -260,7 +260,7 @@ def scene_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float)
     """
     sigma = max(scene.noise, LEAST_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(scene.n, 1.0))
     density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - scene.level) / sigma) ** 2)
-    return np.where(scene.info, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
+    return np.where(scene.known, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
 
 
 def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) -> BackgroundModel:
@@ -282,7 +282,7 @@ def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) 
     """
     near = grown(covered, BESIDE_PX)
     alike = np.abs(image - scene.level) < 4.0 * max(scene.noise, LEAST_NOISE)
-    shown = ~near & (~scene.info | (alike & (scene.n < KEPT)))
+    shown = ~near & (~scene.known | (alike & (scene.n < KEPT)))
     n = scene.n + shown
     return replace(scene, level=scene.level + shown * (image - scene.level) / np.maximum(n, 1.0), n=n)
 

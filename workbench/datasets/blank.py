@@ -9,7 +9,7 @@ from workbench.core.capabilities import START, Traits, offering
 from workbench.core.checks import RATE, at_least, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.core.side_information import LEAD_IN, START_POSE
+from workbench.core.side_information import INITIAL_POSE, POSE_HISTORY
 from workbench.motion.sources import find_motion
 from workbench.utils.errors import InputError
 
@@ -20,7 +20,7 @@ class Blank:
     `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
     parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
 
-    traits: ClassVar[Traits] = offering(START, START_POSE, LEAD_IN)
+    traits: ClassVar[Traits] = offering(START, INITIAL_POSE, POSE_HISTORY)
 
     motion: str = "builtin"
     data: str | None = None

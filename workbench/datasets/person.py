@@ -9,13 +9,13 @@ from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.shape import Shape, from_height
 from workbench.core.capabilities import Traits, declaring, offering
 from workbench.core.dataset import SequenceInfo
-from workbench.core.side_information import HEIGHT, LIMB_LENGTHS, RADII
+from workbench.core.side_information import HEIGHT, LIMB_LENGTHS, LIMB_RADII
 from workbench.utils.errors import InputError
 
 _NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
 
-@declaring(offering(given=(LIMB_LENGTHS, RADII)))
+@declaring(offering(given=(LIMB_LENGTHS, LIMB_RADII)))
 def of_dataset(info: SequenceInfo, *, scale: float = 1.0) -> Body:
     """Return the tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`;
     raises InputError where it knows neither."""

@@ -18,7 +18,7 @@ from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Tr
 from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.side_information import START_POSE
+from workbench.core.side_information import INITIAL_POSE
 from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
@@ -60,7 +60,7 @@ class Synthetic(Scene):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, a start, and detected joints where they are asked for."""
         keypoints = () if keys.get("keypoint_sigma_px") is None else (KEYPOINTS,)
-        return offering(IMAGES, ONE_CAMERA, START, START_POSE, *keypoints)
+        return offering(IMAGES, ONE_CAMERA, START, INITIAL_POSE, *keypoints)
 
     n_frames: int = 50
     rate_hz: float = 30.0

@@ -15,7 +15,7 @@ from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Tr
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
-from workbench.core.side_information import MARKS
+from workbench.core.side_information import INITIAL_ANNOTATIONS
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import Marks, read_marks
 from workbench.utils.arrays import ByteArray, FloatArray
@@ -53,7 +53,7 @@ class Video:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, and the joints and the start that are given."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
-        marks = () if keys.get("initial_annotations") is None else (START, MARKS)
+        marks = () if keys.get("initial_annotations") is None else (START, INITIAL_ANNOTATIONS)
         return offering(IMAGES, ONE_CAMERA, *keypoints, *marks)
 
     source: str

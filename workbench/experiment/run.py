@@ -111,7 +111,7 @@ def run_checked(
     with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
             config = _with_assumptions(config)
-            summary.given = list(config.given)
+            summary.assumptions = list(config.assumptions)
         summary.settings = _plain(config)
         if config.study is not None:
             _study(config, summary)
@@ -145,12 +145,12 @@ def _plain(config: DictConfig) -> dict[str, Any]:
 
 def _with_assumptions(config: DictConfig) -> DictConfig:
     """Put the side information that the run uses in place of what its experiment lists, and log both."""
-    taken, listed = assumptions(config), list(config.get("given") or [])
-    log.info("given: %s", ", ".join(taken) or "nothing")
+    taken, listed = assumptions(config), list(config.get("assumptions") or [])
+    log.info("assumptions: %s", ", ".join(taken) or "nothing")
     if listed and listed != taken:
         log.info("the experiment as it stands lists: %s", ", ".join(listed))
     config = config.copy()
-    OmegaConf.update(config, "given", taken, force_add=True)
+    OmegaConf.update(config, "assumptions", taken, force_add=True)
     return config
 
 
@@ -276,7 +276,7 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
         "provenance": {
             "experiment": summary.experiment,
             "seed": summary.seed,
-            "given": ", ".join(summary.given),
+            "assumptions": ", ".join(summary.assumptions),
             "identity": summary.identity or "",
             **summary.provenance,
             **versions(),

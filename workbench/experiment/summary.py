@@ -50,13 +50,13 @@ class Summary:
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
     truth; log_evidence is that of all frames.
 
-    given: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it read,
-    see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run as a
-    whole, see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped". before:
-    frames taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier attempt
-    was taken over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps are in.
-    constant: metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which is in no
-    other time.
+    assumptions: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it
+    read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run
+    as a whole, see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped".
+    before: frames taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier
+    attempt was taken over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps
+    are in. constant: metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which
+    is in no other time.
     """
 
     experiment: str
@@ -69,7 +69,7 @@ class Summary:
     identity: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    given: list[str] = field(default_factory=list)
+    assumptions: list[str] = field(default_factory=list)
     counted: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
@@ -163,7 +163,7 @@ class Summary:
             **({} if self.verdict is None else {"verdict": self.verdict.as_dict}),
             "experiment": self.experiment,
             "seed": self.seed,
-            "given": self.given,
+            "assumptions": self.assumptions,
             "counted": dict(self.counted),
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "left_out": self.left_out,

@@ -16,7 +16,7 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior
-from workbench.core.side_information import LEAD_IN
+from workbench.core.side_information import POSE_HISTORY
 from workbench.core.step import Step
 from workbench.motion.models.windows import Windows
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -85,7 +85,7 @@ class Synthesis:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
         ahead = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
-        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
+        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, known=POSE_HISTORY, without=ALL_JOINTS)
 
     finds_start: ClassVar[bool] = False
 

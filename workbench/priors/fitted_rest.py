@@ -11,7 +11,7 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, needs_of_all, offering
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
-from workbench.core.side_information import REST, TRAJECTORY
+from workbench.core.side_information import FIXED_OTHER_JOINTS, TRAJECTORY
 from workbench.priors.density import Appended
 from workbench.utils.arrays import FloatArray
 
@@ -39,7 +39,7 @@ class Following(Appended):
         """Declare the base's density, and that the rest of the body follows detected joints."""
         base: Traits = keys["base"]
         needs = needs_of_all({"base": base, "rest": offering(dataset=KEYPOINTS, given=TRAJECTORY)})
-        needs["given"] -= {REST}
+        needs["given"] -= {FIXED_OTHER_JOINTS}
         return Traits(base.provides & {DENSITY}, needs, base.missing)
 
     def __init__(self, base: Prior, trajectory: Callable[[], Trajectory]) -> None:

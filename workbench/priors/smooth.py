@@ -14,7 +14,7 @@ from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
-from workbench.core.side_information import REST
+from workbench.core.side_information import FIXED_OTHER_JOINTS
 from workbench.core.state_space import StateSpace
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
 from workbench.utils.arrays import BoolArray, FloatArray
@@ -65,7 +65,7 @@ class Smooth(AllFree):
         """Declare a density and independent columns for every joint; that what is not among the parameters stays, or,
         where all move, noise that is Gaussian within the limits."""
         some = keys.get("parameters") is not None
-        own = (REST,) if some else ()
+        own = (FIXED_OTHER_JOINTS,) if some else ()
         return offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, *(() if some else (GAUSSIAN,)), given=own)
 
     def __init__(

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-NO_EFFECT = ("check", "clips", "given", "learn", "paper", "parts", "paths", "people", "recorder", "threads")
+NO_EFFECT = ("check", "clips", "assumptions", "learn", "paper", "parts", "paths", "people", "recorder", "threads")
 """Top-level keys of a configuration that do not affect a run's numbers.
 
 They say where and how a run is done (paths, threads, parts), what is recorded (recorder) and how far the numbers may

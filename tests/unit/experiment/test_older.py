@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.experiment.config.migrations import in_todays_words
+from workbench.recording.migrations import in_todays_words
 from workbench.utils.errors import InputError
 
 PATH = Path("run.rrd")

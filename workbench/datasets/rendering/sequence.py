@@ -13,7 +13,7 @@ from workbench.body.limbs import Body, person
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.checks import FINITE, RATE, Range, at_least, check
 from workbench.core.frame import Truth
-from workbench.core.side_information import PHASE_ENDS, START_POSE
+from workbench.core.side_information import INITIAL_POSE, PHASE_ENDS
 from workbench.datasets.rendering.concatenation import splice
 from workbench.datasets.rendering.perturbations import GIVEN, calibrated, calibration_error, sizes
 from workbench.datasets.rendering.subject import SceneSubject, subject_of
@@ -178,7 +178,7 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
 
 def offered_start(keys: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the start's side information that a dataset with these keys provides, see `given_start`."""
-    return (START_POSE, PHASE_ENDS) if keys.get("start") == "given" else ()
+    return (INITIAL_POSE, PHASE_ENDS) if keys.get("start") == "given" else ()
 
 
 def given_start(

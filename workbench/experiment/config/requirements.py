@@ -13,7 +13,15 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.capabilities import EVIDENCE, IMAGES, KEYPOINTS, ONE_CAMERA, POINTS, START, Traits
-from workbench.core.side_information import CAMERA, FIRST_FRAMES, MARKS, ORDER, RADII, START_POSE, TRAJECTORY
+from workbench.core.side_information import (
+    CAMERA_CALIBRATION,
+    FIRST_FRAMES,
+    INITIAL_ANNOTATIONS,
+    INITIAL_POSE,
+    LIMB_RADII,
+    ORDER,
+    TRAJECTORY,
+)
 from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import GROUPS, options
 from workbench.recording.settings import leaves
@@ -149,21 +157,21 @@ def assumptions(config: DictConfig) -> list[str]:
     traits, _ = _chosen(config, ("body", *_INTERACTING) if config.get("inference") is not None else (), {})
     offers = traits["dataset"].provides if "dataset" in traits else frozenset()
     shown = frozenset().union(*(part.requires.get("dataset", ()) for part in traits.values()))
-    words = {CAMERA} if _WITH_CAMERA & shown else set()
+    words = {CAMERA_CALIBRATION} if _WITH_CAMERA & shown else set()
     for part in traits.values():
         words |= part.requires.get("given", frozenset()) | (part.requires.get("known", frozenset()) & offers)
     if "inference" in traits and TRAJECTORY not in words:  # which knows the first pose
         words |= _start(offers, traits["inference"])
-    unused = set() if _WITH_SURFACE & shown else {RADII}
+    unused = set() if _WITH_SURFACE & shown else {LIMB_RADII}
     return [word for word in ORDER if word in words - unused]
 
 
 def _start(offers: frozenset[str], inference: Traits) -> set[str]:
     """Return what an inference starts from, see `inference.initialization.poses`."""
-    if START_POSE in offers:
-        return {START_POSE}
-    if MARKS in offers:
-        return {MARKS, CAMERA}
+    if INITIAL_POSE in offers:
+        return {INITIAL_POSE}
+    if INITIAL_ANNOTATIONS in offers:
+        return {INITIAL_ANNOTATIONS, CAMERA_CALIBRATION}
     return {FIRST_FRAMES} if START in inference.requires.get("dataset", frozenset()) else set()
 
 

@@ -84,7 +84,7 @@ class RunSchema:
     """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track.
 
     parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
-    given: what the experiment says its run is given, see `experiment.given`; a run says what it is.
+    assumptions: side information that the experiment uses; a run lists what it really used.
     paper: "literal" where an experiment does what its paper writes, else "ours".
     """
 
@@ -98,7 +98,7 @@ class RunSchema:
     seed: int = 0
     threads: int | None = None
     parts: list[str] = field(default_factory=list)
-    given: list[str] = field(default_factory=list)
+    assumptions: list[str] = field(default_factory=list)
     paper: str = "ours"
     learn: Any = field(default_factory=_section("motions", lists=["leave_out"]))
     people: Any = field(default_factory=_section("walk", "run", "walks", "library"))

@@ -12,10 +12,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.migrations import in_todays_words
 from workbench.experiment.config.options import GROUPS, OURS, how_to_allow, targets
 from workbench.experiment.config.schema import composed
 from workbench.experiment.provenance import PYTHON
+from workbench.recording.migrations import in_todays_words
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError

@@ -213,7 +213,7 @@ def start_poses(prior: Prior | None, body: Body, clip: FrameCache) -> tuple[Floa
     if info.has_points:
         return _start_from_points(prior, body, clip), "start fitted to the points of the first second"
     raise InputError(
-        "dataset: no initial pose: annotate joints of the first frame of a video (dataset.initial_annotations=FILE.csv), "
+        "dataset: no initial pose: annotate joints in a video's first frame (dataset.initial_annotations=FILE.csv), "
         "give the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
     )
 

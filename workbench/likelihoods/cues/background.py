@@ -12,7 +12,7 @@ from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
-from workbench.core.side_information import STILL_BACKGROUND
+from workbench.core.side_information import STATIC_BACKGROUND
 from workbench.likelihoods.cues.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, mean_at
 from workbench.likelihoods.image_motion import patch_samples
@@ -44,7 +44,7 @@ class Background:
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
+    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

@@ -14,7 +14,7 @@ from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
-from workbench.core.side_information import STILL_BACKGROUND
+from workbench.core.side_information import STATIC_BACKGROUND
 from workbench.likelihoods.base import Remembering
 from workbench.likelihoods.cues import image_levels
 from workbench.likelihoods.cues.image_levels import StillScene, Uncovered, log_ratio
@@ -55,7 +55,7 @@ class Silhouette:
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
+    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

@@ -16,7 +16,7 @@ from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Evaluation, Likelihood, Slope
-from workbench.core.side_information import STILL_BACKGROUND
+from workbench.core.side_information import STATIC_BACKGROUND
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows
 from workbench.likelihoods.cues.image_levels import grey_levels, spaced_frames
 from workbench.likelihoods.dense import background_model
@@ -61,7 +61,7 @@ class DenseAlignment:
     evenly spread, from which the scene behind the person is learned. Raises InputError when a constant is out of range
     and for a camera that was not in the clip."""
 
-    traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STILL_BACKGROUND)
+    traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

@@ -13,7 +13,7 @@ from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
-from workbench.core.side_information import STILL_CAMERA
+from workbench.core.side_information import STATIC_CAMERA
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows, those
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import kernel
@@ -56,7 +56,7 @@ class ImageMotion:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of images, and that the background stands still where it is taken to."""
-        return offering(dataset=IMAGES, given=(STILL_CAMERA,) if keys.get("background") == "still" else ())
+        return offering(dataset=IMAGES, given=(STATIC_CAMERA,) if keys.get("background") == "still" else ())
 
     body: Body
     sigma: float = 10.0
