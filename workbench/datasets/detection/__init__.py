@@ -1,0 +1,1 @@
+"""Detection of people's 2-D joints in videos."""
