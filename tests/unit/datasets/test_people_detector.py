@@ -65,13 +65,13 @@ def test_a_landmark_is_moved_to_the_middle_of_its_heat():
 def test_two_people_are_followed_and_keep_their_numbers():
     paths = [[(60.0 + 4.0 * t, 60.0), (250.0 - 4.0 * t, 130.0)] for t in range(25)]
     frames = list(PeopleDetector(network, 10).detect(image(*places) for places in paths))
+    order = [number for number, _ in sorted(centres(frames[0]).items(), key=lambda item: item[1][1])]
     for places, people in zip(paths, frames, strict=True):
         found = centres(people)
         assert set(found) == {0, 1}
         both = sorted(found.items(), key=lambda item: item[1][1])
         np.testing.assert_allclose([centre for _, centre in both], places, atol=1.0)
-        assert [number for number, _ in both] == [number for number, _ in sorted(centres(frames[0]).items(),
-                                                                                 key=lambda item: item[1][1])]  # fmt: skip
+        assert [number for number, _ in both] == order
 
 
 def test_a_person_who_enters_late_and_leaves_is_in_exactly_those_frames():

@@ -22,6 +22,11 @@ _COCO_LIMBS = {
     for j, joint in enumerate(("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
     for s, side in enumerate(("left", "right"))
 }
+_BLAZEPOSE_LIMBS = {
+    f"{side}_{joint}": (first + s,)
+    for joint, first in (("shoulder", 11), ("elbow", 13), ("wrist", 15), ("hip", 23), ("knee", 25), ("ankle", 27))
+    for s, side in enumerate(("left", "right"))
+}
 _BODY_ARMS = {
     "right_shoulder": (2,), "right_elbow": (3,), "right_wrist": (4,),
     "left_shoulder": (5,), "left_elbow": (6,), "left_wrist": (7,),
@@ -38,6 +43,7 @@ LAYOUTS: Mapping[str, tuple[int, Layout]] = {
         "left_hip": (11,), "left_knee": (12,), "left_ankle": (13,), "head_centre": (16, 17),
     }),
     "COCO_17": (17, _COCO_LIMBS | {"head_centre": (3, 4)}),
+    "BLAZEPOSE_33": (33, _BLAZEPOSE_LIMBS | {"head_centre": (7, 8)}),
 }  # fmt: skip
 """Numbers of points, and what they are. Where there is a top of the head, its centre is half-way up from the neck, else
 between the ears. OpenPose's own "neck" is the middle of the shoulders, which is below ours, and is left out."""

@@ -1,0 +1,42 @@
+"""`workbench detect`: detect people's joints in videos."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from workbench.datasets.detection.detection_files import detect_video
+from workbench.datasets.detection.model_file import model_file
+from workbench.utils.errors import InputError
+from workbench.utils.signals import interruptible
+
+
+@interruptible()
+def detect(
+    videos: Annotated[list[Path], Argument(metavar="VIDEO...", help="Video files or folders of images.")],
+    output: Annotated[
+        Path, Option("-o", "--output", metavar="DIR", help="Folder; a folder of each video's name is made in it.")
+    ] = Path("detections"),
+    model: Annotated[
+        str, Option(metavar="full|PATH", help="BlazePose's full model, downloaded once, or a model file.")
+    ] = "full",
+) -> None:
+    """Detect the joints of every person in every frame, and write them as OpenPose's JSON files.
+
+    The files are an input of dataset.keypoints. A detection that was
+    interrupted is resumed. Rendered people are mostly not detected.
+
+    \b
+    Examples:
+      workbench detect walk.mp4
+      workbench detect left.mp4 right.mp4 -o keypoints --model heavy.tflite
+    """
+    names = [video.stem for video in videos]
+    if len(set(names)) < len(names):
+        raise InputError("expected videos of different names, as each has a folder of its name")
+    path = model_file(model, Path(os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")))
+    for video, name in zip(videos, names, strict=True):
+        folder = output / name
+        n_frames = detect_video(video, folder, path)
+        print(f"{video}: {n_frames} frames: dataset.keypoints={folder}")
