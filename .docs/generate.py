@@ -12,17 +12,17 @@ from typing import Any
 import yaml
 from pictures import of_experiment
 
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
-from workbench.experiment.config.schema import LITERAL, WHEN
+from workbench.experiment.config.schema import IF_CHOSEN, LITERAL
 from workbench.recording.read.reader import read
 
 BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"
-BASELINE_METRICS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "knee_deg", "coverage_90", "tracked")
+BASELINE_METRICS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "knee_flexion_rmse_deg", "coverage_90", "tracked")
 UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
     "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s",
-    "start_position": "m", "start_rotation": "rad", "sigma_angles": "rad", "damping": "1/s",
+    "initial_position_std": "m", "initial_rotation_std": "rad", "sigma_angles": "rad", "damping": "1/s",
     "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame",
 }  # fmt: skip
 """Units of keys, by name or suffix."""
@@ -71,10 +71,10 @@ def _option(option: Option) -> Iterator[str]:
     yield from (f"### {option.group}={option.name}", "", f"{option.about}.", "")
     if option.target is None:
         return
-    component = resolved(option.target)
+    component = import_target(option.target)
     yield from ("```text", inspect.cleandoc(inspect.getdoc(component) or "").replace("```", ""), "```", "")
     settings: Mapping[str, Any] = yaml.safe_load(option.text)
-    if keys := keys_of(component):
+    if keys := config_keys(component):
         yield from ("| key | default | unit | description |", "| --- | --- | --- | --- |")
     for key, (_, default) in keys.items():
         value = settings.get(key, default)
@@ -102,7 +102,7 @@ def _experiment(name: str, option: Option) -> Iterator[str]:
     values: dict[str, Any] = yaml.safe_load(option.text) or {}
     yield from (f"## {name}", "", f"{_about(option)}", "")
     components = dict(_components(values.pop("defaults", [])))
-    conditional = values.pop(WHEN, {})
+    conditional = values.pop(IF_CHOSEN, {})
     literal = conditional.pop(LITERAL, {})
     for omitted in ("assumptions", "hydra"):
         values.pop(omitted, None)

@@ -34,7 +34,7 @@ def tutorial(folder: Path) -> None:
         figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
         colours = {"walking": ESTIMATE, "smooth": TRUTH}
         over_frames(axes, {"walking": first, "smooth": smooth}, "mpjpe_px", "error in the image (px)", colours)
-        axes.plot(*first.metric("forearm_px"), color="gray", linestyle=":", label="width of a forearm")
+        axes.plot(*first.metric("forearm_width_px"), color="gray", linestyle=":", label="width of a forearm")
         axes.legend()
         figure.savefig(PICTURES / "errors.png", dpi=90)
     (PICTURES / "knee.png").write_bytes((folder / "knee.png").read_bytes())
