@@ -1,10 +1,10 @@
-"""How the documents are made: `sphinx-build -W .docs build/docs`, then open build/docs/index.html."""
+"""Sphinx configuration of the pages: `sphinx-build -W .docs build/docs`, then open build/docs/index.html."""
 
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-sys.path.append(str(Path(__file__).parents[1]))  # of `analysis`, which is not installed
+sys.path.append(str(Path(__file__).parents[1]))  # for `analysis`, which is not installed
 import generate
 
 import workbench
@@ -14,12 +14,12 @@ generate.write(Path(__file__).parent / "_generated")
 project = "workbench"
 release = workbench.__version__
 copyright = ""
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "index"
 myst_heading_anchors = 3
-autodoc_typehints = "none"  # docstrings say shapes and units
+autodoc_typehints = "none"  # docstrings give shapes and units
 default_role = "code"
-html_theme = "furo"  # brings its own scripts and styles, and asks for nothing from elsewhere
+html_theme = "furo"  # includes its scripts and styles; pages load nothing from a network
 html_title = "workbench"
 html_show_copyright = html_show_sphinx = html_copy_source = False
 highlight_language = "text"

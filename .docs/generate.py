@@ -1,6 +1,6 @@
-"""The pages that follow from the code: every option with its keys, and what every experiment is made of.
+"""Pages generated from the code: every option with its keys, and the components of every experiment.
 
-`conf.py` calls `write` before every build, so that none of it is written by hand or kept in git.
+`conf.py` calls `write` before every build; git ignores the generated pages.
 """
 
 import inspect
@@ -12,36 +12,38 @@ from typing import Any
 import yaml
 from pictures import of_experiment
 
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
-from workbench.experiment.config.schema import LITERAL, WHEN
+from workbench.experiment.config.schema import IF_CHOSEN, LITERAL
 from workbench.recording.read.reader import read
 
 BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"
-SHOWN = ("error_abs_mm", "error_rel_mm", "error_px", "knee_deg", "coverage_90", "held")
+BASELINE_METRICS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "knee_flexion_rmse_deg", "coverage_90", "tracked")
 UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
     "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s",
-    "start_position": "m", "start_rotation": "rad", "sigma_angles": "rad", "damping": "1/s",
+    "initial_position_std": "m", "initial_rotation_std": "rad", "sigma_angles": "rad", "damping": "1/s",
     "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame",
 }  # fmt: skip
-"""Units of keys, by the name or how it ends; where a note says one, that stands."""
-_SEEN = "the skeleton, expected in orange and true in blue, in four frames, and the error of the joints by frame"
+"""Units of keys, by name or suffix."""
+_TRACKING_CAPTION = (
+    "the posterior-mean skeleton in orange and the true one in blue in four frames, and the joint error by frame"
+)
 
 
 def write(folder: Path) -> None:
-    """Write all pages into a folder."""
+    """Write all generated pages and their pictures into a folder."""
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
     draw_baselines(folder / "pictures")
-    pages = {"options": options_page(), "parts_of_experiments": experiments_page()}
+    pages = {"options": options_page(), "experiment_components": experiments_page()}
     for name, text in pages.items():
         path = folder / f"{name}.md"
-        if not path.is_file() or path.read_text(encoding="utf-8") != text:  # else it would be built again
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:  # an unchanged page is not rebuilt
             path.write_text(text, encoding="utf-8")
 
 
 def draw_baselines(folder: Path) -> None:
-    """Draw the baseline of every experiment that has one, where it is not drawn yet as it is now."""
+    """Draw the baseline of every experiment that has one, unless its picture is up to date."""
     for name in options("experiment"):
         baseline, picture = BASELINES / f"{name}.rrd", folder / f"{name}.png"
         current = picture.is_file() and picture.stat().st_mtime >= baseline.stat().st_mtime
@@ -50,16 +52,17 @@ def draw_baselines(folder: Path) -> None:
 
 
 def options_page() -> str:
-    """Every option of every group: what its class says of itself, and its keys."""
+    """Return the page of all options: the docstring of each class, and its keys."""
     lines = [
         "# Options", "",
-        "What can be chosen as `group=option`, and the keys that can be set as `group.key=value`, with their defaults. "
-        "`workbench components prior.jitter` says the same in the terminal.", "",
+        "This page is for users who look up an option. It lists every option, chosen by `group=option`, and its keys, "
+        "set by `group.key=value`, with their defaults and units. `workbench components prior.ar_offsets` prints the "
+        "same in the terminal.", "",
     ]  # fmt: skip
     for group in GROUPS:
-        if found := options(group):
+        if group_options := options(group):
             lines += [f"## {group}", ""]
-            for option in found.values():
+            for option in group_options.values():
                 lines += [*_option(option), ""]
     return "\n".join(lines)
 
@@ -68,26 +71,27 @@ def _option(option: Option) -> Iterator[str]:
     yield from (f"### {option.group}={option.name}", "", f"{option.about}.", "")
     if option.target is None:
         return
-    part = resolved(option.target)
-    yield from ("```text", inspect.cleandoc(inspect.getdoc(part) or "").replace("```", ""), "```", "")
-    own: Mapping[str, Any] = yaml.safe_load(option.text)
-    if keys := keys_of(part):
-        yield from ("| key | default | unit | |", "| --- | --- | --- | --- |")
+    component = import_target(option.target)
+    yield from ("```text", inspect.cleandoc(inspect.getdoc(component) or "").replace("```", ""), "```", "")
+    settings: Mapping[str, Any] = yaml.safe_load(option.text)
+    if keys := config_keys(component):
+        yield from ("| key | default | unit | description |", "| --- | --- | --- | --- |")
     for key, (_, default) in keys.items():
-        value = own.get(key, default)
-        shown = "none: say it" if value is inspect.Parameter.empty else _code(value)
-        yield f"| `{key}` | {shown} | {_unit(key)} | {_escaped(option.notes.get(key, ''))} |"
+        value = settings.get(key, default)
+        default_text = "*required*" if value is inspect.Parameter.empty else _code(value)
+        yield f"| `{key}` | {default_text} | {_unit(key)} | {_escaped(option.notes.get(key, ''))} |"
 
 
 def experiments_page() -> str:
-    """What every experiment is made of and sets, and the numbers of its baseline."""
+    """Return the page of all experiments: components, values, and the metrics of the baseline."""
     lines = [
-        "# Parts of every experiment", "",
-        "What an experiment chooses where the usual part is not taken, and what it sets; a key with a dot is of the "
-        "part before it. *As its paper writes it* is what `paper=literal` sets instead. *Baseline* are the numbers of "
-        "the small recording that is kept to notice changes: a few frames of small images and few particles, of "
-        "generated people; they say nothing of how well an experiment does, which [Experiments](../experiments.md) "
-        "does. Experiments that need recordings have none.", "",
+        "# Components of every experiment", "",
+        "This page is for users who look up an experiment. It lists the components that differ from the defaults, and "
+        "the values that the experiment sets; `group.key` is a key of the component of a group. *As published* lists "
+        "the values of `paper=literal`. *Baseline* lists the metrics of a small recording, with a few small frames of "
+        "generated people and few particles. It serves to detect changes and does not show the accuracy of an "
+        "experiment, which [Experiments](../experiments.md) reports. Experiments that need recordings have no "
+        "baseline.", "",
     ]  # fmt: skip
     for name, option in options("experiment").items():
         lines += [*_experiment(name, option), ""]
@@ -95,25 +99,25 @@ def experiments_page() -> str:
 
 
 def _experiment(name: str, option: Option) -> Iterator[str]:
-    own: dict[str, Any] = yaml.safe_load(option.text) or {}
+    values: dict[str, Any] = yaml.safe_load(option.text) or {}
     yield from (f"## {name}", "", f"{_about(option)}", "")
-    chosen = dict(_chosen(own.pop("defaults", [])))
-    when = own.pop(WHEN, {})
-    literal = when.pop(LITERAL, {})
-    for skipped in ("given", "hydra"):
-        own.pop(skipped, None)
-    if chosen:
-        yield "- takes " + ", ".join(f"`{group}={option}`" for group, option in chosen.items())
-    for title, settings in (("sets", own), ("with a part", when), ("as its paper writes it", literal)):
+    components = dict(_components(values.pop("defaults", [])))
+    conditional = values.pop(IF_CHOSEN, {})
+    literal = conditional.pop(LITERAL, {})
+    for omitted in ("assumptions", "hydra"):
+        values.pop(omitted, None)
+    if components:
+        yield "- components: " + ", ".join(f"`{group}={option}`" for group, option in components.items())
+    sections = (("values", values), ("values for a chosen component", conditional), ("as published", literal))
+    for title, settings in sections:
         if flat := dict(_leaves(settings)):
             yield f"- {title}: " + ", ".join(f"{_code(f'{key}={_short(value)}')}" for key, value in flat.items())
     baseline = BASELINES / f"{name}.rrd"
-    if baseline.is_file() and (numbers := read(baseline).result):
-        shown = [f"{key} {numbers[key]:.3g}" for key in SHOWN if key in numbers]
-        shown = shown or [f"{key} {numbers[key]:.3g}" for key in sorted(numbers)[:6]]
-        yield f"- baseline: {', '.join(shown)}"
-        what = "its first figures" if "body" not in read(baseline).properties else _SEEN
-        yield from ("", f"![The baseline of {name}: {what}](pictures/{name}.png)")
+    if baseline.is_file() and (metrics := read(baseline).result):
+        names = [key for key in BASELINE_METRICS if key in metrics] or sorted(metrics)[:6]
+        yield f"- baseline: {', '.join(f'{key} {metrics[key]:.3g}' for key in names)}"
+        caption = "its first figures" if "body" not in read(baseline).properties else _TRACKING_CAPTION
+        yield from ("", f"![The baseline of {name}: {caption}](pictures/{name}.png)")
 
 
 def _about(option: Option) -> str:
@@ -122,7 +126,7 @@ def _about(option: Option) -> str:
     return _escaped(" ".join(comments[:head]))
 
 
-def _chosen(defaults: list[Any]) -> Iterator[tuple[str, str]]:
+def _components(defaults: list[Any]) -> Iterator[tuple[str, str]]:
     for each in defaults:
         if isinstance(each, str) and each != "_self_":
             yield "experiment", each
@@ -131,18 +135,18 @@ def _chosen(defaults: list[Any]) -> Iterator[tuple[str, str]]:
                 yield group.removeprefix("override ").lstrip("/"), str(option)
 
 
-def _leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in settings.items():
         if isinstance(value, Mapping) and value:
-            yield from _leaves(value, f"{above}{key}.")
+            yield from _leaves(value, f"{prefix}{key}.")
         else:
-            yield f"{above}{key}", value
+            yield f"{prefix}{key}", value
 
 
 def _unit(key: str) -> str:
     if key in UNITS:
         return UNITS[key]
-    return next((unit for end, unit in UNITS.items() if end.startswith("_") and key.endswith(end)), "")
+    return next((unit for suffix, unit in UNITS.items() if suffix.startswith("_") and key.endswith(suffix)), "")
 
 
 def _short(value: Any) -> str:

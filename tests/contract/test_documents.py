@@ -12,7 +12,7 @@ DOCS = ROOT / ".docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
 WRITTEN = [page for page in PAGES if "_generated" not in page.parts]
 _FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
-GENERATED = ("options.md", "parts_of_experiments.md")
+GENERATED = ("options.md", "experiment_components.md")
 
 
 def prose(page):
@@ -58,6 +58,12 @@ def test_commands_choose_what_there_is(page):
             known = set(options(group)) | (own.get(group, set()) if "my_parts" in line else set())
             known |= mine.get(group, set()) if "--config-dir" in line else set()
             assert set(chosen.split(",")) <= known, line
+
+
+@pytest.mark.parametrize("page", ["glossary.md", "code.md", "security.md"])
+def test_paths_of_the_code_exist(page):
+    paths = re.findall(r"`((?:workbench|conf|tests)/[\w/.]*)`", (DOCS / page).read_text(encoding="utf-8"))
+    assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
 def test_every_page_is_reached_from_the_first():

@@ -31,7 +31,7 @@ _LAYOUT = "BODY_25B"
 
 
 def write_own_files(folder):
-    """Write walk.mp4 with marks.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films;
+    """Write walk.mp4 with annotations.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films;
     camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
     one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(around(2), 1))
     (folder / "calibration.toml").write_text(toml(one) + toml(two))
@@ -44,7 +44,7 @@ def write_own_files(folder):
         write(folder / f"{name}_json", dict(enumerate(people)))
     rows = [f"{t},{joint},{u:.2f},{v:.2f},1" for t, frame in enumerate(seen["one"])
             for joint, (u, v) in zip(JOINT_NAMES, frame, strict=True)]  # fmt: skip
-    for name in ("marks", "joints"):
+    for name in ("annotations", "joints"):
         (folder / f"{name}.csv").write_text("\n".join(["frame,joint,u,v,visible", *rows, ""]))
     _boards(folder)
     (folder / "points").mkdir()
@@ -131,8 +131,8 @@ def _small(found):
     own = re.search(r"dataset=(\w+)", text)
     small = ["dataset.n_frames=4"]
     small += list(RENDERED) * (own is None and "walk_video" not in text)
-    small += ["learn.motions=builtin"] * ("paths.data=" in text and "learn.motions" not in text)
-    small += ["dataset.motion=builtin"] * ("walk_best" in text)
+    small += ["training.motions=builtin"] * ("paths.data=" in text and "training.motions" not in text)
+    small += ["dataset.motion=builtin"] * ("walk_multi_cue" in text)
     without = re.search(r"inference\.n_particles|least_squares|synthesis", text)
     small += ["inference.n_particles=20"] * (without is None)
     return small

@@ -46,7 +46,7 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
     for language, text in blocks("start/tutorial.md"):
         told.append(run("bash", "-euc", text) if language == "sh" else run(sys.executable, "-c", text))
     first, again, table, sweep = told[:4]
-    assert re.search(r"^verdict: held", first, re.MULTILINE)
+    assert re.search(r"^verdict: tracked", first, re.MULTILINE)
     assert re.search(r"^look at it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
     assert "prior._target_: workbench.priors.from_motions.walking → workbench.priors.smooth.Smooth" in again
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
@@ -95,11 +95,11 @@ def test_the_pages_are_built_without_a_warning_and_ask_for_nothing_from_elsewher
     for style in (tmp_path / "html").rglob("*.css"):
         assert re.findall(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", style.read_text(encoding="utf-8")) == [], style
     drawn = sorted((DOCS / "_generated" / "pictures").glob("*.png"))
-    experiments = (tmp_path / "html" / "_generated" / "parts_of_experiments.html").read_text(encoding="utf-8")
+    experiments = (tmp_path / "html" / "_generated" / "experiment_components.html").read_text(encoding="utf-8")
     assert len(drawn) >= 20
     for picture in drawn:
         assert picture.stat().st_size <= 60_000
         assert picture.name in experiments
     options = (tmp_path / "html" / "_generated" / "options.html").read_text(encoding="utf-8")
-    assert "prior=jitter" in options
+    assert "prior=ar_offsets" in options
     assert "ess_threshold" in options or "sigma_phase" in options

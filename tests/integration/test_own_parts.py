@@ -70,7 +70,7 @@ def test_the_workers_of_a_launcher_build_the_components_of_a_named_package(comma
 @pytest.mark.slow
 def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp_path):
     """With nothing but what the page shows: its code, its YAML and its first command, made small."""
-    page = (SCENES.parents[1] / ".docs" / "howto" / "own_parts.md").read_text(encoding="utf-8")
+    page = (SCENES.parents[1] / ".docs" / "howto" / "own_components.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```yaml\n(.+?)```", page, re.DOTALL)
     for code in re.findall(r"literalinclude\} \.\./\.\./tests/scenes/(my_parts/\w+\.py)", page):
         name, group = Path(code).stem, {"still": "prior", "upright": "likelihood"}[Path(code).stem]
@@ -79,7 +79,7 @@ def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp
         option.write_text(text.replace("still.Still", f"{name}.{name.title()}"))
         (tmp_path / code).write_text((SCENES / code).read_text(encoding="utf-8"))
     _, call = command
-    said = next(line for line in page.splitlines() if line.startswith("workbench run parts="))
+    said = next(line for line in page.splitlines() if line.startswith("workbench run component_packages="))
     small = ["dataset.n_frames=3", "inference.n_particles=20", f"hydra.run.dir={tmp_path / 'out'}"]
     done = call("workbench", "run", *shlex.split(said)[2:], *small, PYTHONPATH=str(tmp_path))
     assert done.returncode == 0, done.stderr
