@@ -172,7 +172,7 @@ def continuing(inference: Inference) -> Resumable:
         return inference
     raise InputError(
         f"inference: {type(inference).__name__} cannot go on from a frame, as it tells each by all frames or keeps "
-        "more than particles; particle filters can, also inside of restarting and fixed_lag"
+        "more than particles; particle filters can, also inside reinitializing and fixed_lag"
     )
 
 

@@ -154,10 +154,11 @@ class ParticlesByDimension:
     """Survival rates and particles needed against the number of joint angles d (C, section 6).
 
     The survival rate is the effective sample size over the number of particles (MacCormick & Isard 2000, to whom C
-    refers for N ∝ 1/α^d): a filter that is to keep D of its particles needs N = D / α^d. It is measured with n_most
-    particles of `IndependentAngles`, where the law is exact and α known, and of `BodyAngles`. Of the first, particles
-    are counted, too, by powers of two up to n_most, that are within `off` standard deviations of the Kalman filter
-    (root mean square over angles) after one frame, and after n_frames, each of which starts from the last one's error.
+    refers for N ∝ 1/α^d): a filter that is to keep D of its particles needs N = D / α^d. It is measured with
+    max_particles particles of `IndependentAngles`, where the law is exact and α known, and of `BodyAngles`. Of the
+    first, particles are counted, too, by powers of two up to max_particles, that are within `tolerance_std` standard
+    deviations of the Kalman filter (root mean square over angles) after one frame, and after n_frames, each of which
+    starts from the last one's error.
 
     dims, dims_body: numbers of angles. n_frames, n_seeds: of every run, each seed with a truth of its own.
 
@@ -169,15 +170,18 @@ class ParticlesByDimension:
 
     dims: Sequence[int] = (1, 2, 3, 4, 5, 6)
     dims_body: Sequence[int] = (1, 2, 4, 6, 8, 12, 16)
-    n_most: int = 1 << 14
+    max_particles: int = 1 << 14
     n_frames: int = 10
     n_seeds: int = 10
-    off: float = 0.5
+    tolerance_std: float = 0.5
     sigma_px: float = 8.0
 
     def __post_init__(self) -> None:
-        if min(self.n_most, self.n_frames, self.n_seeds, *self.dims, *self.dims_body) < 1 or not self.off > 0.0:
-            raise InputError("study: expected sizes from 1 on and off above 0")
+        if (
+            min(self.max_particles, self.n_frames, self.n_seeds, *self.dims, *self.dims_body) < 1
+            or not self.tolerance_std > 0.0
+        ):
+            raise InputError("study: expected sizes from 1 on and tolerance_std above 0")
         if max(self.dims_body) > len(ANGLES) or min(len(set(self.dims)), len(set(self.dims_body))) < 2:
             raise InputError(f"study: expected two numbers of angles or more, dims_body up to {len(ANGLES)}")
 
@@ -209,21 +213,22 @@ class ParticlesByDimension:
         found = np.full((self.n_seeds, len(x)), np.nan)
         for d in tqdm(dims, desc="survival", unit="d", disable=None):
             for seed in range(self.n_seeds):
-                rate = np.exp(np.log(run_filter(problem(d), self.n_most, self.n_frames, rng).survival).mean())
-                if rate * self.n_most >= LEAST_ESS:
+                rate = np.exp(np.log(run_filter(problem(d), self.max_particles, self.n_frames, rng).survival).mean())
+                if rate * self.max_particles >= LEAST_ESS:
                     found[seed, np.searchsorted(x, d)] = -np.log10(rate)
         return found
 
     def _needed(self, n_frames: int, x: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Find log₁₀ of the fewest particles (n_seeds, len(x)) within `off` in the last frame; NaN for over n_most."""
+        """Find log₁₀ of the fewest particles (n_seeds, len(x)) within `tolerance_std` in the last frame; NaN for over
+        max_particles."""
         found = np.full((self.n_seeds, len(x)), np.nan)
         for d in tqdm(self.dims, desc="particles", unit="d", disable=None):
             problem = IndependentAngles(d)
             for seed in range(self.n_seeds):
-                for power in range(1, int(np.log2(self.n_most)) + 1):
+                for power in range(1, int(np.log2(self.max_particles)) + 1):
                     run = run_filter(problem, 1 << power, n_frames, rng)
                     away = (run.expected - problem.exact(run.observed))[-1] ** 2 / problem.filtered[0, 0]
-                    if away.mean() <= self.off**2:
+                    if away.mean() <= self.tolerance_std**2:
                         found[seed, np.searchsorted(x, d)] = power * np.log10(2.0)
                         break
         return found
@@ -277,9 +282,9 @@ def paper_alpha() -> float:
 
 def _note(metrics: Mapping[str, float], study: ParticlesByDimension) -> str:
     return (
-        f"Paper C, section 6: N ∝ 1/α^d. Particles of which one survives a frame, measured with {study.n_most}, and "
-        f"the fewest within {study.off:g} standard deviations of the Kalman filter after a frame and after "
-        f"{study.n_frames}; grey: each of {study.n_seeds} seeds. Independent angles: α = "
+        f"Paper C, section 6: N ∝ 1/α^d. Particles of which one survives a frame, measured with {study.max_particles}, "
+        f"and the fewest within {study.tolerance_std:g} standard deviations of the Kalman filter after one frame and "
+        f"after {study.n_frames}; grey: each of {study.n_seeds} seeds. Independent angles: α = "
         f"{metrics['alpha_independent']:.2f} an angle measured, {metrics['alpha_exact']:.2f} exact, "
         f"{metrics['alpha_one_frame']:.2f} and {metrics['alpha_error']:.2f} near the Kalman filter; a body's: "
         f"{metrics['alpha_body']:.2f}. C's 3000 particles for 8 parameters and 10¹⁶ for 50 lie on "

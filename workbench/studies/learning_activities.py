@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 class LearnWalkRun:
     """The examples' first two coefficients by activity, the variance explained, mean cycles and eigenvectors.
 
-    motions, data, cache, leave_out, activities: as for `database_motions`. most_per_clip: as for `activity_cycles`.
+    motions, data, cache, exclude, activities: as for `database_motions`. max_per_clip: as for `activity_cycles`.
 
     Metrics, of the whole body and with _legs at the end of the hips and knees alone: n_components_90, the fewest that
     explain more than 0.9 of the variance; activity_accuracy, the part of the examples whose activity is told right
@@ -43,16 +43,16 @@ class LearnWalkRun:
     motions: str = "builtin"
     data: str | None = None
     cache: str = "~/.cache/workbench"
-    leave_out: Sequence[str] = ()
+    exclude: Sequence[str] = ()
     activities: Sequence[str] = ("walk", "run")
-    most_per_clip: int = 4
+    max_per_clip: int = 4
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Learn and show; draws nothing. Raises InputError as `database_motions` and what it learns with do."""
         motions = database_motions(
-            self.motions, data=self.data, cache=self.cache, leave_out=self.leave_out, activities=self.activities
+            self.motions, data=self.data, cache=self.cache, leave_out=self.exclude, activities=self.activities
         )
-        cycles = activity_cycles(motions, most_per_clip=self.most_per_clip)
+        cycles = activity_cycles(motions, most_per_clip=self.max_per_clip)
         log.info("motions: %d cycles (%s) of %d clips", len(cycles), self.motions, len(set(cycles.sources)))
         parts = PARTS_SHOWN.items()
         models = {name: learn_activities(cycles, angles=[part], n_components=EIGENVECTORS) for name, part in parts}

@@ -30,15 +30,15 @@ class PeriodSnr(WalkStudy):
     missing: part of the samples that is removed, in blocks, for a second measurement. Metrics: those of `period_study`.
     """
 
-    missing: float = 0.3
+    missing_fraction: float = 0.3
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Find every walk's period twice. Raises InputError as `training_motions` and `period_study` do."""
-        metrics, clips, noise = period_study(self.walks(), rng, self.missing)
+        metrics, clips, noise = period_study(self.walks(), rng, self.missing_fraction)
         clips = sorted(clips, key=lambda clip: abs(clip.errors_pct[0]))
         shown = [clips[k] for k in sorted({0, len(clips) // 2, len(clips) - 1})]  # from the best to the worst
-        figures = (*map(_clip, shown), _all(clips, noise), _deviations(clips, self.missing))
-        return StudyResult(metrics, figures, _period_note(clips, metrics, self.missing))
+        figures = (*map(_clip, shown), _all(clips, noise), _deviations(clips, self.missing_fraction))
+        return StudyResult(metrics, figures, _period_note(clips, metrics, self.missing_fraction))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,17 +221,17 @@ def _all(clips: Sequence[_ClipPeriods], noise: Mapping[str, FloatArray]) -> Curv
     return Curves(name, x, drawn, "period in seconds", "log₁₀ accumulated SNR", faint=faint)
 
 
-def _deviations(clips: Sequence[_ClipPeriods], missing: float) -> Curves:
+def _deviations(clips: Sequence[_ClipPeriods], missing_fraction: float) -> Curves:
     errors = np.abs([clip.errors_pct for clip in clips])
     errors[~np.isfinite(errors)] = np.nan  # not found: nothing to draw
     limits = {"2 %": np.full(len(clips), STATED_PCT)}
-    curves = {"all samples": errors[:, 0], f"{100 * missing:.0f} % removed": errors[:, 1], **limits}
+    curves = {"all samples": errors[:, 0], f"{100 * missing_fraction:.0f} % removed": errors[:, 1], **limits}
     rank = np.arange(1.0, len(clips) + 1.0)
     return Curves("period/deviation from hip events", rank, curves, "walks, sorted by deviation", "percent")
 
 
-def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], missing: float) -> str:
-    percent = round(100 * missing)
+def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], missing_fraction: float) -> str:
+    percent = round(100 * missing_fraction)
     outside = [f"{clip.name} ({clip.errors_pct[0]:+.1f} %)" for clip in clips if abs(clip.errors_pct[0]) > STATED_PCT]
     beyond = f"Beyond {STATED_PCT:g} %: {', '.join(outside)}." if outside else f"None is off by {STATED_PCT:g} %."
     return (

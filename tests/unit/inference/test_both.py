@@ -14,7 +14,7 @@ from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.gaussian_state import OWN_M, PIXELS_SAY, of_both, shares
-from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.priors.smooth import Smooth
 from workbench.utils.rng import stream
 
@@ -143,7 +143,7 @@ def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_fo
 
     def told(likelihood):
         streams = {name: stream(0, name) for name in ("resampling", "prior")}
-        filtered = Kalman(Smooth(), likelihood, body, n_particles=2, flatten=1.0)
+        filtered = IteratedEkf(Smooth(), likelihood, body, n_particles=2, curvature_weight=1.0)
         return np.array([step.expected_pose[ARM] for step in filtered.run(frames, start, streams)])
 
     silent = Twice(np.full(len(ARM), 0.1))

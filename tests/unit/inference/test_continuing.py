@@ -12,7 +12,7 @@ from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
+from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.utils.errors import InputError
@@ -28,9 +28,9 @@ MOVES = {
 }
 WRAPPERS = {
     "filter": lambda plain: plain,
-    "restarting": lambda plain: Restarting(plain),
-    "fixed_lag": lambda plain: FixedLag(plain, lag=3, least_ancestors=10),
-    "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
+    "reinitializing": lambda plain: Reinitializing(plain),
+    "fixed_lag": lambda plain: FixedLag(plain, lag=3, min_effective_ancestors=10),
+    "fixed_lag of reinitializing": lambda plain: FixedLag(Reinitializing(plain), lag=2, min_effective_ancestors=1),
 }
 
 
@@ -51,7 +51,7 @@ class Drifting(Memoryless):
 
 def inference(wrapper, move, n=N, measured=None):
     measured = simulate(T, seed=3) if measured is None else measured
-    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Drifting(measured), move=MOVES[move], n_particles=n))
+    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Drifting(measured), algorithm=MOVES[move], n_particles=n))
 
 
 def past(steps):
@@ -98,7 +98,7 @@ def test_states_without_offspring_do_not_matter_where_a_memory_says_so(wrapper, 
 def test_what_restarting_has_seen_goes_on_too():
     measured = simulate(REFERENCE_FRAMES + 12, seed=3)
     measured[REFERENCE_FRAMES + 4 :] += 50.0  # lost from here on
-    one = inference("restarting", "bootstrap", measured=measured)
+    one = inference("reinitializing", "bootstrap", measured=measured)
     whole = list(one.run(frames(len(measured)), MEAN0, streams(0)))
     anew = [step.frame.index for step in whole if step.diagnostics["restarted"]]
     assert anew

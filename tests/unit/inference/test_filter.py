@@ -72,7 +72,9 @@ class RemembersLook:
 
 
 def run(n_particles, seed, measured, **options):
-    inference = ParticleFilter(LinearPrior(), Position(measured), move=Bootstrap(**options), n_particles=n_particles)
+    inference = ParticleFilter(
+        LinearPrior(), Position(measured), algorithm=Bootstrap(**options), n_particles=n_particles
+    )
     return list(inference.run(frames(len(measured)), MEAN0, streams(seed)))
 
 
@@ -135,7 +137,13 @@ class Leaning(LinearPrior):
 
 @pytest.mark.parametrize(
     "move",
-    [Bootstrap(), Bootstrap(ess_threshold=0.0), Bootstrap(ess_threshold=1.0), Auxiliary(), Auxiliary(flatten=1.0)],
+    [
+        Bootstrap(),
+        Bootstrap(ess_threshold=0.0),
+        Bootstrap(ess_threshold=1.0),
+        Auxiliary(),
+        Auxiliary(first_stage_power=1.0),
+    ],
     ids=["bootstrap", "never resampled", "always resampled", "half", "whole"],
 )
 @pytest.mark.parametrize("prior", [LinearPrior(), Leaning()], ids=["prior", "proposal"])
@@ -143,7 +151,7 @@ def test_proposals_and_looks_ahead_leave_the_exact_posterior(prior, move):
     measured = simulate(6, seed=4)
     mean, variance, evidence = exact(measured)
     found = last_moments(
-        lambda _, likelihood: ParticleFilter(prior, likelihood, move=move, n_particles=2000),
+        lambda _, likelihood: ParticleFilter(prior, likelihood, algorithm=move, n_particles=2000),
         Position(measured), len(measured), range(20),
     )  # fmt: skip
     assert_agree(found, [*mean[-1], *variance[-1], evidence])

@@ -11,7 +11,7 @@ from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import DenseLikelihood, Slope
 from workbench.inference.ekf.gaussian_state import GaussianState, smoothed
-from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.inference.ekf.limb_reinitialization import LEAST_GAIN, cost, is_better, leap
 from workbench.priors.smooth import Smooth
 from workbench.utils.rng import stream
@@ -128,7 +128,7 @@ class Likelihood(Image):
 def test_nobody_leaps_from_where_the_start_is_given():
     likelihood, frames = Likelihood(), [Frame(k, k / 30.0, (), None) for k in range(3)]
     body = SimpleNamespace(skeleton=SKELETON)
-    filtered = Kalman(Smooth(), likelihood, body, n_particles=2, second_pass=False)
+    filtered = IteratedEkf(Smooth(), likelihood, body, n_particles=2, second_pass=False)
     streams = {name: stream(0, name) for name in ("resampling", "prior")}
     assert len(list(filtered.run(frames, standing(), streams))) == 3
     assert likelihood.leapt == {1, 2}

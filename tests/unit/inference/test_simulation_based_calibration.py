@@ -23,7 +23,7 @@ ARM = tuple(f"right_{angle}" for angle in ("shoulder_abduction", "shoulder_flexi
 
 
 def particles(n_particles, move):
-    return lambda prior, likelihood: ParticleFilter(prior, likelihood, move=move, n_particles=n_particles)
+    return lambda prior, likelihood: ParticleFilter(prior, likelihood, algorithm=move, n_particles=n_particles)
 
 
 EXACT = {  # as in conf/inference

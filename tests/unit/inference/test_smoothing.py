@@ -51,7 +51,7 @@ def test_backward_simulation_converges_to_the_smoother(h):
 @pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
 def test_fixed_lag_converges_to_the_posterior_given_that_many_frames_more(ess_threshold):
     options, move = {"n_particles": 500, "lag": 3, "least_ancestors": 1}, Bootstrap(ess_threshold=ess_threshold)
-    found, measured = rows(lambda p, y: FixedLag(ParticleFilter(p, y, move=move), **options))
+    found, measured = rows(lambda p, y: FixedLag(ParticleFilter(p, y, algorithm=move), **options))
     for frame, seen in ((0, 4), (3, 7), (T - 3, T), (T - 1, T)):
         mean, variance, _ = exact(measured[:seen])
         assert_agree(found[frame], [*mean[frame], *variance[frame]])
@@ -61,8 +61,8 @@ def test_every_frame_is_told_once_in_order_and_ancestors_lead_along_the_paths():
     measured = simulate(T, seed=0)
     for inference in (
         FixedLag(plain(measured), n_particles=50, lag=4),
-        FixedLag(plain(measured), n_particles=50, lag=40, least_ancestors=1),
-        FixedLag(plain(measured), n_particles=50, lag=4, least_ancestors=20),
+        FixedLag(plain(measured), n_particles=50, lag=40, min_effective_ancestors=1),
+        FixedLag(plain(measured), n_particles=50, lag=4, min_effective_ancestors=20),
         BackwardSimulation(plain(measured), n_particles=50, n_paths=20),
     ):
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
@@ -93,8 +93,8 @@ def test_paths_are_rejuvenated():
     measured = simulate(60, seed=0)
     distinct = []
     for inference in (
-        FixedLag(plain(measured), n_particles=100, lag=100, least_ancestors=1),
-        BackwardSimulation(plain(measured), n_particles=100, n_paths=100, least_ancestors=1),
+        FixedLag(plain(measured), n_particles=100, lag=100, min_effective_ancestors=1),
+        BackwardSimulation(plain(measured), n_particles=100, n_paths=100, min_effective_ancestors=1),
     ):
         distinct.append(next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["distinct"])
     assert distinct[0] < 10 < 30 < distinct[1]
@@ -102,10 +102,10 @@ def test_paths_are_rejuvenated():
 
 MAKE = {
     "fixed lag": lambda y, least: FixedLag(
-        ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, least_ancestors=least
+        ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, min_effective_ancestors=least
     ),
     "backward simulation": lambda y, least: BackwardSimulation(
-        ParticleFilter(LinearPrior(), y), n_particles=60, n_paths=200, least_ancestors=least
+        ParticleFilter(LinearPrior(), y), n_particles=60, n_paths=200, min_effective_ancestors=least
     ),
 }
 

@@ -19,24 +19,24 @@ from workbench.inference.smc.bootstrap import Auxiliary
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import Restarting, lost
+from workbench.inference.smc.reinitializing import Reinitializing, lost
 from workbench.inference.smc.tempered_smc import NO_POSTERIOR, Annealed, TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
 
 
 def moving(move):
-    return lambda p, y, n: ParticleFilter(p, y, move=move, n_particles=n)
+    return lambda p, y, n: ParticleFilter(p, y, algorithm=move, n_particles=n)
 
 
 EXACT = {
     "tempered": moving(TemperedSMC()),
-    "tempered, slowly": moving(TemperedSMC(0.8, moves=1)),
+    "tempered, slowly": moving(TemperedSMC(0.8, n_mcmc_steps=1)),
     "auxiliary": moving(Auxiliary()),
     "gauss_newton": moving(GaussNewton()),
     "partitioned": moving(Partitioned(0.7, ["lower_body", "upper_body"])),
     "partitioned, arms first": moving(Partitioned(1.0, ["upper_body", "lower_body"])),
-    "restarting": lambda p, y, n: Restarting(ParticleFilter(p, y), n_particles=n),
+    "reinitializing": lambda p, y, n: Reinitializing(ParticleFilter(p, y), n_particles=n),
 }
 EVERY = EXACT | {"annealed": moving(Annealed())}
 

@@ -27,7 +27,7 @@ def rng(seed=3):
 
 @pytest.fixture(scope="module")
 def result():
-    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), n_most=1 << 11, n_frames=10, n_seeds=3)
+    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), max_particles=1 << 11, n_frames=10, n_seeds=3)
     return study.run(rng())
 
 
@@ -99,7 +99,7 @@ def test_more_angles_need_more_particles(result):
 
 
 def test_what_too_few_particles_survive_is_not_measured():
-    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), n_most=256, n_frames=2, n_seeds=2)
+    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), max_particles=256, n_frames=2, n_seeds=2)
     assert np.isnan(study.run(rng()).metrics["alpha_independent"])
 
 
@@ -107,6 +107,6 @@ def test_the_same_rng_gives_the_same_numbers_and_bad_input_is_refused(result):
     small = {"dims": (1, 2), "dims_body": (1, 2), "n_most": 512, "n_frames": 3, "n_seeds": 2}
     first, again = (ParticlesByDimension(**small).run(rng()).metrics for _ in range(2))
     assert repr(first) == repr(again)
-    for wrong in ({"n_most": 0}, {"off": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
+    for wrong in ({"n_most": 0}, {"tolerance_std": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
         with pytest.raises(InputError, match="study"):
             ParticlesByDimension(**wrong)

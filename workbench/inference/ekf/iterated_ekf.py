@@ -32,7 +32,7 @@ from workbench.utils.errors import InputError
 LEAPT_RAD, LEAPT_RAD_S = 0.2, 3.0
 """How far angles and their speeds may be off where a limb is found anew."""
 BASE_DOUBT = 0.3
-"""By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
+"""By how much wider the draws are told at a perfect fit, before `std_inflation`; by this and the misfit elsewhere."""
 
 
 Filtered: TypeAlias = tuple[Frame, GaussianState, dict[str, Any]]
@@ -40,7 +40,7 @@ Filtered: TypeAlias = tuple[Frame, GaussianState, dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Kalman:
+class IteratedEkf:
     """Approximate each frame's posterior by a Gaussian at its mode (Laplace) and report it as samples.
 
     The prior leads the Gaussian of the frame before on to N(m, P), by its mean's derivatives and its noise. The mode of
@@ -66,17 +66,17 @@ class Kalman:
     body: Body
     _: KW_ONLY
     n_particles: int = 500
-    sudden: float = 0.05
-    flatten: float = 0.05
-    widen: float = 1.0
-    postures: float = 0.0
+    outlier_motion_probability: float = 0.05
+    curvature_weight: float = 0.05
+    std_inflation: float = 1.0
+    pose_prior_power: float = 0.0
     second_pass: bool = True
 
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check("inference", self, n_particles=at_least(2), flatten=UNIT, sudden=INSIDE_UNIT)
-        check("inference", self, widen=POSITIVE, postures=UNIT)
+        check("inference", self, n_particles=at_least(2), curvature_weight=UNIT, outlier_motion_probability=INSIDE_UNIT)
+        check("inference", self, std_inflation=POSITIVE, pose_prior_power=UNIT)
 
     @property
     def space(self) -> StateSpace:
@@ -191,7 +191,8 @@ class Kalman:
         n = len(start)
         return climb(
             frame_likelihood, belief.mean[:n], belief.covariance[:n, :n], self.body.skeleton.limits, start=start,
-            limbs=self._limbs, sudden=self.sudden, flatten=self.flatten,
+            limbs=self._limbs, outlier_motion_probability=self.outlier_motion_probability,
+            curvature_weight=self.curvature_weight,
         )  # fmt: skip
 
     def _leapt(
@@ -217,9 +218,9 @@ class Kalman:
     def _settled(self, frame_likelihood: DenseLikelihood, belief: GaussianState, peak: Peak) -> Peak:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
-        prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
+        prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.outlier_motion_probability)
         pose, slope, count = settle(frame_likelihood, prior, peak.pose, peak.slope, skeleton.limits, self._everything)
-        return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
+        return peak_at(prior, pose, slope, self.curvature_weight, peak.evaluations + count)
 
     def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """What is believed of a limb that leapt to where it is in a pose (P,): the columns of its angles and of their
@@ -257,13 +258,13 @@ class Kalman:
     ) -> Step:
         """Return what one look at the clip, or two, made of a frame."""
         belief = beliefs[-1]
-        widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
+        widths = self.std_inflation * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
         if len(beliefs) > 1:
             mean, covariance = of_both(beliefs[0].mean, mean, covariance, belief.shares)
-        if self.postures > 0.0 and self.prior.capabilities.postures is not None:
+        if self.pose_prior_power > 0.0 and self.prior.capabilities.postures is not None:
             n = len(belief.doubt)
-            drawn = self.prior.capabilities.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
+            drawn = self.prior.capabilities.postures.drawn(mean[:n], covariance[:n, :n], self.pose_prior_power)
             mean, covariance = condition_block(mean, covariance, *drawn)
         values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's

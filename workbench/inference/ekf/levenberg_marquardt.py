@@ -42,7 +42,7 @@ class Tails:
     mean: FloatArray
     white: FloatArray
     limbs: IntArray
-    sudden: float
+    outlier_motion_probability: float
 
     def height(self, pose: FloatArray) -> float:
         """Its log density, 0 at the mean."""
@@ -62,19 +62,19 @@ class Tails:
     def _parts(self, squares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log densities of every limb as it is foreseen and as it is not, at sums of its squared deviations."""
         sizes = np.bincount(self.limbs)
-        usual = np.log1p(-self.sudden) - 0.5 * squares
-        return usual, np.log(self.sudden) - sizes * np.log(FARTHER) - 0.5 * squares / FARTHER**2
+        usual = np.log1p(-self.outlier_motion_probability) - 0.5 * squares
+        return usual, np.log(self.outlier_motion_probability) - sizes * np.log(FARTHER) - 0.5 * squares / FARTHER**2
 
 
-def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: float) -> Tails:
+def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, outlier_motion_probability: float) -> Tails:
     """Return the tails about a Gaussian."""
     root = np.linalg.cholesky(covariance + 1e-10 * np.eye(len(mean)))
-    return Tails(mean, np.linalg.inv(root), limbs, sudden)
+    return Tails(mean, np.linalg.inv(root), limbs, outlier_motion_probability)
 
 
 def climb(
     frame_likelihood: DifferentiableLikelihood, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
-    start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
+    start: FloatArray, limbs: IntArray, outlier_motion_probability: float, curvature_weight: float,
 ) -> Peak:  # fmt: skip
     """Climb from a pose `start` (P,) by damped Gauss–Newton steps (Levenberg 1944, Marquardt 1963), smoothing by
     smoothing.
@@ -83,17 +83,17 @@ def climb(
     `Tails`. flatten: power of the likelihood that narrows the covariance: cues err together, from pixel to pixel and
     frame to frame. Where a limb is far from the prediction, the covariance is wider by as much as that was unlikely.
     """
-    prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
+    prior, pose, count = tails(mean, covariance, limbs, outlier_motion_probability), start, 0
     for level in range(frame_likelihood.levels):
         pose, slope, taken = _climb_at(frame_likelihood, level, prior, pose, limits)
         count += taken
-    return peak_at(prior, pose, slope, flatten, count)
+    return peak_at(prior, pose, slope, curvature_weight, count)
 
 
-def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Peak:
+def peak_at(prior: Tails, pose: FloatArray, slope: Slope, curvature_weight: float, count: int) -> Peak:
     """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
     precision = prior.precision(pose)
-    narrowed = np.linalg.inv(precision + flatten * slope.curvature)
+    narrowed = np.linalg.inv(precision + curvature_weight * slope.curvature)
     _, volume = np.linalg.slogdet(np.eye(len(pose)) + slope.curvature @ np.linalg.inv(precision))
     height = slope.log_prob + prior.height(pose) - 0.5 * volume
     return Peak(pose, 0.5 * (narrowed + narrowed.T), float(height), count, slope)

@@ -67,18 +67,18 @@ class Auxiliary(DensityMove):
     A prior's own proposal is used, and its correction enters the weights. Raises InputError for a prior without a
     density and a flatten out of range."""
 
-    flatten: float = 0.5
+    first_stage_power: float = 0.5
 
     proposes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check("inference", self, flatten=UNIT)
+        check("inference", self, first_stage_power=UNIT)
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Look ahead, choose the parents, propagate, weigh."""
         parents = target.parents
         ahead = target.evaluate(target.density.mean(parents.state, target.dt_s), np.arange(target.n))
-        bonus = lookahead_log_weight(ahead.log_prob, self.flatten)
+        bonus = lookahead_log_weight(ahead.log_prob, self.first_stage_power)
         first_stage = parents.log_weights + bonus
         log_sum = float(scipy.special.logsumexp(first_stage))
         chosen = systematic(np.exp(first_stage - log_sum), rng_streams["resampling"])

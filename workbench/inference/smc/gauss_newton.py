@@ -42,22 +42,22 @@ class GaussNewton(DensityMove):
     single particle, and numbers out of range.
     """
 
-    share: float = 0.8
-    flatten: float = 1.0
-    steps: int = 2
+    proposal_fraction: float = 0.8
+    curvature_weight: float = 1.0
+    n_newton_steps: int = 2
 
-    least_particles: ClassVar[int] = 2
+    min_particles: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        check("inference", self, share=INSIDE_UNIT, flatten=UNIT, steps=at_least(1))
+        check("inference", self, proposal_fraction=INSIDE_UNIT, curvature_weight=UNIT, n_newton_steps=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Climb, draw from the mixture, weigh."""
         parents, n, rng = target.parents, target.n, rng_streams["prior"]
         prediction = predict(target, rng)
-        quadratic = _newton_ascent(target, prediction, self.steps)
-        guide = _Guide(prediction, quadratic, parents.log_weights, self.flatten)
-        n_guided = round(self.share * n)
+        quadratic = _newton_ascent(target, prediction, self.n_newton_steps)
+        guide = _Guide(prediction, quadratic, parents.log_weights, self.curvature_weight)
+        n_guided = round(self.proposal_fraction * n)
         counts = (guide.log_parents, n_guided), (parents.log_weights, n - n_guided)
         chosen = np.concatenate([systematic(np.exp(log_w), rng_streams["resampling"], k) for log_w, k in counts])
         target.clock.lap("resampling")
@@ -121,10 +121,10 @@ class _PosteriorModel:
     curvature: FloatArray
 
 
-def _newton_ascent(target: Target, prediction: _PredictedStates, steps: int) -> _PosteriorModel:
+def _newton_ascent(target: Target, prediction: _PredictedStates, n_newton_steps: int) -> _PosteriorModel:
     """Take so many Newton steps from the prediction's middle, all but the last with a diagonal H."""
     x, precision = prediction.middle, np.linalg.inv(prediction.covariance)
-    for _ in range(steps - 1):
+    for _ in range(n_newton_steps - 1):
         quadratic = _fit_quadratic(target, prediction, x, pairs=False)
         uphill = quadratic.gradient - precision @ prediction.difference(prediction.middle, x[None])[0]
         step = np.linalg.solve(precision + quadratic.curvature, uphill)
@@ -164,14 +164,14 @@ class _Guide:
     flatten: power that the quadratic is taken to. log_parents: (N,)."""
 
     def __init__(
-        self, prediction: _PredictedStates, quadratic: _PosteriorModel, log_weights: FloatArray, flatten: float
+        self, prediction: _PredictedStates, quadratic: _PosteriorModel, log_weights: FloatArray, curvature_weight: float
     ) -> None:
         self._prediction, self._x = prediction, quadratic.x
         precision = 1.0 / prediction.sigma**2
-        covariance = np.linalg.inv(np.diag(precision) + flatten * quadratic.curvature)
+        covariance = np.linalg.inv(np.diag(precision) + curvature_weight * quadratic.curvature)
         self._root = np.linalg.cholesky(covariance)
         ahead = prediction.difference(quadratic.x, prediction.means)
-        pull = ahead * precision + flatten * quadratic.gradient
+        pull = ahead * precision + curvature_weight * quadratic.gradient
         self._means = pull @ covariance  # (N, D'), beside x
         log_parents = log_weights + 0.5 * (pull * self._means).sum(axis=1) - 0.5 * (ahead**2 * precision).sum(axis=1)
         self.log_parents: FloatArray = log_parents - scipy.special.logsumexp(log_parents)

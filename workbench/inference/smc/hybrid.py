@@ -67,15 +67,15 @@ class Hybrid(Wrapper):
 
     fitter: _Fitter
     _: KW_ONLY
-    share: float = 0.7
-    widen: float = 6.0
+    proposal_fraction: float = 0.7
+    std_inflation: float = 6.0
 
     resumable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _driven_prior(self.prior)
-        check("inference", self, share=BELOW_1, widen=POSITIVE)
+        check("inference", self, proposal_fraction=BELOW_1, std_inflation=POSITIVE)
 
     @property
     def finds_start(self) -> bool:
@@ -88,15 +88,17 @@ class Hybrid(Wrapper):
         frames = list(frames)
         fit, _, warnings = self.fitter.fit_frames(frames, start, rng_streams["start"])
         prior, times_s = _driven_prior(self.prior), np.array([frame.time_s for frame in frames])
-        guides = guides_of(prior, fit.states, self.widen**2 * fit.state_covariance, times_s, self.share)
+        guides = guides_of(
+            prior, fit.states, self.std_inflation**2 * fit.state_covariance, times_s, self.proposal_fraction
+        )
         by_frame = {frame.index: guide for frame, guide in zip(frames, guides, strict=True)}
 
         def guide_move(move: Move, target: Target, rng_streams: Streams) -> MoveResult:
             return move(replace(target, prior=by_frame[target.frame.index]), rng_streams)
 
-        if not self.move.proposes:
+        if not self.algorithm.proposes:
             warnings[0] = (*warnings[0], UNGUIDED)
-        guided = self.filter.rebuilt(prior=guides[0], move=WrappedMove(self.move, guide_move))
+        guided = self.filter.rebuilt(prior=guides[0], algorithm=WrappedMove(self.algorithm, guide_move))
         for step, more in zip(guided.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
             more_evaluations = step.evaluations + fit.iterations
             yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, memory=None)
@@ -117,9 +119,9 @@ class _Guided:
     covariance: (D', D'). speeds: (D',), a second, with which states start."""
 
     def __init__(
-        self, prior: _Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
+        self, prior: _Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, fraction: float
     ) -> None:
-        self.prior, self.mean, self.covariance, self.speeds, self.share = prior, mean, covariance, speeds, share
+        self.prior, self.mean, self.covariance, self.speeds, self.fraction = prior, mean, covariance, speeds, fraction
         self.space, self.parameters, self.capabilities = prior.space, prior.parameters, prior.capabilities
         self.sample_transition, self.pose = prior.sample_transition, prior.pose
         # the phase comes behind the coefficients and before the root's position
@@ -151,7 +153,7 @@ class _Guided:
         middle = (target @ precision_fit + predicted * precision_prior) @ product
         factor = np.linalg.cholesky(product)
         white = rng.standard_normal((len(state), len(driven)))
-        guided = rng.random(len(state)) < self.share
+        guided = rng.random(len(state)) < self.fraction
 
         moved = self.prior.sample_transition(state, dt_s, rng)
         drawn = np.where(guided[:, None], middle + white @ factor.T, moved[:, driven])
@@ -161,18 +163,18 @@ class _Guided:
         moved[:, driven] = drawn
         moved[:, self.space.slices["phase"]] %= 1.0
         with np.errstate(divide="ignore"):
-            log_mixture = np.logaddexp(np.log(self.share) + log_product, np.log1p(-self.share) + log_prior)
+            log_mixture = np.logaddexp(np.log(self.fraction) + log_product, np.log1p(-self.fraction) + log_prior)
         return moved, log_prior - log_mixture
 
 
 def guides_of(
-    prior: _Driven, means: FloatArray, covariances: FloatArray, times_s: FloatArray, share: float
+    prior: _Driven, means: FloatArray, covariances: FloatArray, times_s: FloatArray, fraction: float
 ) -> list[_Guided]:
     """Guide the prior in each of T frames at times (T,), s, towards means (T, D') with covariances (T, D', D')."""
     dt_s = float(times_s[1] - times_s[0]) if len(times_s) > 1 else 1.0
     speeds = (means[min(1, len(means) - 1)] - means[0]) / dt_s
     return [
-        _Guided(prior, mean, covariance, speeds, share) for mean, covariance in zip(means, covariances, strict=True)
+        _Guided(prior, mean, covariance, speeds, fraction) for mean, covariance in zip(means, covariances, strict=True)
     ]
 
 

@@ -51,15 +51,15 @@ class DensityMove:
 
     proposes: ClassVar[bool] = False
     gathers: ClassVar[bool] = False
-    least_particles: ClassVar[int] = 1
+    min_particles: ClassVar[int] = 1
     first_diagnostics: ClassVar[Mapping[str, float]] = {}
     first_warnings: ClassVar[tuple[str, ...]] = ()
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without a density, and too few particles."""
         density_of(prior)
-        if n_particles < self.least_particles:
-            raise InputError(f"inference: n_particles must be at least {self.least_particles}, found {n_particles}")
+        if n_particles < self.min_particles:
+            raise InputError(f"inference: n_particles must be at least {self.min_particles}, found {n_particles}")
 
     def first(self, n_particles: int) -> First:
         """Count every particle of the first step."""
@@ -107,7 +107,7 @@ class Filter(Inference, Protocol):
     @property
     def prior(self) -> Prior: ...
     @property
-    def move(self) -> Move: ...
+    def algorithm(self) -> Move: ...
     @property
     def n_particles(self) -> int | None: ...
     @property
@@ -155,9 +155,9 @@ class Wrapper:
         return self.filter.prior
 
     @property
-    def move(self) -> Move:
+    def algorithm(self) -> Move:
         """Return the filter's."""
-        return self.filter.move
+        return self.filter.algorithm
 
     @property
     def space(self) -> StateSpace:

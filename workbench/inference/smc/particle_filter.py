@@ -42,12 +42,12 @@ class ParticleFilter:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a prior, a likelihood and a start, and what the move needs."""
         own = offering(dataset=START, prior=(), likelihood=())
-        return Traits(requires=needs_of_all({"filter": own, "move": keys["move"] or Traits()}))
+        return Traits(requires=needs_of_all({"filter": own, "algorithm": keys["algorithm"] or Traits()}))
 
     prior: Prior
     likelihood: Likelihood
     _: KW_ONLY
-    move: Move = Bootstrap()  # noqa: RUF009 - frozen
+    algorithm: Move = Bootstrap()  # noqa: RUF009 - frozen
     n_particles: int = 5000
     on_degenerate: str = "recover"
 
@@ -57,7 +57,7 @@ class ParticleFilter:
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
-        self.move.check(self.prior, self.n_particles)
+        self.algorithm.check(self.prior, self.n_particles)
 
     @property
     def space(self) -> StateSpace:
@@ -91,7 +91,7 @@ class ParticleFilter:
                 clock.lap("prior")
             else:
                 stop = self.on_degenerate == "stop"
-                moved = self.move(
+                moved = self.algorithm(
                     Target(self.prior, frame_likelihood, moved.particles, previous, frame, clock, stop, room),
                     rng_streams,
                 )
@@ -116,7 +116,7 @@ class ParticleFilter:
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
-        diagnostics, warnings = self.move.first(self.n_particles)
+        diagnostics, warnings = self.algorithm.first(self.n_particles)
         return MoveResult(
             Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings
         )
@@ -129,7 +129,7 @@ class ParticleFilter:
             "state": particles.state, "poses": particles.poses, "log_weights": particles.log_weights,
             "origins": origins, "log_evidence": np.array([log_evidence]),
         }  # fmt: skip
-        parents = particles.ancestors if self.move.gathers else None
+        parents = particles.ancestors if self.algorithm.gathers else None
         return Memory(arrays, expected, streams_now(rng_streams), parents)
 
     def _restored(self, memory: Memory, rng_streams: Streams) -> tuple[MoveResult, AnyArray, float]:

@@ -41,11 +41,11 @@ class Partitioned(DensityMove):
 
     traits: ClassVar[Traits] = offering(prior=(DENSITY, SEPARABLE, BODY_PARTS))
 
-    flatten: float = 0.7
-    parts: Sequence[str] = PARTS
+    intermediate_power: float = 0.7
+    partitions: Sequence[str] = PARTS
 
     def __post_init__(self) -> None:
-        check("inference", self, flatten=UNIT)
+        check("inference", self, intermediate_power=UNIT)
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without a density, and columns that the parts do not divide."""
@@ -55,7 +55,7 @@ class Partitioned(DensityMove):
                 "inference: parts are drawn one after the other, which takes a prior whose columns are independent of "
                 f"each other given the previous state; those of {type(prior).__name__.lower()} are not"
             )
-        columns_of_parts(prior.space, self.parts)
+        columns_of_parts(prior.space, self.partitions)
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Draw, judge and choose part by part; weigh the whole."""
@@ -64,10 +64,10 @@ class Partitioned(DensityMove):
         chosen = systematic(np.exp(parents.log_weights), resampling)
         state = target.density.mean(parents.state[chosen], target.dt_s)
         previous_judged, log_gain = np.zeros(target.n), 0.0
-        *first_parts, last_part = columns_of_parts(prior.space, self.parts)
+        *first_parts, last_part = columns_of_parts(prior.space, self.partitions)
         for columns in first_parts:
             state[:, columns] = prior.sample_transition(parents.state[chosen], target.dt_s, rng)[:, columns]
-            judged = lookahead_log_weight(target.evaluate(state, chosen).log_prob, self.flatten)
+            judged = lookahead_log_weight(target.evaluate(state, chosen).log_prob, self.intermediate_power)
             log_weights = even + judged - previous_judged
             gained = float(scipy.special.logsumexp(log_weights))
             picked = systematic(np.exp(log_weights - gained), resampling)
@@ -78,9 +78,9 @@ class Partitioned(DensityMove):
         return target.settle(drawn, *target.weigh(even, drawn.log_prob, log_gain - previous_judged))
 
 
-def columns_of_parts(space: StateSpace, parts: Sequence[str]) -> list[IntArray]:
+def columns_of_parts(space: StateSpace, partitions: Sequence[str]) -> list[IntArray]:
     """Find the columns of a state that belong to each part of the body that has some; see `Partitioned`."""
-    names = [set(named_parameters("inference: parts", [part])) for part in parts]
+    names = [set(named_parameters("inference: parts", [part])) for part in partitions]
     owners = np.zeros(len(space), dtype=np.int64)
     for column, name in enumerate(space.names):
         parameter = name.removesuffix("_jitter").removesuffix("_velocity")

@@ -31,7 +31,7 @@ of a walk, which takes about a second."""
 
 
 @dataclass(frozen=True, eq=False)
-class Restarting(Wrapper):
+class Reinitializing(Wrapper):
     """Replace some of the particles where the person is lost.
 
     The person counts as lost where each of the last PATIENCE frames' log p(frame | frames before) lies more than DROP
@@ -58,21 +58,21 @@ class Restarting(Wrapper):
 
     body: Body | None = None
     _: KW_ONLY
-    share: float = 0.2
+    reinitialized_fraction: float = 0.2
 
     kind: ClassVar[Kind] = "restarted"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("inference", self, share=INSIDE_UNIT)
+        check("inference", self, reinitialized_fraction=INSIDE_UNIT)
 
     def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
         gains: list[float] = []
         if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
             gains = start.memory.array("gains", None).tolist()
-        move = WrappedMove(self.move, partial(self._around, gains), {"restarted": 0.0})
-        for step in self.filter.rebuilt(move=move).run(frames, start, rng_streams):
+        move = WrappedMove(self.algorithm, partial(self._around, gains), {"restarted": 0.0})
+        for step in self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams):
             yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
 
     def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> MoveResult:
@@ -84,8 +84,8 @@ class Restarting(Wrapper):
             target, origins = replace(target, parents=parents), parents.ancestors
             del gains[-PATIENCE:]  # no measure for those who are found
             target.clock.lap("start")
-            lament = f"frame {target.frame.index}: the person seems lost; {self.share:.0%} of the particles start anew"
-            warning = (f"{lament} {where}",)
+            event = f"frame {target.frame.index}: track lost"
+            warning = (f"{event}; reinitialized {self.reinitialized_fraction:.0%} of the particles {where}",)
         moved = move(target, rng_streams)
         gains.append(moved.log_gain)
         particles = replace(moved.particles, ancestors=origins[moved.particles.ancestors])
@@ -97,22 +97,22 @@ class Restarting(Wrapper):
         if self.body is not None and any(view.keypoints is not None for view in frame.views):
             # where there are too few joints, the sentence of the restart tells where it was from instead
             with suppress(InputError):
-                return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
+                return start_from_keypoints(self.body.skeleton, [frame]), "at the detected joints"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        return np.stack([expected, exchanged(expected)]), "about the last pose and its mirror image"
+        return np.stack([expected, exchanged(expected)]), "at the last pose and its mirror image"
 
     def _renewed(self, parents: Particles, starts: FloatArray, rng_streams: Streams) -> Particles:
         """Resample the parents and start a share of them around the poses (n, P); ancestors say which each was."""
         rng, n = rng_streams["start"], len(parents.log_weights)
         origins: IntArray = systematic(np.exp(parents.log_weights), rng_streams["resampling"])
         state = parents.state[origins]
-        anew = rng.permutation(n)[: int(np.ceil(self.share * n))]
+        anew = rng.permutation(n)[: int(np.ceil(self.reinitialized_fraction * n))]
         state[anew] = start_around(self.prior, starts, len(anew), rng)
         return Particles(state, self.prior.pose(state), even_log_weights(n), origins)
 
 
 def lost(gains: list[float]) -> bool:
-    """Return whether the last PATIENCE frames were explained much worse than those before, see `Restarting`."""
+    """Return whether the last PATIENCE frames were explained much worse than those before, see `Reinitializing`."""
     before, last = gains[:-PATIENCE], gains[-PATIENCE:]
     if len(before) < REFERENCE_FRAMES:
         return False

@@ -31,8 +31,8 @@ class FixedLag(Wrapper):
     """A particle filter reported `lag` frames late: p(state_t | frames up to t + lag) by ancestry (Kitagawa 1996).
 
     It costs nothing, works with every prior, and streams; but every resampling leaves fewer distinct ancestors. So a
-    frame is reported given the latest frame, up to t + lag, whose particles have at least `least_ancestors` in it,
-    effectively: 1 / Σ_a (Σ_i w_i)², i over the particles of ancestor a; at worst its own. (Even n independent draws
+    frame is reported given the latest frame, up to t + lag, whose particles have at least `min_effective_ancestors` in
+    it, effectively: 1 / Σ_a (Σ_i w_i)², i over the particles of ancestor a; at worst its own. (Even n independent draws
     from the posterior span a 5–95 % band that holds the truth in (n − 1) / (n + 1) of all cases only, as long as n <
     20.) The diagnostic `lag` is how many frames later that is.
 
@@ -41,14 +41,14 @@ class FixedLag(Wrapper):
 
     _: KW_ONLY
     lag: int = 5
-    least_ancestors: int = 50
+    min_effective_ancestors: int = 50
 
     wraps: ClassVar[tuple[Kind, ...]] = ("filtered", "restarted")
     kind: ClassVar[Kind] = "smoothed"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("inference", self, lag=at_least(1), least_ancestors=at_least(1))
+        check("inference", self, lag=at_least(1), min_effective_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
@@ -76,7 +76,7 @@ class FixedLag(Wrapper):
         own = np.arange(len(first.ancestors))
         lineages = list(accumulate(later, lambda lineage, step: lineage[step.ancestors], initial=own))
         enough = [
-            effective_number(lineage, step.log_weights) >= self.least_ancestors
+            effective_number(lineage, step.log_weights) >= self.min_effective_ancestors
             for lineage, step in zip(lineages, (first, *later), strict=True)
         ]
         # never before the frame that told of the last one: ancestors there are ancestors of those here, and not more
@@ -100,15 +100,15 @@ class BackwardSimulation(Wrapper):
         w_t^i p(state_t+1 | state_t^i) p(frame_t+1 | pose_t+1, pose_t^i, frame_t, …)
 
     (Godsill, Doucet & West 2004, algorithm 1), the state of frame t + 1 being the one just drawn. The last factor is
-    there for likelihoods of the previous pose: instead of evaluating it for all particles and paths, `moves`
+    there for likelihoods of the previous pose: instead of evaluating it for all particles and paths, `n_mcmc_steps`
     Metropolis–Hastings moves propose particles by the first two factors and accept them by the third, starting from the
     ancestor (Bunch & Godsill 2013, section 3). Without it every proposal is accepted, and one move is the algorithm
     itself. Each frame's look, memory included, is kept until the paths are drawn.
 
     Where a state has many columns with noise, hardly any particle but the ancestor leads to a given state. So a frame
-    in which the paths go through fewer than `least_ancestors` particles, effectively, is reported as by the filter, and
-    the paths start anew from there. The diagnostic `lag` is the number of later frames that were used. (There,
-    `ancestors` leads from one path to another that does not go on from it.)
+    in which the paths go through fewer than `min_effective_ancestors` particles, effectively, is reported as by the
+    filter, and the paths start anew from there. The diagnostic `lag` is the number of later frames that were used.
+    (There, `ancestors` leads from one path to another that does not go on from it.)
 
     filter: of any move, for a prior with a density. n_paths: drawn, which become the equally weighted particles of the
     steps; a step's `map_pose` is that of the path with the highest density, the start's left out. Raises InputError for
@@ -121,8 +121,8 @@ class BackwardSimulation(Wrapper):
 
     _: KW_ONLY
     n_paths: int = 500
-    moves: int = 2
-    least_ancestors: int = 50
+    n_mcmc_steps: int = 2
+    min_effective_ancestors: int = 50
 
     kind: ClassVar[Kind] = "smoothed"
     resumable: ClassVar[bool] = False
@@ -130,7 +130,7 @@ class BackwardSimulation(Wrapper):
     def __post_init__(self) -> None:
         super().__post_init__()
         density_of(self.prior)
-        check("inference", self, n_paths=at_least(1), moves=at_least(1), least_ancestors=at_least(1))
+        check("inference", self, n_paths=at_least(1), n_mcmc_steps=at_least(1), min_effective_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, all of them once every frame is filtered and the paths are drawn.
@@ -144,7 +144,7 @@ class BackwardSimulation(Wrapper):
             frame_likelihoods.append(target.frame_likelihood)
             return move(target, rng_streams)
 
-        forward = self.filter.rebuilt(move=WrappedMove(self.move, keep_look)).run(frames, start, rng_streams)
+        forward = self.filter.rebuilt(algorithm=WrappedMove(self.algorithm, keep_look)).run(frames, start, rng_streams)
         forward = (replace(step, memory=None) for step in forward)  # no path goes on, and it would be kept for all
         steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
         yield from reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
@@ -160,7 +160,7 @@ class BackwardSimulation(Wrapper):
             if stretch:
                 chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], frame_likelihoods[t], rng)
                 score, stretch[-1] = score + gained, (later, stretch[-1][1])
-            if not stretch or effective_number(chosen, even) < self.least_ancestors:
+            if not stretch or effective_number(chosen, even) < self.min_effective_ancestors:
                 yield from self._told(stretch, score)
                 step, score, stretch = steps[t], np.zeros(self.n_paths), []
                 chosen = systematic(np.exp(step.log_weights), rng, self.n_paths)
@@ -194,15 +194,15 @@ class BackwardSimulation(Wrapper):
                 accept = np.log1p(-rng.random(self.n_paths)) < proposed_log_prob - log_prob
             current = np.where(accept, proposed, current)
             log_prob = np.where(accept, proposed_log_prob, log_prob)
-            accepted += float(accept.mean()) / self.moves
+            accepted += float(accept.mean()) / self.n_mcmc_steps
         gained = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
-        cost = later.evaluations + float(self.n_paths * (1 + self.moves))
+        cost = later.evaluations + float(self.n_paths * (1 + self.n_mcmc_steps))
         step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
         return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(warnings)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
         """Draw particles (moves, M) of `step` by their weights and the density of going on to states (M, D)."""
-        uniforms = rng.random((self.moves, len(states)))
+        uniforms = rng.random((self.n_mcmc_steps, len(states)))
         proposed = np.empty(uniforms.shape, dtype=np.int64)
         rows = max(1, BLOCK // step.particles.size)
         for first in range(0, len(states), rows):
@@ -210,7 +210,7 @@ class BackwardSimulation(Wrapper):
             onward = density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
             odds = onward + step.log_weights
             edges = np.cumsum(np.exp(odds - odds.max(axis=1, keepdims=True)), axis=1)  # the ancestor's is finite
-            for move in range(self.moves):
+            for move in range(self.n_mcmc_steps):
                 proposed[move, block] = (edges <= uniforms[move, block, None] * edges[:, -1:]).sum(axis=1)
         return np.minimum(proposed, len(step.particles) - 1)
 

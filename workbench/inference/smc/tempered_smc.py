@@ -25,24 +25,24 @@ class TemperedSMC(DensityMove):
     """Raise the likelihood's power φ from 0 to 1 by steps, and leave a valid posterior.
 
     φ rises so that the effective sample size falls to ess_threshold · N at most; after each step the particles are
-    resampled and moved by `moves` Metropolis steps that leave p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ invariant: in
-    turn draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on the number of
-    columns, and random walks with the particles' covariance (`_random_walk`), for sharp likelihoods. The posterior and
-    the evidence are consistent as N grows; since temperatures and scales come from the particles, the evidence is not
-    strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). Particles end with equal weights.
+    resampled and moved by `n_mcmc_steps` Metropolis steps that leave p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ
+    invariant: in turn draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on
+    the number of columns, and random walks with the particles' covariance (`_random_walk`), for sharp likelihoods. The
+    posterior and the evidence are consistent as N grows; since temperatures and scales come from the particles, the
+    evidence is not strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). Particles end with equal weights.
 
     Diagnostics: temperatures, how many there were; acceptance, of the moves; distinct, how many particles of the frame
     before have offspring. Raises InputError for a prior without a density, a single particle, numbers out of range.
     """
 
     ess_threshold: float = 0.5
-    moves: int = 2
+    n_mcmc_steps: int = 2
 
-    least_particles: ClassVar[int] = 2
+    min_particles: ClassVar[int] = 2
     first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
 
     def __post_init__(self) -> None:
-        check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
+        check("inference", self, ess_threshold=INSIDE_UNIT, n_mcmc_steps=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Temper from the equally weighted particles of the previous frame to those of this one."""
@@ -63,7 +63,7 @@ class TemperedSMC(DensityMove):
             root = _walk_root(target, candidates, noisy, np.exp(log_weights))
             candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
             target.clock.lap("resampling")
-            for move in range(self.moves):
+            for move in range(self.n_mcmc_steps):
                 if move % 2 == 0:
                     candidates, rate = _mix_with_prior(target, candidates, phi, sigma, share, noisy, rng)
                     share = min(1.0, share * float(np.exp(rate - WANTED_ACCEPTANCE)))

@@ -48,12 +48,12 @@ def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     )
 
 
-def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
-    """Return log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`.
+def lookahead_log_weight(log_prob: FloatArray, power: float) -> FloatArray:
+    """Return log weights (N,) to choose states by that are not finished: their log likelihoods to the power `power`.
     An impossible state may lead to possible ones: it keeps the least of the finite values."""
     possible = np.isfinite(log_prob)
     floor = log_prob[possible].min() if possible.any() else 0.0
-    return flatten * np.where(possible, log_prob, floor)
+    return power * np.where(possible, log_prob, floor)
 
 
 Resample = Callable[[FloatArray, np.random.Generator], IntArray]
