@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.step import Resumable
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
@@ -53,8 +53,8 @@ def assert_it_goes_on_with_the_same_bits(parts):
     run = parts.inference.run
     whole = list(run(parts.clip, parts.start, rng_streams(0)))
     for k in range(1, N_FRAMES):
-        expected = np.stack([step.memory.expected for step in whole[:k]])
-        found = list(run(parts.clip, Past(expected, whole[k - 1].memory), rng_streams(5)))
+        expected = np.stack([step.filter_state.filtered_pose for step in whole[:k]])
+        found = list(run(parts.clip, ResumePoint(expected, whole[k - 1].filter_state), rng_streams(5)))
         assert [step.frame.index for step in found] == list(range(k, N_FRAMES))
         for one, other in zip(found, whole[k:], strict=True):
             for name in ("particles", "poses", "log_weights", "ancestors", "expected_pose"):

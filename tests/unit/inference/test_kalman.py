@@ -9,7 +9,7 @@ from made_up_looks import MadeUpLook
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
 from workbench.core.pose_prior import PosePrior
@@ -326,12 +326,14 @@ def test_it_goes_on_from_any_frame_to_the_same_bits():
     whole = list(kalman.run(frames, marks[0], rng_streams(0)))
     assert kalman.resumable
     for k in range(1, len(frames)):
-        past = Past(np.stack([step.memory.expected for step in whole[:k]]), whole[k - 1].memory)
+        past = ResumePoint(np.stack([step.filter_state.filtered_pose for step in whole[:k]]), whole[k - 1].filter_state)
         found = list(kalman.run(frames, past, rng_streams(7)))
         assert len(found) == len(frames) - k
         for one, other in zip(found, whole[k:], strict=True):
             np.testing.assert_array_equal(one.particles, other.particles)
-            np.testing.assert_array_equal(one.memory.arrays["covariance"], other.memory.arrays["covariance"])
+            np.testing.assert_array_equal(
+                one.filter_state.arrays["covariance"], other.filter_state.arrays["covariance"]
+            )
             assert one.log_evidence == other.log_evidence
     both = IteratedEkf(prior, Seen(marks), BODY)
     assert not both.resumable

@@ -29,7 +29,7 @@ def particles(n_particles, move):
 EXACT = {  # as in conf/inference
     "particle_filter": particles(5000, Bootstrap()),
     "auxiliary": particles(2500, Auxiliary()),
-    "partitioned": particles(1500, Partitioned(parts=ARM)),
+    "partitioned": particles(1500, Partitioned(partitions=ARM)),
     "gauss_newton": particles(2000, GaussNewton()),
     "tempered_smc": particles(1000, TemperedSMC()),
     "fixed_lag": lambda prior, likelihood: FixedLag(ParticleFilter(prior, likelihood)),

@@ -35,7 +35,7 @@ T, SEEDS, N = 5, 16, 150
 EXACT = {
     "bootstrap": Bootstrap(),
     "auxiliary": Auxiliary(),
-    "partitioned": Partitioned(parts=["lower_body", "upper_body"]),
+    "partitioned": Partitioned(partitions=["lower_body", "upper_body"]),
     "gauss_newton": GaussNewton(),
     "tempered_smc": TemperedSMC(),
 }
@@ -243,7 +243,7 @@ def known():
 
 @pytest.mark.parametrize("move", EXACT)
 def test_a_hybrid_of_every_move_keeps_the_filters_law(move, known):
-    parts = Partitioned(parts=["root", "lower_body"]) if move == "partitioned" else MOVES[move]
+    parts = Partitioned(partitions=["root", "lower_body"]) if move == "partitioned" else MOVES[move]
     hybrid = Hybrid(ParticleFilter(Cycle(), Root(), algorithm=parts), Fit(), n_particles=2 * N, std_inflation=1.0)
     assert_agree(np.array([last(hybrid, None, seed) for seed in range(SEEDS)]), known)
     first, *later = hybrid.run(frames(T), None, streams(0))

@@ -10,9 +10,9 @@ import numpy as np
 
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.capabilities import DERIVATIVES, GAUSSIAN, START, UNIFORM_WEIGHTS, Traits, offering
+from workbench.core.capabilities import DERIVATIVES, GAUSSIAN, START, UNIFORM_WEIGHTS, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
-from workbench.core.filter_state import Memory, Past, recalled, streams_now
+from workbench.core.filter_state import FilterState, ResumePoint, capture_rng_states, replay_likelihood
 from workbench.core.frame import Frame
 from workbench.core.gaussian import condition_block
 from workbench.core.likelihood import DenseLikelihood, DifferentiableLikelihood, Likelihood, Refittable
@@ -59,7 +59,7 @@ class IteratedEkf:
     and numbers out of range.
     """
 
-    traits: ClassVar[Traits] = offering(UNIFORM_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=DERIVATIVES)
+    traits: ClassVar[Traits] = component_traits(UNIFORM_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=DERIVATIVES)
 
     prior: Prior
     likelihood: Likelihood
@@ -85,13 +85,15 @@ class IteratedEkf:
 
     @property
     def resumable(self) -> bool:
-        """Whether it goes on from a `Past`: without a second pass, which needs all frames."""
+        """Whether it goes on from a `ResumePoint`: without a second pass, which needs all frames."""
         return not self.second_pass
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
+    ) -> Iterator[Step]:
         """Yield one step per frame, after the last frame where there is a second pass; the first gives the start
         distribution around the pose `start` (P,) or, of several (n, P), around the first; or the steps of the frames
-        after a `Past`. Raises InputError without a start, and for a past where there is a second pass."""
+        after a `ResumePoint`. Raises InputError without a start, and for a past where there is a second pass."""
         if start is None:
             raise InputError("inference: a Kalman filter needs a pose to start from, found none")
         if not self.second_pass:
@@ -99,9 +101,11 @@ class IteratedEkf:
                 step = self._step(frame, [belief], rng_streams["prior"], extra)
                 log_evidence = np.array([step.log_evidence])
                 arrays = {"mean": belief.mean, "covariance": belief.covariance, "log_evidence": log_evidence}
-                yield replace(step, memory=Memory(arrays, step.expected_pose, streams_now(rng_streams)))
+                yield replace(
+                    step, filter_state=FilterState(arrays, step.expected_pose, capture_rng_states(rng_streams))
+                )
             return
-        if isinstance(start, Past):
+        if isinstance(start, ResumePoint):
             raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
         seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
         frame_likelihoods = [smoothed([belief for _, belief, _ in seen])]
@@ -131,16 +135,19 @@ class IteratedEkf:
         return again
 
     def _filtered(
-        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams,
+        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | ResumePoint, rng_streams: Streams,
         found: Mapping[int, FloatArray] = MappingProxyType({}),
     ) -> Iterator[Filtered]:  # fmt: skip
         """Filter frame by frame; found: poses (P,) of an earlier look, by the frame's index."""
         model, previous, log_evidence, frames = gaussian_of(self.prior), None, 0.0, iter(frames)
-        if isinstance(start, Past):
-            likelihood, previous = recalled(likelihood, frames, start.expected)
-            start.memory.restore(rng_streams)
-            size, (log_evidence,) = len(self.space), start.memory.array("log_evidence", 1)
-            mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
+        if isinstance(start, ResumePoint):
+            likelihood, previous = replay_likelihood(likelihood, frames, start.filtered_poses)
+            start.filter_state.restore(rng_streams)
+            size, (log_evidence,) = len(self.space), start.filter_state.array("log_evidence", 1)
+            mean, covariance = (
+                start.filter_state.array("mean", size),
+                start.filter_state.array("covariance", size, size),
+            )
         else:
             mean, covariance = model.start_moments(np.atleast_2d(start)[0])
         belief = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from workbench.core.capabilities import Traits, offering
+from workbench.core.capabilities import Traits, component_traits
 from workbench.core.checks import UNIT, check, one_of
 from workbench.core.prior import Prior
 from workbench.inference.smc.move import DensityMove, First, Streams
@@ -24,7 +24,7 @@ class Bootstrap:
     this fraction of N or below; 1 resamples before every frame, as the paper does. Raises InputError for others.
     """
 
-    traits: ClassVar[Traits] = offering()
+    traits: ClassVar[Traits] = component_traits()
 
     resampling: str = "systematic"
     ess_threshold: float = 1.0

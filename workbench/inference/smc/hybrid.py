@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from workbench.core.capabilities import ACTIVITY, START, Traits, needs_of_all, offering
+from workbench.core.capabilities import ACTIVITY, START, Traits, combined_requirements, component_traits
 from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
@@ -61,8 +61,8 @@ class Hybrid(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter and the fit need, but a start."""
-        parts = {"filter": keys["filter"], "fit": keys["fitter"], "proposal": offering(prior=ACTIVITY)}
-        needs = needs_of_all(parts)
+        parts = {"filter": keys["filter"], "fit": keys["fitter"], "proposal": component_traits(prior=ACTIVITY)}
+        needs = combined_requirements(parts)
         return Traits(requires={**needs, "dataset": needs["dataset"] - {START}})  # which the fit finds
 
     fitter: _Fitter
@@ -101,7 +101,7 @@ class Hybrid(Wrapper):
         guided = self.filter.rebuilt(prior=guides[0], algorithm=WrappedMove(self.algorithm, guide_move))
         for step, more in zip(guided.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
             more_evaluations = step.evaluations + fit.iterations
-            yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, memory=None)
+            yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, filter_state=None)
 
 
 def _driven_prior(prior: Prior) -> _Driven:

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from workbench.core.capabilities import DENSITY, Traits, offering
-from workbench.core.filter_state import Past
+from workbench.core.capabilities import DENSITY, Traits, component_traits
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
@@ -47,7 +47,7 @@ class DensityMove:
     """What moves have in common that evaluate the prior's density; their steps say how many parents have offspring.
     least_particles: it needs. first_diagnostics, first_warnings: see `First`."""
 
-    traits: ClassVar[Traits] = offering(prior=DENSITY)
+    traits: ClassVar[Traits] = component_traits(prior=DENSITY)
 
     proposes: ClassVar[bool] = False
     gathers: ClassVar[bool] = False
@@ -118,7 +118,9 @@ class Filter(Inference, Protocol):
     def rebuilt(self, **parts: Any) -> Self:
         """Replace parts of the particle filter, such as the prior, the move or n_particles."""
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
+    ) -> Iterator[Step]:
         """Yield one step per frame, or for those after a past, see `Resumable`."""
 
 

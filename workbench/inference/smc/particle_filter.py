@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from workbench.body.angles import nearest_turn
-from workbench.core.capabilities import START, Traits, needs_of_all, offering
+from workbench.core.capabilities import START, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check, one_of
-from workbench.core.filter_state import Memory, Past, recalled, streams_now
+from workbench.core.filter_state import FilterState, ResumePoint, capture_rng_states, replay_likelihood
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
@@ -41,8 +41,8 @@ class ParticleFilter:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a prior, a likelihood and a start, and what the move needs."""
-        own = offering(dataset=START, prior=(), likelihood=())
-        return Traits(requires=needs_of_all({"filter": own, "algorithm": keys["algorithm"] or Traits()}))
+        own = component_traits(dataset=START, prior=(), likelihood=())
+        return Traits(requires=combined_requirements({"filter": own, "algorithm": keys["algorithm"] or Traits()}))
 
     prior: Prior
     likelihood: Likelihood
@@ -68,9 +68,11 @@ class ParticleFilter:
         """Replace parts, such as the prior, the move or n_particles."""
         return replace(self, **parts)
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
+    ) -> Iterator[Step]:
         """Yield one step per frame; the first gives the start distribution around the pose `start` (P,), unweighted, or
-        in even parts around each of the poses (n, P); or the steps of the frames after a `Past`, whose particles are
+        in even parts around each of the poses (n, P); or the steps of the frames after a `ResumePoint`, whose particles are
         resampled where there are more or fewer than n_particles (ancestors are then among those resampled).
 
         rng_streams: generators named "start", "resampling" and "prior". Raises InputError without a start, and
@@ -79,9 +81,9 @@ class ParticleFilter:
         likelihood, log_evidence, frames, room = self.likelihood, 0.0, iter(frames), Workspace()
         origins: AnyArray = np.empty((0, self.n_particles), dtype=np.int32)
         previous: Frame | None = None
-        if isinstance(start, Past):
-            likelihood, previous = recalled(likelihood, frames, start.expected)
-            moved, origins, log_evidence = self._restored(start.memory, rng_streams)
+        if isinstance(start, ResumePoint):
+            likelihood, previous = replay_likelihood(likelihood, frames, start.filtered_poses)
+            moved, origins, log_evidence = self._restored(start.filter_state, rng_streams)
         for frame in frames:
             clock = Stopwatch()
             frame_likelihood = likelihood.prepare(previous, frame)
@@ -106,13 +108,13 @@ class ParticleFilter:
             step = _particle_step(frame, self.space, moved, log_evidence, clock)
             likelihood = frame_likelihood.update(step.expected_pose)
             clock.lap("likelihood")
-            memory = self._memory(moved.particles, origins, log_evidence, step.expected_pose, rng_streams)
-            yield replace(step, timing_s=clock.laps, memory=memory)
+            filter_state = self._memory(moved.particles, origins, log_evidence, step.expected_pose, rng_streams)
+            yield replace(step, timing_s=clock.laps, filter_state=filter_state)
             previous = frame
 
-    def _start(self, poses: FloatArray | Past | None, rng: np.random.Generator) -> MoveResult:
+    def _start(self, poses: FloatArray | ResumePoint | None, rng: np.random.Generator) -> MoveResult:
         """Return even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
-        if poses is None or isinstance(poses, Past):
+        if poses is None or isinstance(poses, ResumePoint):
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
@@ -123,23 +125,23 @@ class ParticleFilter:
 
     def _memory(
         self, particles: Particles, origins: AnyArray, log_evidence: float, expected: FloatArray, rng_streams: Streams
-    ) -> Memory:
+    ) -> FilterState:
         """Return what the filter goes on from after a frame."""
         arrays = {
             "state": particles.state, "poses": particles.poses, "log_weights": particles.log_weights,
             "origins": origins, "log_evidence": np.array([log_evidence]),
         }  # fmt: skip
         parents = particles.ancestors if self.algorithm.gathers else None
-        return Memory(arrays, expected, streams_now(rng_streams), parents)
+        return FilterState(arrays, expected, capture_rng_states(rng_streams), parents)
 
-    def _restored(self, memory: Memory, rng_streams: Streams) -> tuple[MoveResult, AnyArray, float]:
+    def _restored(self, filter_state: FilterState, rng_streams: Streams) -> tuple[MoveResult, AnyArray, float]:
         """Return particles, their origins and the log evidence as a memory has them, and set the streams. Poses that it
         does not have are what the prior makes of its states."""
-        memory.restore(rng_streams)
-        state, log_weights = memory.array("state", None, len(self.space)), memory.array("log_weights", None)
-        n, (log_evidence,) = len(log_weights), memory.array("log_evidence", 1)
-        poses = memory.array("poses", n, None) if "poses" in memory.arrays else self.prior.pose(state)
-        particles, origins = Particles(state, poses, log_weights, np.arange(n)), memory.array("origins", None, n)
+        filter_state.restore(rng_streams)
+        state, log_weights = filter_state.array("state", None, len(self.space)), filter_state.array("log_weights", None)
+        n, (log_evidence,) = len(log_weights), filter_state.array("log_evidence", 1)
+        poses = filter_state.array("poses", n, None) if "poses" in filter_state.arrays else self.prior.pose(state)
+        particles, origins = Particles(state, poses, log_weights, np.arange(n)), filter_state.array("origins", None, n)
         if len(state) != n:
             raise InputError(f"checkpoint: expected {n} states, as there are weights, found {len(state)}")
         if n != self.n_particles:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.capabilities import BODY_PARTS, DENSITY, SEPARABLE, Traits, offering
+from workbench.core.capabilities import BODY_PARTS, DENSITY, SEPARABLE, Traits, component_traits
 from workbench.core.checks import UNIT, check
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
@@ -39,7 +39,7 @@ class Partitioned(DensityMove):
     their parameter, other columns to the first part. Raises InputError for a prior without a density, or whose columns
     are dependent or all in one part, for unknown parts, and a flatten out of range."""
 
-    traits: ClassVar[Traits] = offering(prior=(DENSITY, SEPARABLE, BODY_PARTS))
+    traits: ClassVar[Traits] = component_traits(prior=(DENSITY, SEPARABLE, BODY_PARTS))
 
     intermediate_power: float = 0.7
     partitions: Sequence[str] = PARTS

@@ -10,9 +10,9 @@ import numpy as np
 
 from workbench.body.angles import exchanged
 from workbench.body.limbs import Body
-from workbench.core.capabilities import KEYPOINTS, Traits, needs_of_all, offering
+from workbench.core.capabilities import KEYPOINTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import INSIDE_UNIT, check
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
@@ -54,7 +54,11 @@ class Reinitializing(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs, and that the joints it starts from are not weighed again."""
-        return Traits(requires=needs_of_all({"filter": keys["filter"], "restarts": offering(apart=KEYPOINTS)}))
+        return Traits(
+            requires=combined_requirements(
+                {"filter": keys["filter"], "restarts": component_traits(conflicting_observations=KEYPOINTS)}
+            )
+        )
 
     body: Body | None = None
     _: KW_ONLY
@@ -66,14 +70,16 @@ class Reinitializing(Wrapper):
         super().__post_init__()
         check("inference", self, reinitialized_fraction=INSIDE_UNIT)
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
+    ) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
         gains: list[float] = []
-        if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
-            gains = start.memory.array("gains", None).tolist()
+        if isinstance(start, ResumePoint) and "gains" in start.filter_state.arrays:  # not after a filter alone
+            gains = start.filter_state.array("gains", None).tolist()
         move = WrappedMove(self.algorithm, partial(self._around, gains), {"restarted": 0.0})
         for step in self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams):
-            yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
+            yield replace(step, filter_state=step.filter_state and step.filter_state.with_arrays(gains=np.array(gains)))
 
     def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> MoveResult:
         """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""

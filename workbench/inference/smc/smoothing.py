@@ -10,9 +10,9 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.angles import nearest_turn
-from workbench.core.capabilities import DENSITY, Traits, needs_of_all, offering
+from workbench.core.capabilities import DENSITY, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
@@ -50,13 +50,15 @@ class FixedLag(Wrapper):
         super().__post_init__()
         check("inference", self, lag=at_least(1), min_effective_ancestors=at_least(1))
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
+    ) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
         rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's memory is of its own
         frame: who goes on from it filters the `lag` frames after it again."""
         window, ahead = deque[Step](), 0
-        if isinstance(start, Past) and "ahead" in start.memory.arrays:  # not after a filter alone
-            ahead = min(int(start.memory.array("ahead", 1)[0]), self.lag)
+        if isinstance(start, ResumePoint) and "ahead" in start.filter_state.arrays:  # not after a filter alone
+            ahead = min(int(start.filter_state.array("ahead", 1)[0]), self.lag)
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
             if len(window) > self.lag:
@@ -86,9 +88,9 @@ class FixedLag(Wrapper):
             parents = parents[step.ancestors]
         weights = (first, *later)[ahead].log_weights
         looked_back = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
-        diagnostics, memory = {**looked_back.diagnostics, "lag": float(ahead)}, first.memory
-        memory = memory and memory.plus(ahead=np.array([ahead]))
-        return replace(looked_back, diagnostics=diagnostics, memory=memory), ahead
+        diagnostics, filter_state = {**looked_back.diagnostics, "lag": float(ahead)}, first.filter_state
+        filter_state = filter_state and filter_state.with_arrays(ahead=np.array([ahead]))
+        return replace(looked_back, diagnostics=diagnostics, filter_state=filter_state), ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,9 @@ class BackwardSimulation(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs, and a density."""
-        return Traits(requires=needs_of_all({"filter": keys["filter"], "paths": offering(prior=DENSITY)}))
+        return Traits(
+            requires=combined_requirements({"filter": keys["filter"], "paths": component_traits(prior=DENSITY)})
+        )
 
     _: KW_ONLY
     n_paths: int = 500
@@ -145,7 +149,9 @@ class BackwardSimulation(Wrapper):
             return move(target, rng_streams)
 
         forward = self.filter.rebuilt(algorithm=WrappedMove(self.algorithm, keep_look)).run(frames, start, rng_streams)
-        forward = (replace(step, memory=None) for step in forward)  # no path goes on, and it would be kept for all
+        forward = (
+            replace(step, filter_state=None) for step in forward
+        )  # no path goes on, and it would be kept for all
         steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
         yield from reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
 
