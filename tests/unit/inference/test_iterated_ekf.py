@@ -14,7 +14,7 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
 from workbench.core.pose_prior import PosePrior
 from workbench.inference.ekf.iterated_ekf import IteratedEkf
-from workbench.inference.ekf.levenberg_marquardt import climb, tails
+from workbench.inference.ekf.levenberg_marquardt import find_mode, heavy_tailed_prior
 from workbench.likelihoods.uniform import Uniform
 from workbench.motion.models.linear_motion import LinearMotion
 from workbench.priors.linear import Linear
@@ -223,7 +223,7 @@ def test_with_thin_tails_the_climb_ends_at_the_gaussian_posterior():
     rng = np.random.default_rng(2)
     mean, covariance, marks = rng.standard_normal(4), spread(rng), rng.standard_normal(4)
     free = np.tile([-1e6, 1e6], (4, 1))
-    peak = climb(
+    mode = find_mode(
         Bowl(marks, 0.2),
         mean,
         covariance,
@@ -235,19 +235,19 @@ def test_with_thin_tails_the_climb_ends_at_the_gaussian_posterior():
     )
     precision = np.linalg.inv(covariance)
     expected = np.linalg.inv(precision + np.eye(4) / 0.04)
-    np.testing.assert_allclose(peak.covariance, expected, rtol=1e-6)
-    np.testing.assert_allclose(peak.pose, expected @ (precision @ mean + marks / 0.04), atol=1e-5)
+    np.testing.assert_allclose(mode.covariance, expected, rtol=1e-6)
+    np.testing.assert_allclose(mode.pose, expected @ (precision @ mean + marks / 0.04), atol=1e-5)
     apart = marks - mean
     total = covariance + 0.04 * np.eye(4)
     height = -0.5 * apart @ np.linalg.solve(total, apart) - 0.5 * np.linalg.slogdet(total / 0.04)[1]
-    assert peak.log_evidence == pytest.approx(height, abs=1e-4)  # but for the bowl's constant
+    assert mode.log_evidence == pytest.approx(height, abs=1e-4)  # but for the bowl's constant
 
 
 def test_a_limb_that_moves_suddenly_is_let_go_alone():
     mean, covariance, marks = np.zeros(4), 1e-4 * np.eye(4), np.array([0.1, 0.1, 0.01, 0.0])  # ten deviations
     free, limbs = np.tile([-1e6, 1e6], (4, 1)), np.array([0, 0, 1, 1])
     sudden, steady = (
-        climb(
+        find_mode(
             Bowl(marks, 0.01),
             mean,
             covariance,
@@ -268,19 +268,19 @@ def test_a_limb_that_moves_suddenly_is_let_go_alone():
 
 def test_the_precision_of_tails_is_their_slope():
     rng = np.random.default_rng(5)
-    prior = tails(rng.standard_normal(4), spread(rng), np.array([0, 0, 1, 1]), 0.05)
+    prior = heavy_tailed_prior(rng.standard_normal(4), spread(rng), np.array([0, 0, 1, 1]), 0.05)
     for far in (0.1, 0.3, 1.0):
         pose = prior.mean + far * rng.standard_normal(4)
         slope = -prior.precision(pose) @ (pose - prior.mean)
         steps = 1e-6 * np.eye(4)
-        expected = [(prior.height(pose + step) - prior.height(pose - step)) / 2e-6 for step in steps]
+        expected = [(prior.log_density(pose + step) - prior.log_density(pose - step)) / 2e-6 for step in steps]
         np.testing.assert_allclose(slope, expected, rtol=1e-4)
-    assert prior.height(prior.mean) == 0.0
+    assert prior.log_density(prior.mean) == 0.0
 
 
 def test_a_climb_stays_within_limits():
     limits = np.array([[-0.1, 0.1]] * 4)
-    peak = climb(
+    mode = find_mode(
         Bowl(np.full(4, 3.0), 0.1),
         np.zeros(4),
         0.04 * np.eye(4),
@@ -290,7 +290,7 @@ def test_a_climb_stays_within_limits():
         outlier_motion_probability=0.05,
         curvature_weight=1.0,
     )
-    assert (np.abs(peak.pose) <= 0.1).all()
+    assert (np.abs(mode.pose) <= 0.1).all()
 
 
 class Misfit(Seen):
