@@ -134,7 +134,7 @@ def test_what_a_list_or_a_mapping_may_not_hold_is_named(name, given, said, cache
 
 
 TOGETHER = {
-    "can only be drawn from": [
+    "can only be sampled from": [
         lambda: filtered(TemperedSMC(), DRAWN_ONLY), lambda: filtered(Annealed(), DRAWN_ONLY),
         lambda: filtered(Auxiliary(), DRAWN_ONLY), lambda: filtered(GaussNewton(), DRAWN_ONLY),
         lambda: filtered(Partitioned(), DRAWN_ONLY), lambda: BackwardSimulation(ParticleFilter(DRAWN_ONLY, None)),
@@ -146,7 +146,7 @@ TOGETHER = {
     "n_particles": [
         lambda: filtered(TemperedSMC(), n_particles=1), lambda: filtered(GaussNewton(), n_particles=1),
     ],
-    "all of which are in one part": [lambda: filtered(Partitioned())],
+    "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
     "as smooth and jitter have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],

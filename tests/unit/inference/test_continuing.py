@@ -10,14 +10,14 @@ from workbench.core.filter_state import ResumePoint
 from workbench.core.step import Resumable
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
+from workbench.inference.smc.particle_filter import ANCESTRY_FRAMES, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.utils.errors import InputError
 
-T, N = LOOKED_BACK + 4, 40
+T, N = ANCESTRY_FRAMES + 4, 40
 MOVES = {
     "bootstrap": Bootstrap(ess_threshold=0.5),
     "auxiliary": Auxiliary(),

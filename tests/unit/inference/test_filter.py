@@ -23,7 +23,7 @@ from linear_gaussian import (
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
-from workbench.inference.smc.particle_filter import ParticleFilter, traced
+from workbench.inference.smc.particle_filter import ParticleFilter, trace_ancestry
 from workbench.inference.smc.weights import RESAMPLING, effective_sample_size
 from workbench.priors.density import log_normal
 from workbench.utils.errors import InputError
@@ -236,7 +236,7 @@ def test_steps_keep_their_states_where_a_prior_hands_back_what_it_was_given():
 
 def test_ancestors_are_counted_over_several_frames():
     first, second = np.array([0, 0, 1, 2]), np.array([1, 1, 0, 3])
-    origins = traced(traced(np.empty((0, 4), dtype=np.int32), first), second)
+    origins = trace_ancestry(trace_ancestry(np.empty((0, 4), dtype=np.int32), first), second)
     assert origins.tolist() == [[1, 1, 0, 3], [0, 0, 0, 2]]
     steps = run(50, 0, simulate(15, 0))
     lived = np.arange(50)

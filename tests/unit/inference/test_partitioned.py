@@ -18,7 +18,7 @@ from linear_gaussian import (
 
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.particle_filter import ParticleFilter
-from workbench.inference.smc.partitioned import PARTS, Partitioned, columns_of_parts
+from workbench.inference.smc.partitioned import PARTS, Partitioned, partition_columns
 
 T, SEEDS, N = 8, 25, 200
 
@@ -88,7 +88,7 @@ def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part():
         "left_knee_flexion_velocity",
         "left_elbow_flexion_jitter",
     )
-    columns = columns_of_parts(StateSpace.of({"all": (names, "1")}), PARTS)
+    columns = partition_columns(StateSpace.of({"all": (names, "1")}), PARTS)
     assert [[names[i] for i in part] for part in columns] == [
         ["c1", "phase"],
         ["left_knee_flexion", "left_knee_flexion_velocity"],

@@ -19,7 +19,7 @@ from workbench.inference.smc.bootstrap import Auxiliary
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import Reinitializing, lost
+from workbench.inference.smc.reinitializing import Reinitializing, track_lost
 from workbench.inference.smc.tempered_smc import NO_POSTERIOR, Annealed, TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
@@ -120,7 +120,7 @@ def test_annealing_finds_the_peak_and_says_that_its_spread_is_no_posterior():
 
 def test_nobody_is_lost_before_there_is_something_to_compare_with_nor_while_all_goes_on_as_before():
     usual = list(np.random.default_rng(0).normal(-40.0, 1.0, 40))
-    assert not lost([-40.0] * 29 + [-400.0] * 3)
-    assert not lost(usual)
-    assert not lost([*usual, -60.0])
-    assert lost([*usual, -60.0, -60.0, -60.0])
+    assert not track_lost([-40.0] * 29 + [-400.0] * 3)
+    assert not track_lost(usual)
+    assert not track_lost([*usual, -60.0])
+    assert track_lost([*usual, -60.0, -60.0, -60.0])

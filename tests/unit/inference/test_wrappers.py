@@ -23,7 +23,7 @@ from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.hybrid import UNGUIDED, Hybrid
+from workbench.inference.smc.hybrid import NO_PROPOSAL, Hybrid
 from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
@@ -247,7 +247,7 @@ def test_a_hybrid_of_every_move_keeps_the_filters_law(move, known):
     hybrid = Hybrid(ParticleFilter(Cycle(), Root(), algorithm=parts), Fit(), n_particles=2 * N, std_inflation=1.0)
     assert_agree(np.array([last(hybrid, None, seed) for seed in range(SEEDS)]), known)
     first, *later = hybrid.run(frames(T), None, streams(0))
-    assert (UNGUIDED in first.warnings) == (move not in ("bootstrap", "auxiliary"))
+    assert (NO_PROPOSAL in first.warnings) == (move not in ("bootstrap", "auxiliary"))
     assert all(step.evaluations >= 2 * N + 3.0 for step in later)
 
 

@@ -31,7 +31,7 @@ from workbench.inference.ekf.levenberg_marquardt import (
 from workbench.inference.ekf.limb_reinitialization import is_better, reinitialize_limb
 from workbench.inference.smc.move import Streams
 from workbench.inference.smc.target import Stopwatch
-from workbench.inference.smc.weights import even_log_weights
+from workbench.inference.smc.weights import uniform_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -310,6 +310,6 @@ class IteratedEkf:
         poses, expected = self.prior.pose(samples), self.prior.pose(mean[None])[0]
         return Step(
             frame=frame, space=self.space, particles=samples, poses=poses,
-            log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
+            log_weights=uniform_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
             expected_pose=expected, map_pose=poses[nearest], ess=float(self.n_particles), **fields,
         )  # fmt: skip
