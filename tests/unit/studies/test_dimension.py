@@ -104,9 +104,9 @@ def test_what_too_few_particles_survive_is_not_measured():
 
 
 def test_the_same_rng_gives_the_same_numbers_and_bad_input_is_refused(result):
-    small = {"dims": (1, 2), "dims_body": (1, 2), "n_most": 512, "n_frames": 3, "n_seeds": 2}
+    small = {"dims": (1, 2), "dims_body": (1, 2), "max_particles": 512, "n_frames": 3, "n_seeds": 2}
     first, again = (ParticlesByDimension(**small).run(rng()).metrics for _ in range(2))
     assert repr(first) == repr(again)
-    for wrong in ({"n_most": 0}, {"tolerance_std": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
+    for wrong in ({"max_particles": 0}, {"tolerance_std": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
         with pytest.raises(InputError, match="study"):
             ParticlesByDimension(**wrong)
