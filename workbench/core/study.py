@@ -12,7 +12,7 @@ from workbench.utils.arrays import FloatArray, IntArray
 @dataclass(frozen=True, eq=False)
 class Curves:
     """Curves over one axis in one plot. curves: {label: (n,)}, NaN where a curve is interrupted. x: (n,), ascending.
-    x_name, y_name: with their units. marks: {label: x}, vertical lines. faint: {label: (n,)}, further curves, drawn
+    x_name, y_name: with their units. marks: {label: x}, vertical lines. faint: {label: (n,)}, further curves,
     thin behind the others and omitted from the legend."""
 
     name: str

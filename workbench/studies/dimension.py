@@ -154,10 +154,10 @@ class ParticlesByDimension:
 
     The survival rate is the effective sample size over the number of particles (MacCormick & Isard 2000, whom C cites
     for N ∝ 1/α^d): a filter that retains D of its particles needs N = D / α^d. It is measured with max_particles
-    particles for `IndependentAngles`, where the law is exact and α known, and for `BodyAngles`. For the first, also the
-    smallest power of two of particles, up to max_particles, is found whose estimate is within tolerance_std posterior
-    standard deviations of the Kalman filter (root mean square over angles) after one frame, and after n_frames, each of
-    which starts from the last one's error.
+    particles for `IndependentAngles`, where the law is exact and α known, and for `BodyAngles`. For the first, the
+    study also reports the smallest number of particles, a power of two up to max_particles, whose estimate is within
+    tolerance_std posterior standard deviations of the Kalman filter (root mean square over angles) after one frame, and
+    after n_frames, each of which starts from the last one's error.
 
     dims, dims_body: numbers of angles. n_frames, n_seeds: of every run, each seed with another ground truth.
 

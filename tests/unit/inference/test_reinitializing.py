@@ -73,4 +73,4 @@ def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
     errors, forearm_px, anew = run(scene, restarting, blind(scene[2]))
     assert errors[-1] > forearm_px
     assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
-    assert anew[0].warnings[0].endswith("about the last pose and its mirror image")
+    assert anew[0].warnings[0].endswith("at the last pose and its mirror image")
