@@ -244,10 +244,7 @@ def _fidelity_curves(
         return Curves(f"fidelity/{name}", x, lines, "log₁₀ β", y_name, marks)
 
     def values(field: str, factor: float = 1.0) -> dict[str, FloatArray]:
-        return {
-            SEARCHES[name]: factor * np.array([getattr(fidelity, field) for fidelity in each])
-            for name, each in fidelities.items()
-        }
+        return {SEARCHES[k]: factor * np.array([getattr(at, field) for at in each]) for k, each in fidelities.items()}
 
     random_entries = rng.integers(len(probes.prior.windows), size=(len(probes.coefficients), 100))
     chance = ((probes.prior.windows.coefficients[random_entries] - probes.coefficients[:, None]) ** 2).sum(axis=2)

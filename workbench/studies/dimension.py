@@ -244,11 +244,8 @@ class ParticlesByDimension:
             alphas = alphas[np.isfinite(alphas)]
             low, high = bootstrap_interval(alphas, rng)
             mean = alphas.mean() if len(alphas) else np.nan
-            metrics |= {
-                f"alpha_{name}": float(mean),
-                f"alpha_{name}_low": float(low),
-                f"alpha_{name}_high": float(high),
-            }
+            interval = {f"alpha_{name}_low": float(low), f"alpha_{name}_high": float(high)}
+            metrics |= {f"alpha_{name}": float(mean), **interval}
         return metrics
 
 

@@ -235,16 +235,14 @@ def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], mi
     outside = [
         f"{clip.name} ({clip.errors_pct[0]:+.1f} %)" for clip in clips if abs(clip.errors_pct[0]) > MAX_DEVIATION_PCT
     ]
-    beyond = (
-        f"Above {MAX_DEVIATION_PCT:g} %: {', '.join(outside)}." if outside else f"None exceeds {MAX_DEVIATION_PCT:g} %."
-    )
+    above = f"Above {MAX_DEVIATION_PCT:g} %: {', '.join(outside) or 'none'}."
     return (
         "**Paper B, fig. 1 left.** Signal-to-noise ratio of folded joint angles over the candidate period (thin: the "
         f"right side's): of {len(clips)} walks those with the smallest, median and largest deviation, with the stride "
         f"of their hip events. White noise is flat (maximum over median {metrics['white_noise_peak_ratio']:.2f}), so "
         f"that a peak indicates a period. Deviation from the hip events: at most "
         f"{metrics['period_error_max_pct']:.2f} %, with {percent} % of the samples removed "
-        f"{metrics[f'period_error_max_pct_{percent}']:.2f} %. {beyond}"
+        f"{metrics[f'period_error_max_pct_{percent}']:.2f} %. {above}"
     )
 
 

@@ -23,13 +23,9 @@ MIN_GAIN = 0.5
 
 
 def refine_pose(
-    frame_likelihood: DenseLikelihood,
-    prior: HeavyTailedPrior,
-    pose: FloatArray,
-    slope: Slope,
-    limits: FloatArray,
+    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Slope, limits: FloatArray,
     joints: BoolArray,
-) -> tuple[FloatArray, Slope, int]:
+) -> tuple[FloatArray, Slope, int]:  # fmt: skip
     """Maximise log prior + log p(points) + log p(layers) from a pose near the mode of the first two terms.
 
     The layers' derivatives are finite differences along the axes that diagonalise both the prior's precision and the

@@ -88,12 +88,9 @@ PASS_STD_M = 0.045
 
 
 def first_pass_weights(
-    frame_likelihood: DenseLikelihood,
-    skeleton: Skeleton,
-    limbs: Sequence[IntArray],
-    pose: FloatArray,
+    frame_likelihood: DenseLikelihood, skeleton: Skeleton, limbs: Sequence[IntArray], pose: FloatArray,
     first_pose: FloatArray,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Return the weights (P,), 0 to 1, of the first pass's pose (P,) relative to the second pass's `pose` (P,).
 
     The odds are PASS_STD_M² to PASS_STD_M² + d², with the mean distance d of their joints: inverse variances, where

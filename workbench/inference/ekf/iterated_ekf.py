@@ -19,17 +19,12 @@ from workbench.core.likelihood import DenseLikelihood, DifferentiableLikelihood,
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.inference.ekf import gaussian_state
+from workbench.inference.ekf import gaussian_state, levenberg_marquardt
 from workbench.inference.ekf.dense_refinement import refine_pose
 from workbench.inference.ekf.gaussian_state import GaussianState
-from workbench.inference.ekf.levenberg_marquardt import (
-    LaplaceApproximation,
-    find_mode,
-    heavy_tailed_prior,
-    laplace_approximation,
-)
+from workbench.inference.ekf.levenberg_marquardt import LaplaceApproximation
 from workbench.inference.ekf.limb_reinitialization import is_better, reinitialize_limb
-from workbench.inference.smc.move import Streams
+from workbench.inference.smc.move import Start, Streams
 from workbench.inference.smc.target import Stopwatch
 from workbench.inference.smc.weights import uniform_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -51,9 +46,9 @@ class IteratedEkf:
 
     The prior predicts N(m, P) from the previous frame's Gaussian, by the derivatives of its mean and its noise. The
     search for the mode of N(pose; m, P), with heavier tails, times p(frame | pose) starts at m and uses the
-    likelihood's derivatives (`find_mode`); the curvature at the mode reduces P. If the likelihood can also compare
-    distant poses (`DenseLikelihood`), arms and legs are reinitialized where that is better (`reinitialize_limb`), and
-    all pixels refine the pose (`refine_pose`).
+    likelihood's derivatives (`levenberg_marquardt`); the curvature at the mode reduces P. If the likelihood can also
+    compare distant poses (`DenseLikelihood`), arms and legs are reinitialized where that is better
+    (`reinitialize_limb`), and all pixels refine the pose (`refine_pose`).
 
     n_particles: samples, of equal weight. outlier_motion_probability: probability that a limb moves as m does not
     predict. curvature_weight: weight of the likelihood's curvature in the covariance; lower values give wider credible
@@ -96,9 +91,7 @@ class IteratedEkf:
         """Return whether it resumes from a `ResumePoint`: without a second pass, which requires all frames."""
         return not self.second_pass
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
-    ) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame; with a second pass, after the last frame.
 
         Parameters
@@ -198,13 +191,9 @@ class IteratedEkf:
             previous = frame
 
     def _update(
-        self,
-        state: GaussianState,
-        frame_likelihood: DifferentiableLikelihood,
-        previous_pose: FloatArray,
-        reinitialize: bool,
-        rng: np.random.Generator,
-    ) -> tuple[GaussianState, LaplaceApproximation]:
+        self, state: GaussianState, frame_likelihood: DifferentiableLikelihood, previous_pose: FloatArray,
+        reinitialize: bool, rng: np.random.Generator,
+    ) -> tuple[GaussianState, LaplaceApproximation]:  # fmt: skip
         """Condition the predicted state on a frame; previous_pose: (1, P). reinitialize: whether limbs may be."""
         mode = self._find_mode(frame_likelihood, state, state.mean[: previous_pose.shape[1]])
         if isinstance(frame_likelihood, DenseLikelihood):
@@ -220,20 +209,16 @@ class IteratedEkf:
     ) -> LaplaceApproximation:
         """Return the posterior's mode from a pose (P,)."""
         n = len(start)
-        return find_mode(
+        return levenberg_marquardt.find_mode(
             frame_likelihood, state.mean[:n], state.covariance[:n, :n], self.body.skeleton.limits, start=start,
             limbs=self._limb_of_parameter, outlier_motion_probability=self.outlier_motion_probability,
             curvature_weight=self.curvature_weight,
         )  # fmt: skip
 
     def _reinitialize_limbs(
-        self,
-        frame_likelihood: DenseLikelihood,
-        state: GaussianState,
-        mode: LaplaceApproximation,
-        previous_pose: FloatArray,
-        rng: np.random.Generator,
-    ) -> tuple[GaussianState, LaplaceApproximation]:
+        self, frame_likelihood: DenseLikelihood, state: GaussianState, mode: LaplaceApproximation,
+        previous_pose: FloatArray, rng: np.random.Generator,
+    ) -> tuple[GaussianState, LaplaceApproximation]:  # fmt: skip
         """Reinitialize each arm and leg where that is better; its predicted speed is then zero."""
         skeleton = self.body.skeleton
         for limb in self._limb_columns:
@@ -251,11 +236,12 @@ class IteratedEkf:
     ) -> LaplaceApproximation:
         """Return the mode refined by all pixels of the frame."""
         n, limits = len(mode.pose), self.body.skeleton.limits
-        prior = heavy_tailed_prior(
+        prior = levenberg_marquardt.heavy_tailed_prior(
             state.mean[:n], state.covariance[:n, :n], self._limb_of_parameter, self.outlier_motion_probability
         )
         pose, slope, count = refine_pose(frame_likelihood, prior, mode.pose, mode.slope, limits, self._all_joints)
-        return laplace_approximation(prior, pose, slope, self.curvature_weight, mode.evaluations + count)
+        n_evaluations = mode.evaluations + count
+        return levenberg_marquardt.laplace_approximation(prior, pose, slope, self.curvature_weight, n_evaluations)
 
     def _reinitialized_columns(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the state's columns of a limb reinitialized at a pose (P,), their means and standard deviations.

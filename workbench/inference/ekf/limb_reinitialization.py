@@ -22,13 +22,9 @@ REFINED_STDS_RAD = (0.25, 0.12)
 
 
 def reinitialize_limb(
-    frame_likelihood: DenseLikelihood,
-    skeleton: Skeleton,
-    limb: IntArray,
-    pose: FloatArray,
-    previous_pose: FloatArray,
+    frame_likelihood: DenseLikelihood, skeleton: Skeleton, limb: IntArray, pose: FloatArray, previous_pose: FloatArray,
     rng: np.random.Generator,
-) -> FloatArray | None:
+) -> FloatArray | None:  # fmt: skip
     """Return the pose (P,) with better angles of a limb by all pixels of the frame, or None.
 
     Candidates are sampled about the limb's previous angles, and twice about the best candidates, so that the result
@@ -69,13 +65,9 @@ def reinitialization_cost(angles: FloatArray, previous_angles: FloatArray) -> Fl
 
 
 def is_better(
-    frame_likelihood: DenseLikelihood,
-    n_joints: int,
-    pose: FloatArray,
-    reinitialized: FloatArray,
-    limb: IntArray,
+    frame_likelihood: DenseLikelihood, n_joints: int, pose: FloatArray, reinitialized: FloatArray, limb: IntArray,
     previous_pose: FloatArray,
-) -> bool:
+) -> bool:  # fmt: skip
     """Return whether the pose (P,) optimised after a reinitialization is better by all pixels of the frame.
 
     The points are not compared: a limb that is occluded costs them nothing, and a visible one costs them something at

@@ -16,7 +16,7 @@ from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
-from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.move import Kind, Move, Start, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.inference.smc.weights import drop_undefined, effective_number, systematic, uniform_log_weights
 from workbench.utils.arrays import FloatArray, IntArray
@@ -51,9 +51,7 @@ class FixedLag(Wrapper):
         super().__post_init__()
         check("inference", self, lag=at_least(1), min_effective_ancestors=at_least(1))
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray | ResumePoint | None, rng_streams: Streams
-    ) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each after `lag` later frames; log_evidence is the filter's for that frame.
 
         rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's filter state is that
@@ -126,9 +124,8 @@ class BackwardSimulation(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the filter's requirements, and a density."""
-        return Traits(
-            requires=combined_requirements({"filter": keys["filter"], "paths": component_traits(prior=DENSITY)})
-        )
+        paths = component_traits(prior=DENSITY)
+        return Traits(requires=combined_requirements({"filter": keys["filter"], "paths": paths}))
 
     _: KW_ONLY
     n_paths: int = 500
@@ -193,14 +190,7 @@ class BackwardSimulation(Wrapper):
     def _step_back(
         self, step: Step, later: Step, chosen: IntArray, frame_likelihood: FrameLikelihood, rng: np.random.Generator
     ) -> tuple[IntArray, FloatArray, Step, Step]:
-        """Extend the trajectories to the previous frame.
-
-        Parameters
-        ----------
-        step, later : of the previous frame, and of the frame that the trajectories have reached.
-        chosen : (M,), particles of the later step on the trajectories.
-        frame_likelihood : of the later frame.
-        rng : of the proposals.
+        """Extend the trajectories from the particles chosen (M,) of the later step to the step before it.
 
         Returns
         -------

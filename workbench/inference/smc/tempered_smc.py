@@ -73,9 +73,8 @@ class TemperedSMC(DensityMove):
                     scale *= float(np.exp(rate - TARGET_ACCEPTANCE_RATE))
                 rates.append(rate)
         completed = target.sample_dependent(candidates, rng)
-        return target.finalize(
-            completed, uniform, log_gain, temperatures=float(n_temperatures), acceptance=float(np.mean(rates))
-        )
+        diagnostics = {"temperatures": float(n_temperatures), "acceptance": float(np.mean(rates))}
+        return target.finalize(completed, uniform, log_gain, **diagnostics)
 
     def _next_temperature(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
         """Return the temperature after φ, the count-th; 1 if there are too many."""
