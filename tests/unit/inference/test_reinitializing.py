@@ -55,12 +55,12 @@ def run(scene, make, frames):
     return np.array([error["error_px"] for error in errors]), errors[-1]["forearm_px"], anew
 
 
-def restarting(prior, likelihood, body):
+def reinitializing(prior, likelihood, body):
     return Reinitializing(ParticleFilter(prior, likelihood), body, n_particles=PARTICLES)
 
 
 def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):
-    errors, forearm_px, anew = run(scene, restarting, scene[2])
+    errors, forearm_px, anew = run(scene, reinitializing, scene[2])
     assert errors[CUT - 5 : CUT].mean() < forearm_px
     assert errors[CUT] > 3.0 * forearm_px
     assert [step.frame.index for step in anew] == [CUT + 3]  # after `patience` bad frames, and not again
@@ -70,7 +70,7 @@ def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):
 
 
 def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
-    errors, forearm_px, anew = run(scene, restarting, blind(scene[2]))
+    errors, forearm_px, anew = run(scene, reinitializing, blind(scene[2]))
     assert errors[-1] > forearm_px
     assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
     assert anew[0].warnings[0].endswith("at the last pose and its mirror image")

@@ -24,7 +24,7 @@ from workbench.inference.ekf.dense_refinement import refine_pose
 from workbench.inference.ekf.gaussian_state import GaussianState
 from workbench.inference.ekf.levenberg_marquardt import LaplaceApproximation
 from workbench.inference.ekf.limb_reinitialization import is_better, reinitialize_limb
-from workbench.inference.smc.move import Start, Streams
+from workbench.inference.smc.move import StartPoint, Streams
 from workbench.inference.smc.target import Stopwatch
 from workbench.inference.smc.weights import uniform_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -91,7 +91,7 @@ class IteratedEkf:
         """Return whether it resumes from a `ResumePoint`: without a second pass, which requires all frames."""
         return not self.second_pass
 
-    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame; with a second pass, after the last frame.
 
         Parameters

@@ -18,7 +18,7 @@ from workbench.utils.errors import InputError
 
 Streams: TypeAlias = Mapping[str, np.random.Generator]
 """The run's generators by name; moves use "resampling" and "prior"."""
-Start: TypeAlias = FloatArray | ResumePoint | None
+StartPoint: TypeAlias = FloatArray | ResumePoint | None
 """Initial pose, or the point at which a run resumes."""
 InitialDiagnostics: TypeAlias = tuple[Mapping[str, float], tuple[str, ...]]
 """Diagnostics and warnings of a run's first step; a recording arranges its views by the first step's diagnostics."""
@@ -124,7 +124,7 @@ class Filter(Inference, Protocol):
     def rebuilt(self, **components: Any) -> Self:
         """Return it with other components, such as the prior, the algorithm or n_particles."""
 
-    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, or for those after a resume point, see `Resumable`."""
 
 

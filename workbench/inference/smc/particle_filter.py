@@ -16,7 +16,7 @@ from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.smc.bootstrap import Bootstrap
-from workbench.inference.smc.move import Move, Start, Streams
+from workbench.inference.smc.move import Move, StartPoint, Streams
 from workbench.inference.smc.target import MoveResult, Particles, Stopwatch, Target, Workspace
 from workbench.inference.smc.weights import DegenerateWeights as DegenerateWeights
 from workbench.inference.smc.weights import systematic, uniform_log_weights
@@ -67,7 +67,7 @@ class ParticleFilter:
         """Return it with other components, such as the prior, the algorithm or n_particles."""
         return replace(self, **components)
 
-    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, of which the first represents the initial distribution.
 
         Parameters
@@ -103,10 +103,8 @@ class ParticleFilter:
                 )
             origins = trace_ancestry(origins, result.particles.ancestors)
             distinct = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
-            diagnostics, warnings = (
-                {**frame_likelihood.diagnostics, **result.diagnostics, **distinct},
-                (*frame_likelihood.notes, *result.warnings),
-            )
+            diagnostics = {**frame_likelihood.diagnostics, **result.diagnostics, **distinct}
+            warnings = (*frame_likelihood.notes, *result.warnings)
             result = replace(result, warnings=warnings, diagnostics=diagnostics)
             log_evidence += result.log_gain
             step = _particle_step(frame, self.space, result, log_evidence, clock)
@@ -116,7 +114,7 @@ class ParticleFilter:
             yield replace(step, timing_s=clock.laps, filter_state=filter_state)
             previous = frame
 
-    def _initial_particles(self, poses: Start, rng: np.random.Generator) -> MoveResult:
+    def _initial_particles(self, poses: StartPoint, rng: np.random.Generator) -> MoveResult:
         """Return equally weighted particles at poses (P,) or (n, P).
 
         They are not local variables of `run`, which would retain them until the last frame.

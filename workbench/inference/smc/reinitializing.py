@@ -16,7 +16,7 @@ from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.smc.move import Kind, Move, Start, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.particle_filter import sample_start
 from workbench.inference.smc.target import MoveResult, Particles, Target
 from workbench.inference.smc.weights import systematic, uniform_log_weights
@@ -67,7 +67,7 @@ class Reinitializing(Wrapper):
         super().__post_init__()
         check("inference", self, reinitialized_fraction=INSIDE_UNIT)
 
-    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; reinitialization uses "start" and "resampling"."""
         log_gains: list[float] = []
         if isinstance(start, ResumePoint) and "gains" in start.filter_state.arrays:  # not after a plain filter

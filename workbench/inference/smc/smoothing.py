@@ -16,7 +16,7 @@ from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
-from workbench.inference.smc.move import Kind, Move, Start, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.inference.smc.weights import drop_undefined, effective_number, systematic, uniform_log_weights
 from workbench.utils.arrays import FloatArray, IntArray
@@ -51,7 +51,7 @@ class FixedLag(Wrapper):
         super().__post_init__()
         check("inference", self, lag=at_least(1), min_effective_ancestors=at_least(1))
 
-    def run(self, frames: Iterable[Frame], start: Start, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each after `lag` later frames; log_evidence is the filter's for that frame.
 
         rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's filter state is that
