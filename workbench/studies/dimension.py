@@ -82,12 +82,12 @@ class IndependentAngles:
             expected[t] = means[0]
         return expected
 
-    def start(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Sample states (n, 2 d) from the steady-state posterior about zero."""
         pairs = rng.multivariate_normal(np.zeros(2), self.filtered, size=(n, self.d))
         return np.concatenate([pairs[..., 0], pairs[..., 1]], axis=1)
 
-    def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Sample states one frame later: constant acceleration with the standard deviation of the jerk."""
         angles, velocities = state[:, : self.d], state[:, self.d :]
         changes = self.jerk * rng.standard_normal(angles.shape)
@@ -117,11 +117,11 @@ class BodyAngles:
             self.pose[POSE_NAMES.index(name)] = value
         self._columns = [POSE_NAMES.index(name) for name in ANGLES[:d]]
 
-    def start(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample_initial(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Sample states (n, D) about the standing pose."""
         return self.prior.sample_initial(self.pose, n, rng)
 
-    def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def sample_transition(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Sample states one frame later from the smooth prior."""
         return self.prior.sample_transition(state, 1.0 / RATE_HZ, rng)
 
@@ -251,10 +251,10 @@ class ParticlesByDimension:
 
 def run_filter(problem: DimensionProblem, n: int, n_frames: int, rng: np.random.Generator) -> _DimensionRun:
     """Track a sampled ground truth with n particles: bootstrap filter, systematic resampling in every frame."""
-    truth, state = problem.start(1, rng), problem.start(n, rng)
+    truth, state = problem.sample_initial(1, rng), problem.sample_initial(n, rng)
     survival, expected, observed = [], [], []
     for _ in range(n_frames):
-        truth, state = problem.step(truth, rng), problem.step(state, rng)
+        truth, state = problem.sample_transition(truth, rng), problem.sample_transition(state, rng)
         clean = problem.observed(truth)
         observed.append(clean[0] + rng.standard_normal(clean.shape[1]))
         log_weights = -0.5 * ((problem.observed(state) - observed[-1]) ** 2).sum(axis=1)

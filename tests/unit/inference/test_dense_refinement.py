@@ -1,4 +1,4 @@
-"""Climbing on by all pixels: the joint peak of prior, points and layers, and nothing where layers say nothing."""
+"""Dense refinement: the joint mode of prior, points and layers, and no step where layers are uninformative."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
+"""The iterated extended Kalman filter: exact for linear Gaussian models, and its refusals."""
 
 from dataclasses import replace
 from types import SimpleNamespace

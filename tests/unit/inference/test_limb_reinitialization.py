@@ -1,4 +1,4 @@
-"""Leaps: a limb that is somewhere else is found and taken, and no other; and what is believed after one."""
+"""Limb reinitialization: accepted only for a limb that is elsewhere, and the Gaussian state after it."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What two looks at a clip tell together: two samples, weighed limb by limb by what the pixels say."""
+"""Fusion of two passes: weighted samples, with weights by limb from the image likelihood."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""A rendered person who is suddenly elsewhere: what tells the loss, and what finds the person again."""
+"""Reinitialization on a rendered person who is suddenly elsewhere: detection of the loss, and recovery."""
 
 from dataclasses import replace
 

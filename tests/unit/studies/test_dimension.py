@@ -38,7 +38,7 @@ def test_the_predicted_covariance_is_that_of_a_long_kalman_filter():
     for _ in range(200):
         p = TRANSITION @ (p - np.outer(p[:, 0], p[0]) / (p[0, 0] + 1.0)) @ TRANSITION.T + noise
     assert problem.predicted == pytest.approx(p)
-    moved = problem.step(problem.start(200_000, rng()), rng(4))
+    moved = problem.sample_transition(problem.sample_initial(200_000, rng()), rng(4))
     assert np.cov(moved.T) == pytest.approx(p, abs=0.02)  # of a variance of 0.9 over 200 000 draws: 0.003
 
 
@@ -67,7 +67,7 @@ def test_many_particles_survive_as_they_should_and_agree_with_the_kalman_filter(
 def test_limbs_are_added_angle_by_angle_and_move_alone():
     assert len(set(ANGLES)) == 16
     problem = BodyAngles(5, 4.0)
-    state = problem.step(problem.start(50, rng()), rng(4))
+    state = problem.sample_transition(problem.sample_initial(50, rng()), rng(4))
     poses = problem.prior.pose(state)
     moved = np.ptp(poses, axis=0) > 0.0
     assert {name for name, one in zip(POSE_NAMES, moved, strict=True) if one} == set(ANGLES[:5])
