@@ -35,7 +35,8 @@ QUICK: Mapping[str, Sequence[str]] = {
     "temperature_arm": ("study.n_probes=3",),
     "arm_implicit_waving": ("dataset.n_frames=16", "inference.n_particles=100"),
     "particles_by_dimension": (
-        "study.n_most=4096", "study.n_seeds=3", "study.n_frames=4", "study.dims=[1,2,3]", "study.dims_body=[1,2,3]",
+        "study.max_particles=4096", "study.n_seeds=3", "study.n_frames=4", "study.dims=[1,2,3]",
+        "study.dims_body=[1,2,3]",
     ),
     "coefficient_histograms": ("study.n_draws=300",),
     "impute_gaps": ("study.fractions=[0.1,0.2]",),

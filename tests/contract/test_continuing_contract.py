@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.step import Resumable
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
@@ -27,7 +27,7 @@ CUES = (
     "likelihood.terms.silhouette.standing=true",
 )  # fmt: skip
 CONTINUE = (
-    "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "restarting",
+    "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "reinitializing",
     "tempered_smc",
 )  # fmt: skip
 PRIORS = sorted(set(options("prior")) - {"following", "following_implicit"})  # which need joints of several cameras
@@ -53,8 +53,8 @@ def assert_it_goes_on_with_the_same_bits(parts):
     run = parts.inference.run
     whole = list(run(parts.clip, parts.start, rng_streams(0)))
     for k in range(1, N_FRAMES):
-        expected = np.stack([step.memory.expected for step in whole[:k]])
-        found = list(run(parts.clip, Past(expected, whole[k - 1].memory), rng_streams(5)))
+        expected = np.stack([step.filter_state.filtered_pose for step in whole[:k]])
+        found = list(run(parts.clip, ResumePoint(expected, whole[k - 1].filter_state), rng_streams(5)))
         assert [step.frame.index for step in found] == list(range(k, N_FRAMES))
         for one, other in zip(found, whole[k:], strict=True):
             for name in ("particles", "poses", "log_weights", "ancestors", "expected_pose"):
@@ -68,7 +68,11 @@ def assert_it_goes_on_with_the_same_bits(parts):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(options("inference")))
 def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
-    usual = ("prior=linear", "learn.motions=builtin", "likelihood=alignment") if name == "kalman" else ("prior=jitter",)
+    usual = (
+        ("prior=linear", "learn.motions=builtin", "likelihood=alignment")
+        if name == "iterated_ekf"
+        else ("prior=jitter",)
+    )
     try:
         parts = made(f"inference={name}", *usual)
     except InputError:
@@ -83,12 +87,14 @@ def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("prior", PRIORS)
 def test_it_goes_on_with_every_prior(made, prior):
-    assert_it_goes_on_with_the_same_bits(made(f"prior={prior}", "inference=fixed_lag", "inference.least_ancestors=5"))
+    assert_it_goes_on_with_the_same_bits(
+        made(f"prior={prior}", "inference=fixed_lag", "inference.min_effective_ancestors=5")
+    )
 
 
 @pytest.mark.slow
 def test_it_goes_on_where_the_rest_of_the_body_follows_a_trajectory(made):
-    parts = made("prior=smooth", "prior.parameters=[right_arm]", "inference=restarting")
+    parts = made("prior=smooth", "prior.parameters=[right_arm]", "inference=reinitializing")
     poses = np.linspace(parts.start, parts.start + 0.1, N_FRAMES)
     following = Following(parts.prior, lambda: Trajectory(np.arange(N_FRAMES) / 30.0, poses))
     assert_it_goes_on_with_the_same_bits(replace(parts, inference=parts.inference.rebuilt(prior=following)))

@@ -56,11 +56,11 @@ def test_the_table_of_the_documents_says_what_is_given():
 
 @pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])
 def test_restarts_from_joints_are_refused_where_the_likelihood_weighs_these(likelihood):
-    chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=restarting", likelihood]
-    names = {"inference": "restarting", "likelihood": "keypoints"}
+    chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=reinitializing", likelihood]
+    names = {"inference": "reinitializing", "likelihood": "keypoints"}
     refused = first_conflict(composed(*chosen), names)
     if likelihood == "likelihood=keypoints":
-        start = "config: inference=restarting starts from 2-D joints"
+        start = "config: inference=reinitializing starts from 2-D joints"
         assert refused == f"{start}, which likelihood=keypoints would use a second time"
     else:
         assert refused is None

@@ -17,7 +17,7 @@ from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.hybrid import Hybrid
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import Restarting
+from workbench.inference.smc.reinitializing import Reinitializing
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.inference.synthesis import Synthesis
@@ -42,8 +42,8 @@ BODY, PRIOR, DRAWN_ONLY = person(from_height(1.75)), LinearPrior(), DrawnOnly()
 PLAIN = ParticleFilter(PRIOR, None)
 
 
-def filtered(move, prior=PRIOR, **options):
-    return ParticleFilter(prior, None, move=move, **options)
+def filtered(algorithm, prior=PRIOR, **options):
+    return ParticleFilter(prior, None, algorithm=algorithm, **options)
 
 
 def still_clip():
@@ -62,7 +62,7 @@ MAKERS = {
     "partitioned": lambda cache, **given: Partitioned(**given),
     "tempered_smc": lambda cache, **given: TemperedSMC(**given),
     "annealed": lambda cache, **given: Annealed(**given),
-    "restarting": lambda cache, **given: Restarting(PLAIN, **given),
+    "reinitializing": lambda cache, **given: Reinitializing(PLAIN, **given),
     "fixed_lag": lambda cache, **given: FixedLag(PLAIN, **given),
     "backward_simulation": lambda cache, **given: BackwardSimulation(PLAIN, **given),
     "motion_fit": lambda cache, **given: MotionFit(**given),
@@ -82,9 +82,11 @@ MAKERS = {
     "alignment": lambda cache, **given: DenseAlignment(BODY, still_clip(), **given),
 }
 OUT_OF_RANGE = """
-filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5 | auxiliary flatten=1.5
-gauss_newton share=1.0 flatten=-0.1 steps=0 | partitioned flatten=2.0 | tempered_smc moves=0 ess_threshold=1.0
-annealed layers=0 | restarting share=0.0 n_particles=0 | fixed_lag lag=0 least_ancestors=0
+filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5
+auxiliary first_stage_power=1.5
+gauss_newton proposal_fraction=1.0 curvature_weight=-0.1 n_newton_steps=0 | partitioned intermediate_power=2.0
+tempered_smc n_mcmc_steps=0 ess_threshold=1.0 | annealed layers=0
+reinitializing reinitialized_fraction=0.0 n_particles=0 | fixed_lag lag=0 min_effective_ancestors=0
 backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
 jitter sigma=0.0 keep=1.0
 flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
@@ -132,20 +134,20 @@ def test_what_a_list_or_a_mapping_may_not_hold_is_named(name, given, said, cache
 
 
 TOGETHER = {
-    "can only be drawn from": [
+    "can only be sampled from": [
         lambda: filtered(TemperedSMC(), DRAWN_ONLY), lambda: filtered(Annealed(), DRAWN_ONLY),
         lambda: filtered(Auxiliary(), DRAWN_ONLY), lambda: filtered(GaussNewton(), DRAWN_ONLY),
         lambda: filtered(Partitioned(), DRAWN_ONLY), lambda: BackwardSimulation(ParticleFilter(DRAWN_ONLY, None)),
     ],
     "the other way round": [
-        lambda: Restarting(FixedLag(PLAIN)), lambda: BackwardSimulation(Restarting(PLAIN)),
+        lambda: Reinitializing(FixedLag(PLAIN)), lambda: BackwardSimulation(Reinitializing(PLAIN)),
         lambda: BackwardSimulation(FixedLag(PLAIN)), lambda: FixedLag(BackwardSimulation(PLAIN)),
     ],
     "n_particles": [
         lambda: filtered(TemperedSMC(), n_particles=1), lambda: filtered(GaussNewton(), n_particles=1),
     ],
-    "all of which are in one part": [lambda: filtered(Partitioned())],
-    "tail": [lambda: filtered(Partitioned(parts=["root", "tail"]), TwoJoints())],
+    "all of which are in one partition": [lambda: filtered(Partitioned())],
+    "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
     "as smooth and jitter have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
     "10000 frames": [

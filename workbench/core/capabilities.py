@@ -1,8 +1,8 @@
-"""What components provide to and require of each other, declared by their classes and compared before any is built.
+"""Capabilities and requirements of components, declared by their classes and compared before any is constructed.
 
-A class that a configuration names may have a static member `traits`: a `Traits`, or where it depends on the part's keys
-a function from these to one. A nested part is there with its own traits in place of its keys. A class without the
-member provides nothing special and requires nothing special.
+A class that a configuration names may have a static member `traits`: a `Traits`, or, if it depends on the component's
+keys, a function from these to one. A nested component appears in the keys as its own traits. A class without the member
+provides and requires nothing special.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 DENSITY = "a density that can be evaluated"
-GAUSSIAN = "Gaussian noise about a mean that is linear or nearly so"
+GAUSSIAN = "Gaussian noise about an approximately linear mean"
 MOTION = "a motion model to fit"
-ACTIVITY = "a motion model of activities, to draw about its fit"
-BODY_PARTS = "columns for joint angles that are drawn independently of each other"
-SEPARABLE = "columns that are drawn independently of each other"
+ACTIVITY = "a motion model of activities"
+BODY_PARTS = "independently sampled columns for joint angles"
+SEPARABLE = "independently sampled columns"
 LIMB_COLUMNS = "columns for the twist and bend of a limb"
 DERIVATIVES = "derivatives by the pose"
 RESIDUALS = "residuals that least squares can minimise"
@@ -23,22 +23,22 @@ POINTS = "points of the person's surface"
 KEYPOINTS = "2-D joints"
 ONE_CAMERA = "a single camera"
 ALL_JOINTS = "every joint of a motion file's skeleton"
-LOOKAHEAD_WINDOWS = "recorded windows to look ahead in, as it is set to"
+LOOKAHEAD_WINDOWS = "recorded windows to look ahead in (look_ahead)"
 EVIDENCE = "a density of the data"
-UNIFORM_WEIGHTS = "particles that all weigh the same"
-FIT = "one pose, about which its particles are drawn"
-START = "a pose, marks, 2-D joints or points to start from"
+UNIFORM_WEIGHTS = "particles of equal weight"
+FIT = "a single pose estimate with particles about it"
+START = "an initial pose, annotations, 2-D joints or points"
 
 
 @dataclass(frozen=True)
 class Traits:
     """Capabilities of a component, and its requirements of the others.
 
-    provides: its capabilities. requires: those it needs of the dataset, the prior and the likelihood, by group; a group
-    without any must be there all the same. Under `given` and `info` it lists the `side_information` that it uses: in
-    any case, and where the dataset knows it. Under `apart` it lists observations that the likelihood must not use, as
-    the component uses them for something else, under `without` what the dataset must not be like. missing: a sentence
-    on what its own nested components lack, empty where they have it.
+    provides: its capabilities. requires: the capabilities required of the dataset, the prior and the likelihood, by
+    group; an empty group still requires that component. Four further groups of requires: `assumptions`, the
+    `side_information` used in any case; `optional_assumptions`, that used if the dataset provides it;
+    `conflicting_observations`, those the likelihood must not use, as this component uses them; `excluded`, capabilities
+    that the dataset must not have. missing: a message on what its own nested components lack; empty: nothing.
     """
 
     provides: frozenset[str] = frozenset()
@@ -46,34 +46,35 @@ class Traits:
     missing: str = ""
 
 
-Declared = Traits | Callable[[Mapping[str, Any]], Traits]
-Part = TypeVar("Part", bound=Callable[..., object])
+TraitsDeclaration = Traits | Callable[[Mapping[str, Any]], Traits]
+Component = TypeVar("Component", bound=Callable[..., object])
 
 
-def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
+def component_traits(*provides: str, **requires: str | tuple[str, ...]) -> Traits:
     """Return traits with these capabilities, and these requirements by group."""
     return Traits(
-        frozenset(offers),
-        {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},
+        frozenset(provides),
+        {group: frozenset((words,) if isinstance(words, str) else words) for group, words in requires.items()},
     )
 
 
-def declaring(traits: Declared) -> Callable[[Part], Part]:
-    """Give a function its traits, which a class has as a member."""
+def declares_traits(traits: TraitsDeclaration) -> Callable[[Component], Component]:
+    """Decorate a function with its traits, which a class has as a member."""
 
-    def declare(part: Part) -> Part:
-        part.traits = traits  # type: ignore[attr-defined]
-        return part
+    def decorate(component: Component) -> Component:
+        component.traits = traits  # type: ignore[attr-defined]
+        return component
 
-    return declare
-
-
-def needs_of_all(parts: Mapping[str, Traits]) -> dict[str, frozenset[str]]:
-    """Return what several components require together, by group."""
-    groups = {group for part in parts.values() for group in part.requires}
-    return {group: frozenset().union(*(part.requires.get(group, ()) for part in parts.values())) for group in groups}
+    return decorate
 
 
-def offers_of_all(parts: Mapping[str, Traits]) -> frozenset[str]:
-    """Return what each of several components provides."""
-    return frozenset.intersection(*(part.provides for part in parts.values())) if parts else frozenset()
+def combined_requirements(components: Mapping[str, Traits]) -> dict[str, frozenset[str]]:
+    """Return the union of several components' requirements, by group."""
+    every = components.values()
+    groups = {group for traits in every for group in traits.requires}
+    return {group: frozenset().union(*(traits.requires.get(group, ()) for traits in every)) for group in groups}
+
+
+def common_capabilities(components: Mapping[str, Traits]) -> frozenset[str]:
+    """Return the capabilities that all of several components provide."""
+    return frozenset.intersection(*(traits.provides for traits in components.values())) if components else frozenset()

@@ -1,4 +1,4 @@
-"""Which values a part's parameters may have, and the sentence for one that is out of range."""
+"""Valid ranges of components' parameters, and the error for a value out of range."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from workbench.utils.input_limits import RATES_HZ
 
 @dataclass(frozen=True)
 class Range:
-    """Values of a parameter. words: what they must be. holds: whether a value is one of them; NaN never is."""
+    """Valid values of a parameter. description: for messages. contains: whether a value is valid; NaN never is."""
 
-    words: str
-    holds: Callable[[Any], bool]
+    description: str
+    contains: Callable[[Any], bool]
 
 
 POSITIVE = Range("positive", lambda value: 0.0 < value < np.inf)
@@ -28,18 +28,18 @@ FINITE = Range("a finite number", np.isfinite)
 
 
 def at_least(low: float) -> Range:
-    """Finite numbers from `low` on."""
+    """Return the range of finite numbers ≥ `low`."""
     return Range(f"at least {low:g}", lambda value: low <= value < np.inf)
 
 
 def one_of(*choices: str) -> Range:
-    """These words alone."""
+    """Return the range of these words."""
     return Range(f"one of {', '.join(choices)}", lambda value: value in choices)
 
 
-def check(place: str, part: object, **expected: Range) -> None:
-    """Raise InputError, which names the place, for the first attribute of a part that is not in the range expected."""
-    for name, values in expected.items():
-        value = getattr(part, name)
-        if not values.holds(value):
-            raise InputError(f"{place}: {name} must be {values.words}, found {value!r}")
+def check(location: str, component: object, **expected: Range) -> None:
+    """Raise InputError for the first attribute of a component out of its range; `location` begins the message."""
+    for name, valid in expected.items():
+        value = getattr(component, name)
+        if not valid.contains(value):
+            raise InputError(f"{location}: {name} must be {valid.description}, found {value!r}")

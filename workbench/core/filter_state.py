@@ -1,4 +1,4 @@
-"""What a run needs of the frames so far to go on from there, for inferences that can."""
+"""The state from which an inference resumes after a frame."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,36 +13,36 @@ from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
-    """What an inference keeps after a frame, but for the likelihood, which `recalled` brings back.
+class FilterState:
+    """The state of an inference after a frame, except for the likelihood, which `replay_likelihood` reconstructs.
 
-    arrays: by name, none of them written to later. expected: (P,) the pose that the likelihood was told to remember,
-    which is not the one that a step tells where later frames are known. streams: where every random stream stands, by
-    name, as `BitGenerator.state` says it; none where others are to be drawn from. parents: of the frame before, the
-    particles that this one was made of, where nothing else of their states was looked at; None: all.
+    arrays: by name; none is modified later. filtered_pose: (P,), the pose that the likelihood was updated with; the
+    step's expected pose differs from it where later frames are used. rng_states: the state of every random generator
+    by name, as `BitGenerator.state`; empty: other generators are used. parents: indices of the previous frame's
+    particles that this frame depends on; None: all.
     """
 
     arrays: Mapping[str, AnyArray]
-    expected: FloatArray
-    streams: Mapping[str, Mapping[str, Any]]
+    filtered_pose: FloatArray
+    rng_states: Mapping[str, Mapping[str, Any]]
     parents: IntArray | None = None
 
-    def plus(self, **arrays: AnyArray) -> "Memory":
-        """Return it with more arrays."""
+    def with_arrays(self, **arrays: AnyArray) -> "FilterState":
+        """Return the state with more arrays."""
         return replace(self, arrays={**self.arrays, **arrays})
 
     def array(self, name: str, *shape: int | None) -> AnyArray:
-        """Return an array, whose axes have these lengths, None for any; raises InputError where it is not so."""
-        found = self.arrays.get(name)
-        if found is None or len(found.shape) != len(shape):
+        """Return an array of this shape, None for any length; raises InputError if it is missing or has another one."""
+        array = self.arrays.get(name)
+        if array is None or len(array.shape) != len(shape):
             raise InputError(f"checkpoint: expected an array {name} with {len(shape)} axes, found none")
-        if any(n not in (None, length) for n, length in zip(shape, found.shape, strict=True)):
-            raise InputError(f"checkpoint: expected {name} of shape {shape}, found {found.shape}")
-        return found
+        if any(n not in (None, length) for n, length in zip(shape, array.shape, strict=True)):
+            raise InputError(f"checkpoint: expected {name} of shape {shape}, found {array.shape}")
+        return array
 
     def restore(self, rng_streams: Mapping[str, np.random.Generator]) -> None:
-        """Set the generators to where the streams of their names stood; raises InputError for what is no state."""
-        for name, state in self.streams.items():
+        """Restore the states of the random generators; raises InputError for an invalid state."""
+        for name, state in self.rng_states.items():
             try:
                 rng_streams[name].bit_generator.state = dict(state)
             except (KeyError, TypeError, ValueError, OverflowError):
@@ -50,28 +50,41 @@ class Memory:
 
 
 @dataclass(frozen=True, eq=False)
-class Past:
-    """The first F frames of a run, from which it goes on. expected: (F, P), as in `Memory`, of each. memory: of the
-    last."""
+class ResumePoint:
+    """The first F frames of a run, after which it resumes.
 
-    expected: FloatArray
-    memory: Memory
+    filtered_poses: (F, P), `FilterState.filtered_pose` of each frame. filter_state: of the last of them.
+    """
+
+    filtered_poses: FloatArray
+    filter_state: FilterState
 
 
-def streams_now(rng_streams: Mapping[str, np.random.Generator]) -> dict[str, Mapping[str, Any]]:
-    """Return where every stream stands."""
+def capture_rng_states(rng_streams: Mapping[str, np.random.Generator]) -> dict[str, Mapping[str, Any]]:
+    """Return the current state of every random generator."""
     return {name: rng.bit_generator.state for name, rng in rng_streams.items()}
 
 
-def recalled(likelihood: Likelihood, frames: Iterable[Frame], expected: FloatArray) -> tuple[Likelihood, Frame]:
-    """Return the likelihood after the first F ≥ 1 of the frames, which are taken from them, and the last of these.
+def replay_likelihood(
+    likelihood: Likelihood, frames: Iterable[Frame], filtered_poses: FloatArray
+) -> tuple[Likelihood, Frame]:
+    """Return the likelihood after the first F ≥ 1 frames, and the last of these frames.
 
-    Nothing is evaluated: what a likelihood remembers follows from the frames and the poses (F, P) that it was told to
-    be expected in them.
+    Nothing is evaluated: the likelihood's state follows from the frames and the poses that it was updated with.
+
+    Parameters
+    ----------
+    likelihood : before the first frame.
+    frames : F of them are consumed.
+    filtered_poses : (F, P), the poses that the likelihood was updated with.
+
+    Raises
+    ------
+    InputError : there is no frame.
     """
     previous: Frame | None = None
-    for pose, frame in zip(expected, frames, strict=False):  # in this order: no frame too many is taken
+    for pose, frame in zip(filtered_poses, frames, strict=False):  # in this order, so that no further frame is consumed
         likelihood, previous = likelihood.prepare(previous, frame).update(pose), frame
     if previous is None:
-        raise InputError("checkpoint: expected a frame at least to go on from, found none")
+        raise InputError("checkpoint: expected at least one frame before the frame to resume at, found none")
     return likelihood, previous

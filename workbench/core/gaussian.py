@@ -82,7 +82,7 @@ def condition(
 def condition_block(
     mean: FloatArray, covariance: FloatArray, block_mean: FloatArray, block_covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Give the first n columns of a state a new marginal; the other columns follow by their regression on these.
+    """Replace the marginal of a state's first n columns; the other columns follow by their regression on these.
 
     The conditional distribution of the state given the block stays as it is (Jeffrey's rule); see `_replace`.
 
@@ -106,7 +106,7 @@ def smooth(
     filtered: tuple[FloatArray, FloatArray], transition: FloatArray, predicted: tuple[FloatArray, FloatArray],
     smoothed: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Go one step back with the Rauch–Tung–Striebel smoother (section 8.2).
+    """Return the smoothed state of a step by the Rauch–Tung–Striebel smoother (section 8.2).
 
     m + G (mˢ − m⁻) and P + G (Pˢ − P⁻) Gᵀ with the gain G = P Fᵀ (P⁻)⁻¹, where a singular P⁻ is pseudo-inverted.
 
@@ -133,7 +133,7 @@ def smooth(
 def _replace(
     mean: FloatArray, covariance: FloatArray, gain: FloatArray, shift: FloatArray, change: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance after the variable that `gain` regresses the state on moved by `shift` and `change`.
+    """Return mean and covariance after the regressor's mean changes by `shift` and its covariance by `change`.
 
     m + G Δm and P + G ΔP Gᵀ: the law of total expectation and of total covariance.
     """

@@ -1,4 +1,4 @@
-"""What a part was built with, kept for whoever records it."""
+"""The constructor arguments of components, for the recording."""
 
 from collections.abc import Mapping
 from functools import wraps
@@ -6,29 +6,28 @@ from inspect import signature
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-_PLACE = "_keys_it_was_built_with"
+_ATTRIBUTE = "_constructor_arguments"
 
 
-def records_arguments(part: type[T]) -> type[T]:
-    """Decorate a class whose objects do not keep their constructor's arguments as attributes, so that `kept` has them.
+def records_arguments(component: type[T]) -> type[T]:
+    """Decorate a class whose objects do not store their constructor's arguments as attributes.
 
-    Dataclasses have no need of it.
+    `constructor_arguments` then returns them. Dataclasses do not need it.
     """
-    build = part.__init__
+    build = component.__init__
 
     @wraps(build)
-    def build_and_keep(self: T, *arguments: Any, **keywords: Any) -> None:
+    def build_and_record(self: T, *arguments: Any, **keywords: Any) -> None:
         build(self, *arguments, **keywords)
         bound = signature(build).bind(self, *arguments, **keywords)
         bound.apply_defaults()
-        object.__setattr__(self, _PLACE, dict(list(bound.arguments.items())[1:]))
+        object.__setattr__(self, _ATTRIBUTE, dict(list(bound.arguments.items())[1:]))
 
-    part.__init__ = build_and_keep  # type: ignore[method-assign, assignment]
-    return part
+    component.__init__ = build_and_record  # type: ignore[method-assign, assignment]
+    return component
 
 
-def kept(part: object) -> Mapping[str, Any]:
-    """The arguments that an object of a class decorated by `records_arguments` was built with, defaults too; else
-    none."""
-    found: Mapping[str, Any] = getattr(part, _PLACE, {})
-    return found
+def constructor_arguments(component: object) -> Mapping[str, Any]:
+    """Return the constructor's arguments, with defaults, of an object whose class `records_arguments`; else none."""
+    arguments: Mapping[str, Any] = getattr(component, _ATTRIBUTE, {})
+    return arguments

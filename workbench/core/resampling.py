@@ -9,23 +9,23 @@ from workbench.utils.kernel_cache import kernel
 
 
 def systematic_indices(weights: FloatArray, offset: float, n: int) -> IntArray:
-    """Return the rising indices (n,) of the particles in whose share of the total weight (offset + i) / n lies.
+    """Return ascending indices (n,) of the particles whose interval of the cumulative weight contains (offset + i) / n.
 
     Parameters
     ----------
     weights : (N,)
-        Not negative, with a positive sum.
+        Non-negative, with a positive sum.
     offset : in [0, 1)
-        A uniform random number in a filter; 0.5 to show particles without drawing.
+        A uniform random number in a filter; 0.5 to select particles deterministically for display.
     """
-    indices: IntArray = _walk(weights, offset, n)
+    indices: IntArray = _search_cumulative(weights, offset, n)
     return indices
 
 
 @kernel()
-def _walk(weights: Any, offset: float, n: int) -> Any:
-    """Look up the n rising positions in one walk along the cumulated weights."""
-    edges, found = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
+def _search_cumulative(weights: Any, offset: float, n: int) -> Any:
+    """Locate the n ascending positions in one pass over the cumulative weights."""
+    edges, indices = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
     edge, last = 0.0, 0
     for j in range(weights.shape[0]):
         edge += weights[j]
@@ -37,5 +37,5 @@ def _walk(weights: Any, offset: float, n: int) -> Any:
         position = (i + offset) / n * edge
         while j < last and edges[j] <= position:
             j += 1
-        found[i] = j
-    return found
+        indices[i] = j
+    return indices

@@ -1,4 +1,4 @@
-"""One frame's result, and what every inference offers."""
+"""The posterior of one frame, and the interface of inference methods."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -7,13 +7,13 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
-from workbench.core.filter_state import Memory, Past
+from workbench.core.filter_state import FilterState, ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.state_space import StateSpace
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _FEW = 16
-"""Particles that differ among themselves in all that is not held fixed, as nearly always."""
+"""Number of particles that nearly always suffice to find the parameters that vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +22,13 @@ class Step:
 
     particles: (N, D) states, columns named by `space`. poses: (N, P) the same particles decoded. log_weights: (N,),
     normalised (their exponentials sum to one). ancestors: (N,) index of each particle's parent among the previous
-    step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of the heaviest particle.
-    ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far), NaN by inferences that
-    do not estimate it. activity: what the person is told to do,
-    such as "walk", by inferences that tell it. attachment: (K,) the part of the body that each of the frame's points
-    belongs to, as a number, -1 for none. diagnostics: scalars worth a curve. warnings: sentences for the person who
-    runs this. evaluations: how often the likelihood was evaluated for this frame, for one pose each, or the residual by
-    inferences that solve. timing_s: seconds spent per stage. memory: what the inference goes on from after this frame,
-    None by those that cannot.
+    step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of the particle with the
+    largest weight. ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far), NaN if the inference does
+    not estimate it. activity: the estimated activity, such as "walk", of inferences that estimate it. attachment: (K,)
+    the number of the body part that each of the frame's points belongs to, -1 for none. diagnostics: scalars to plot.
+    warnings: messages for the user. evaluations: number of evaluations of the likelihood for this frame, one pose each,
+    or of the residual by least squares. timing_s: seconds by stage. filter_state: the state to resume from after this
+    frame, None if the inference cannot resume.
     """
 
     frame: Frame
@@ -48,18 +47,18 @@ class Step:
     warnings: tuple[str, ...] = ()
     evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)
-    memory: Memory | None = None
+    filter_state: FilterState | None = None
 
     @cached_property
     def spread(self) -> BoolArray:
-        """Select (P,), the pose's numbers in which the particles differ; the others are held fixed by the prior."""
-        found = (self.poses[:_FEW] != self.poses[0]).any(axis=0)
-        return found if found.all() else (self.poses != self.poses[0]).any(axis=0)
+        """Select (P,), the pose parameters in which the particles differ; the prior fixes the others."""
+        varying = (self.poses[:_FEW] != self.poses[0]).any(axis=0)
+        return varying if varying.all() else (self.poses != self.poses[0]).any(axis=0)
 
 
 class Inference(Protocol):
-    """Turns frames into steps. space: names and units of the columns of its steps' particles. finds_start: whether it
-    finds the first pose itself where nobody gives one."""
+    """Estimator of one step per frame. space: names and units of the columns of its particles. finds_start: whether it
+    estimates the initial pose itself if none is given."""
 
     @property
     def space(self) -> StateSpace: ...
@@ -69,23 +68,29 @@ class Inference(Protocol):
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """Yield one step per frame, from the pose `start` (P,), which some can do without, by the named generators."""
+        """Yield one step per frame, from the initial pose `start` (P,); None is allowed if `finds_start`."""
 
 
 @runtime_checkable
 class Resumable(Protocol):
-    """An inference whose steps have a memory and that, where `resumable` says so, takes a `Past` for a start: it then
-    looks at the frames of this again and yields the steps of those after them, bit by bit as if it had tracked all."""
+    """An inference whose steps have a filter state and that, if `resumable`, starts from a `ResumePoint`.
+
+    It then consumes the frames of the resume point and yields the steps of later frames, bitwise identical to those of
+    an uninterrupted run.
+    """
 
     @property
     def resumable(self) -> bool: ...
 
     def run(
-        self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Mapping[str, np.random.Generator]
+        self,
+        frames: Iterable[Frame],
+        start: FloatArray | ResumePoint | None,
+        rng_streams: Mapping[str, np.random.Generator],
     ) -> Iterator[Step]:
-        """Yield the steps as `Inference.run` does, or those after the past."""
+        """Yield the steps as `Inference.run` does, or those after the resume point."""
 
 
 def resumable(inference: Inference) -> TypeGuard[Resumable]:
-    """Return whether the inference can go on from a frame."""
+    """Return whether the inference can resume after a frame."""
     return isinstance(inference, Resumable) and inference.resumable

@@ -1,4 +1,4 @@
-"""What a study is and what it gives back: numbers and figures, as plain data that the recording draws."""
+"""The interface of studies, and their results: metrics and figures as plain data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,9 +11,9 @@ from workbench.utils.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Curves over one axis, drawn together. curves: {label: (n,)}, NaN where a curve is interrupted. x: (n,),
-    ascending. x_name, y_name: with their units. marks: {label: x} vertical lines. faint: {label: (n,)} more curves,
-    drawn thin behind the others and left out of the legend."""
+    """Curves over one axis in one plot. curves: {label: (n,)}, NaN where a curve is interrupted. x: (n,), ascending.
+    x_name, y_name: with their units. marks: {label: x}, vertical lines. faint: {label: (n,)}, further curves,
+    thin behind the others and omitted from the legend."""
 
     name: str
     x: FloatArray
@@ -26,8 +26,8 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """A histogram or bar chart. x: (n,) middles of the bars. heights: (n,). model: (n,) what a model says about the
-    heights, drawn over them, or None."""
+    """A histogram or bar chart. x: (n,), centres of the bars. heights: (n,). model: (n,), heights predicted by a model,
+    drawn over the bars, or None."""
 
     name: str
     x: FloatArray
@@ -48,8 +48,8 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Sticks:
-    """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,) from 0, dark, to 1,
-    light. trails: {label: (K, 3)} curves in space, m."""
+    """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,), from 0, dark, to 1,
+    light. trails: {label: (K, 3)}, curves in space, m."""
 
     name: str
     positions: FloatArray
@@ -63,8 +63,8 @@ Figure: TypeAlias = Curves | Bars | Scatter | Sticks
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """metrics: the study's numbers, for summary.json. figures: in the order in which they are shown, names distinct;
-    those named "page/name" share a page. note: what is to be seen, a paragraph of Markdown that names the paper's
+    """The result of a study. metrics: numbers for summary.json. figures: in display order, with unique names; those
+    named "page/name" are on one page. note: a paragraph of Markdown that describes the figures and names the paper's
     figure."""
 
     metrics: Mapping[str, float]
@@ -76,4 +76,4 @@ class Study(Protocol):
     """An experiment without frames."""
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Do the study; every random draw comes from `rng`."""
+        """Return the result of the study; `rng` is the only source of randomness."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from workbench.core.capabilities import START, Traits, offering
+from workbench.core.capabilities import START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
@@ -20,7 +20,7 @@ class Blank:
     `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
     parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
 
-    traits: ClassVar[Traits] = offering(START, INITIAL_POSE, POSE_HISTORY)
+    traits: ClassVar[Traits] = component_traits(START, INITIAL_POSE, POSE_HISTORY)
 
     motion: str = "builtin"
     data: str | None = None

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import records_arguments
@@ -46,7 +46,7 @@ class MultiView:
         """Declare images, the detected joints that are given, and whether one camera alone looks."""
         keypoints = (KEYPOINTS, START) if keys.get("keypoints") else ()
         single = (ONE_CAMERA,) if len(keys.get("which") or keys.get("sources") or ()) == 1 else ()
-        return offering(IMAGES, *single, *keypoints)
+        return component_traits(IMAGES, *single, *keypoints)
 
     def __init__(
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,

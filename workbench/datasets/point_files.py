@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.core.capabilities import POINTS, START, Traits, offering
+from workbench.core.capabilities import POINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check, one_of
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
@@ -45,7 +45,7 @@ class PointFiles:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare points, which tell the start, too, and what is given of it."""
-        return offering(POINTS, START, *offered_start(keys))
+        return component_traits(POINTS, START, *offered_start(keys))
 
     source: str
     rate_hz: float = 14.0

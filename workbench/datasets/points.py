@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
+from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, component_traits
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
@@ -52,7 +52,7 @@ class Points(Scene):
         skeleton = keys.get("skeleton", "person")
         joints = () if skeleton == "person" else (ALL_JOINTS,)
         needs = {"prior": ALL_JOINTS} if skeleton == "full" else {}
-        return offering(POINTS, START, *offered_start(keys), *images, *joints, **needs)
+        return component_traits(POINTS, START, *offered_start(keys), *images, *joints, **needs)
 
     focal_px: float = 400.0
     n_points: int = 400

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from workbench.body.camera import Camera, load_cameras
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
@@ -54,7 +54,7 @@ class Video:
         """Declare images of one camera, and the joints and the start that are given."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
         marks = () if keys.get("initial_annotations") is None else (START, INITIAL_ANNOTATIONS)
-        return offering(IMAGES, ONE_CAMERA, *keypoints, *marks)
+        return component_traits(IMAGES, ONE_CAMERA, *keypoints, *marks)
 
     source: str
     camera: str

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.core.keys import kept
+from workbench.core.keys import constructor_arguments
 from workbench.experiment.config.instantiate import keys_of
 from workbench.experiment.config.options import OURS, folder_of, packages
 from workbench.motion.formats.names import SUFFIXES
@@ -229,7 +229,7 @@ def described(part: object) -> dict[str, Any]:
     A key whose value the object does not keep, see `core.keys`, is named in `not_kept`, so that nothing is recorded
     that is not known. Of what was learned there are its arrays, too, or what identifies them.
     """
-    arguments, names, not_kept = kept(part), list(keys_of(type(part))), []
+    arguments, names, not_kept = constructor_arguments(part), list(keys_of(type(part))), []
     if is_dataclass(part):
         names += [each.name for each in fields(part) if isinstance(getattr(part, each.name), np.ndarray)]
     found: dict[str, Any] = {"_target_": f"{type(part).__module__}.{type(part).__qualname__}"}

@@ -13,7 +13,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Inference, Resumable, Step, resumable
 from workbench.experiment.config.options import GROUPS, options
@@ -122,17 +122,17 @@ class Continued:
         old = assemble(self.was)
         _check_columns(old.inference.space, parts.inference.space)
         step, past = self.reached(old)
-        expected += list(past.expected)
+        expected += list(past.filtered_poses)
         past = carried(past, seed == int(self.was.seed))
-        yield replace(step, memory=past.memory)
+        yield replace(step, filter_state=past.filter_state)
         yield from after.run(parts.clip, past, rng_streams(seed))
 
-    def reached(self, parts: Parts) -> tuple[Step, Past]:
+    def reached(self, parts: Parts) -> tuple[Step, ResumePoint]:
         """Return the frame's step as the parts of the recorded configuration take it, and what goes on from it."""
         expected: list[FloatArray] = []
         step = next(self._on(parts, expected))
-        assert step.memory is not None  # as the inference continues
-        return step, Past(np.array(expected), step.memory)
+        assert step.filter_state is not None  # as the inference continues
+        return step, ResumePoint(np.array(expected), step.filter_state)
 
     def _on(self, parts: Parts, expected: list[FloatArray]) -> Iterator[Step]:
         """Yield the recorded configuration's steps from the frame on; `expected` is filled with the poses of all.
@@ -140,7 +140,7 @@ class Continued:
         Warns of the first repeated frame that is not as it was recorded.
         """
         past = past_before(self.run, self.frame)
-        expected += [] if past is None else list(past.expected)
+        expected += [] if past is None else list(past.filtered_poses)
         start, n = parts.start if past is None else past, self.skipped - len(expected)
         recorded, same = dict(zip(self.recorded[0].tolist(), self.recorded[1], strict=True)), True
         log.info("%d frames are repeated before frame %d", n, self.frame)
@@ -153,17 +153,17 @@ class Continued:
                         words = "code, libraries or data are not the run's; it goes on from what comes out now"
                         log.warning("frame %d does not come out as it was recorded: %s", number, words)
                 bar.update(number < self.frame)
-                expected.append(step.expected_pose if step.memory is None else step.memory.expected)
+                expected.append(step.expected_pose if step.filter_state is None else step.filter_state.filtered_pose)
                 if number >= self.frame:
                     yield step
 
 
-def carried(past: Past, same_streams: bool) -> Past:
+def carried(past: ResumePoint, same_streams: bool) -> ResumePoint:
     """Return a past for other parts than its own: without the poses that their prior decoded, and, where the streams
     are not the same, without the states of the generators."""
-    arrays = {name: array for name, array in past.memory.arrays.items() if name != "poses"}
-    streams = past.memory.streams if same_streams else {}
-    return replace(past, memory=replace(past.memory, arrays=arrays, streams=streams))
+    arrays = {name: array for name, array in past.filter_state.arrays.items() if name != "poses"}
+    streams = past.filter_state.rng_states if same_streams else {}
+    return replace(past, filter_state=replace(past.filter_state, arrays=arrays, rng_states=streams))
 
 
 def continuing(inference: Inference) -> Resumable:
@@ -172,7 +172,7 @@ def continuing(inference: Inference) -> Resumable:
         return inference
     raise InputError(
         f"inference: {type(inference).__name__} cannot go on from a frame, as it tells each by all frames or keeps "
-        "more than particles; particle filters can, also inside of restarting and fixed_lag"
+        "more than particles; particle filters can, also inside reinitializing and fixed_lag"
     )
 
 

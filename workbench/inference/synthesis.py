@@ -10,7 +10,15 @@ from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.core.capabilities import ALL_JOINTS, FIT, LOOKAHEAD_WINDOWS, START, UNIFORM_WEIGHTS, Traits, offering
+from workbench.core.capabilities import (
+    ALL_JOINTS,
+    FIT,
+    LOOKAHEAD_WINDOWS,
+    START,
+    UNIFORM_WEIGHTS,
+    Traits,
+    component_traits,
+)
 from workbench.core.checks import at_least, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
@@ -85,7 +93,9 @@ class Synthesis:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
         ahead = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
-        return offering(UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, known=POSE_HISTORY, without=ALL_JOINTS)
+        return component_traits(
+            UNIFORM_WEIGHTS, FIT, dataset=START, prior=ahead, optional_assumptions=POSE_HISTORY, excluded=ALL_JOINTS
+        )
 
     finds_start: ClassVar[bool] = False
 

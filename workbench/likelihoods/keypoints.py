@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
-from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
+from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.observations import Keypoints, Observables, Observed, usable_keypoints
@@ -42,7 +42,7 @@ class KeypointLikelihood:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare residuals, and a density of the data where nothing flattens it."""
-        return offering(RESIDUALS, *((EVIDENCE,) if keys.get("temper") == 1.0 else ()), dataset=KEYPOINTS)
+        return component_traits(RESIDUALS, *((EVIDENCE,) if keys.get("temper") == 1.0 else ()), dataset=KEYPOINTS)
 
     body: Body
     sigma_px: float = 4.0

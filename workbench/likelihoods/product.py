@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.capabilities import DERIVATIVES, Traits, needs_of_all, offers_of_all
+from workbench.core.capabilities import DERIVATIVES, Traits, combined_requirements, common_capabilities
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.core.observations import Observables, Observed
@@ -39,7 +39,7 @@ class Product:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what all terms with a weight offer but derivatives, and what any of them needs."""
         used = {name: term for name, term in keys["terms"].items() if keys["weights"].get(name)}
-        return Traits(offers_of_all(used) - {DERIVATIVES}, needs_of_all(used))
+        return Traits(common_capabilities(used) - {DERIVATIVES}, combined_requirements(used))
 
     terms: Mapping[str, Likelihood]
     weights: Mapping[str, float]

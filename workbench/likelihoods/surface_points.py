@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.body.limbs import Body
 from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
-from workbench.core.capabilities import POINTS, RESIDUALS, Traits, offering
+from workbench.core.capabilities import POINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.observations import Observables, Observed
@@ -34,7 +34,7 @@ class SurfacePoints:
     shared_m: m, deviation along each axis of what points of one part of the body, and all, are off together, see
     `systematic_errors.Shared`. Raises InputError when a constant is out of range."""
 
-    traits: ClassVar[Traits] = offering(RESIDUALS, dataset=POINTS)
+    traits: ClassVar[Traits] = component_traits(RESIDUALS, dataset=POINTS)
 
     body: Body
     sigma: float = 0.02

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.core.capabilities import UNIFORM_WEIGHTS, Traits, offering
+from workbench.core.capabilities import UNIFORM_WEIGHTS, Traits, component_traits
 from workbench.core.frame import Frame
 from workbench.likelihoods.base import PoseLook
 
@@ -12,7 +12,7 @@ from workbench.likelihoods.base import PoseLook
 class Uniform:
     """log p = 0 whatever the images show, so that a run shows what the temporal prior does by itself."""
 
-    traits: ClassVar[Traits] = offering(UNIFORM_WEIGHTS)
+    traits: ClassVar[Traits] = component_traits(UNIFORM_WEIGHTS)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """See nothing."""

@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.limbs import Body, person
-from workbench.core.capabilities import declaring, offering
+from workbench.core.capabilities import component_traits, declares_traits
 from workbench.core.side_information import LIMB_LENGTHS, LIMB_RADII
 from workbench.motion.clip import MotionClip
 from workbench.motion.formats.asf_amc import read_amc
@@ -154,7 +154,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
 
 
-@declaring(offering(given=(LIMB_LENGTHS, LIMB_RADII)))
+@declares_traits(component_traits(assumptions=(LIMB_LENGTHS, LIMB_RADII)))
 def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
     """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
     return person(load_motion(Path(file), unit=unit).shape.scaled(scale))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT
-from workbench.core.capabilities import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
+from workbench.core.capabilities import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
@@ -44,7 +44,7 @@ class Activity(AllFree):
         """Declare a motion model of activities, of the person or of every joint, which the dataset must then show."""
         own, skeleton = (DENSITY, MOTION, ACTIVITY, SEPARABLE), keys.get("skeleton", "person")
         joints = () if skeleton == "person" else (ALL_JOINTS,)
-        return offering(*own, *joints, **({"dataset": ALL_JOINTS} if skeleton == "full" else {}))
+        return component_traits(*own, *joints, **({"dataset": ALL_JOINTS} if skeleton == "full" else {}))
 
     def __init__(
         self, model: ActivityModel, *,

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, offering
+from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_TORSO_ORIENTATION
@@ -58,7 +58,7 @@ class Cyclic(AllFree):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare a density, a motion model, independent columns, and a torso that is held where it has no noise."""
         held = not np.any(keys.get("sigma_rotation", 1.0))
-        return offering(DENSITY, MOTION, SEPARABLE, given=(FIXED_TORSO_ORIENTATION,) if held else ())
+        return component_traits(DENSITY, MOTION, SEPARABLE, assumptions=(FIXED_TORSO_ORIENTATION,) if held else ())
 
     def __init__(
         self, model: WalkingModel, *,

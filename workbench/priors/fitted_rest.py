@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, needs_of_all, offering
+from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, combined_requirements, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS, TRAJECTORY
@@ -38,8 +38,10 @@ class Following(Appended):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the base's density, and that the rest of the body follows detected joints."""
         base: Traits = keys["base"]
-        needs = needs_of_all({"base": base, "rest": offering(dataset=KEYPOINTS, given=TRAJECTORY)})
-        needs["given"] -= {FIXED_OTHER_JOINTS}
+        needs = combined_requirements(
+            {"base": base, "rest": component_traits(dataset=KEYPOINTS, assumptions=TRAJECTORY)}
+        )
+        needs["assumptions"] -= {FIXED_OTHER_JOINTS}
         return Traits(base.provides & {DENSITY}, needs, base.missing)
 
     def __init__(self, base: Prior, trajectory: Callable[[], Trajectory]) -> None:

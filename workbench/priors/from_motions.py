@@ -9,7 +9,7 @@ from functools import partial
 from inspect import signature
 from typing import Any, TypeVar
 
-from workbench.core.capabilities import declaring
+from workbench.core.capabilities import declares_traits
 from workbench.motion.models import training
 from workbench.motion.models.training import WALKERS
 from workbench.priors.activity import Activity
@@ -21,7 +21,7 @@ P = TypeVar("P")
 _CACHE = "~/.cache/workbench"
 
 
-@declaring(Cyclic.traits)
+@declares_traits(Cyclic.traits)
 def walking(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
     leave_out: Sequence[str] = (), variance: float = 0.95, n_components: int | None = 8, scaling: str = "joints",
@@ -34,7 +34,7 @@ def walking(
     return _learned(training.walking_model, Cyclic, locals())
 
 
-@declaring(Cyclic.traits)
+@declares_traits(Cyclic.traits)
 def gait(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
     leave_out: Sequence[str] = (), n_components: int = 8,
@@ -47,7 +47,7 @@ def gait(
     return _learned(partial(training.walking_model, root=True), Cyclic, locals())
 
 
-@declaring(Cyclic.traits)
+@declares_traits(Cyclic.traits)
 def cyclic(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
     leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
@@ -60,7 +60,7 @@ def cyclic(
     return _learned(training.cyclic_model, Cyclic, locals())
 
 
-@declaring(Linear.traits)
+@declares_traits(Linear.traits)
 def linear(
     *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
     activities: Sequence[str] = (), rate_hz: float | None = None, frames_hz: float | None = None, noise: float = 1.0,
@@ -69,7 +69,7 @@ def linear(
     return _learned(training.linear_motion, Linear, locals())
 
 
-@declaring(Activity.traits)
+@declares_traits(Activity.traits)
 def activity(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
     activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",), variance: float = 0.9,
@@ -82,7 +82,7 @@ def activity(
     return _learned(training.activity_model, Activity, locals())
 
 
-@declaring(Implicit.traits)
+@declares_traits(Implicit.traits)
 def implicit(
     *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
     activities: Sequence[str] = (), angles: Sequence[str] = ("body",), root: bool = True,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.capabilities import DENSITY, LOOKAHEAD_WINDOWS, Traits, offering
+from workbench.core.capabilities import DENSITY, LOOKAHEAD_WINDOWS, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
@@ -61,7 +61,7 @@ class Implicit:
         """Declare a density where the search is exact, and that what the database does not move stays."""
         density = (DENSITY,) if keys.get("search", "exact") == "exact" else ()
         moves_all = list(keys.get("angles") or ["body"]) == ["body"] and keys.get("root", True)
-        return offering(*density, LOOKAHEAD_WINDOWS, given=() if moves_all else (FIXED_OTHER_JOINTS,))
+        return component_traits(*density, LOOKAHEAD_WINDOWS, assumptions=() if moves_all else (FIXED_OTHER_JOINTS,))
 
     def __init__(
         self, windows: Windows, *,

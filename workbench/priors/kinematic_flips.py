@@ -13,7 +13,7 @@ from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core import capabilities
-from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, needs_of_all, offering
+from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, combined_requirements, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities, propose
 from workbench.priors.density import REFERENCE_RATE_HZ
@@ -50,7 +50,7 @@ class Flipping:
         """Declare what the base offers but its density, and one camera that limbs may flip before."""
         base: Traits = keys["base"]
         lacks = "" if LIMB_COLUMNS in base.provides else f"flips need {LIMB_COLUMNS} of their base"
-        needs = needs_of_all({"base": base, "flips": offering(dataset=ONE_CAMERA)})
+        needs = combined_requirements({"base": base, "flips": component_traits(dataset=ONE_CAMERA)})
         return Traits(base.provides - _LOST, needs, base.missing or lacks)
 
     def __init__(

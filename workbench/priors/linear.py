@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.capabilities import DENSITY, GAUSSIAN, offering
+from workbench.core.capabilities import DENSITY, GAUSSIAN, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.prior import RECORDED, PriorCapabilities
 from workbench.core.state_space import StateSpace
@@ -30,7 +30,7 @@ class Linear:
     data. Raises InputError for a noise that is not positive.
     """
 
-    traits = offering(DENSITY, GAUSSIAN)
+    traits = component_traits(DENSITY, GAUSSIAN)
 
     model: LinearMotion
     _: KW_ONLY

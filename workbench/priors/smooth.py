@@ -11,7 +11,7 @@ import scipy
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
+from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
@@ -66,7 +66,9 @@ class Smooth(AllFree):
         where all move, noise that is Gaussian within the limits."""
         some = keys.get("parameters") is not None
         own = (FIXED_OTHER_JOINTS,) if some else ()
-        return offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, *(() if some else (GAUSSIAN,)), given=own)
+        return component_traits(
+            DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, *(() if some else (GAUSSIAN,)), assumptions=own
+        )
 
     def __init__(
         self, *, parameters: Sequence[str] | None = None,

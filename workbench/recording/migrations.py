@@ -46,16 +46,22 @@ _MODULES = {
 }
 """Modules of targets that have moved."""
 _ALIGNMENT = "workbench.likelihoods.dense.dense_alignment.DenseAlignment"
-_CLASSES = {"workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT}
+_EKF = "workbench.inference.ekf.iterated_ekf.IteratedEkf"
+_REINITIALIZING = "workbench.inference.smc.reinitializing.Reinitializing"
+_CLASSES = {
+    "workbench.inference.ekf.iterated_ekf.Kalman": _EKF,
+    "workbench.inference.smc.reinitializing.Restarting": _REINITIALIZING,
+    "workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT,
+}
 """Targets that have another name today."""
 _REMOVED = (
     "workbench.priors.mixture.Mixture", "workbench.priors.mixture.Switching", "workbench.priors.factored.Partwise",
 )  # fmt: skip
 _CYCLE = {"start_coefficients": 0.3, "start_phase": 0.015}
 _FIXED: dict[str, dict[str, Any]] = {
-    "workbench.inference.ekf.iterated_ekf.Kalman": {"steps": 3, "guesses": 40},
+    _EKF: {"steps": 3, "guesses": 40},
     "workbench.inference.smc.tempered_smc.Annealed": {"power": 1.5, "shrink": 0.5},
-    "workbench.inference.smc.reinitializing.Restarting": {"drop": 4.0, "patience": 3},
+    _REINITIALIZING: {"drop": 4.0, "patience": 3},
     "workbench.inference.synthesis.Synthesis": {"limit_deg": 25.0},
     "workbench.likelihoods.cues.appearance.Appearance": {"blur_px": 2.0**0.5, "seed": 0},
     "workbench.likelihoods.cues.background.Background": {"least_sigma": 3.0, "blur_px": 0.7, "seed": 0},
@@ -80,9 +86,32 @@ _FIXED: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """Keys that components no longer have, by target, with the value that is fixed today."""
 
+_OPTIONS = {"inference": {"kalman": "iterated_ekf", "restarting": "reinitializing"}}
+"""Options that have another name today, by group: old and new."""
+_SMC = "workbench.inference.smc"
 _KEYS: dict[str, dict[str, str]] = {
+    _EKF: {
+        "flatten": "curvature_weight", "postures": "pose_prior_power", "sudden": "outlier_motion_probability",
+        "widen": "std_inflation",
+    },
+    f"{_SMC}.bootstrap.Auxiliary": {"flatten": "first_stage_power"},
+    f"{_SMC}.gauss_newton.GaussNewton": {
+        "flatten": "curvature_weight", "share": "proposal_fraction", "steps": "n_newton_steps",
+    },
+    f"{_SMC}.hybrid.Hybrid": {"share": "proposal_fraction", "widen": "std_inflation"},
+    f"{_SMC}.particle_filter.ParticleFilter": {"move": "algorithm"},
+    f"{_SMC}.partitioned.Partitioned": {"flatten": "intermediate_power", "parts": "partitions"},
+    _REINITIALIZING: {"share": "reinitialized_fraction"},
+    f"{_SMC}.smoothing.BackwardSimulation": {
+        "least_ancestors": "min_effective_ancestors", "moves": "n_mcmc_steps",
+    },
+    f"{_SMC}.smoothing.FixedLag": {"least_ancestors": "min_effective_ancestors"},
+    f"{_SMC}.tempered_smc.TemperedSMC": {"moves": "n_mcmc_steps"},
+    "workbench.studies.dimension.ParticlesByDimension": {"n_most": "max_particles", "off": "tolerance_std"},
+    "workbench.studies.learning_activities.LearnWalkRun": {"leave_out": "exclude", "most_per_clip": "max_per_clip"},
+    "workbench.studies.walk_cycles.PeriodSnr": {"missing": "missing_fraction"},
     f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
-}
+}  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
 _VALUES: dict[str, dict[str, dict[Any, Any]]] = {}
 """Values of keys that have another name today, by target and today's key: old and new."""

@@ -1,1 +1,1 @@
-"""Studies track nobody: they show what is learned from motion, and what a prior draws."""
+"""Studies without tracking: learned motion models, and samples of priors."""

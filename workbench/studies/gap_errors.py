@@ -17,35 +17,34 @@ from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 
 LABELS = {"": "ours", "_linear": "linear", "_periodic": "periodic spline", "_paper": "paper's FPCA"}
-"""Methods by the end of their metrics' names."""
+"""Methods by the suffix of their metrics' names."""
 LIMBS = ("neck", "left_shoulder left_elbow", "right_shoulder right_elbow", "left_hip left_knee", "right_hip right_knee")
-"""The angles lost together when a limb's markers are hidden, by the beginnings of their names."""
+"""Angles that are missing together if a limb's markers are occluded, by the prefixes of their names."""
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "right_shoulder_flexion", "right_elbow_flexion")
 
 Remove = Callable[[Motion, float, np.random.Generator], BoolArray]
-"""Chooses samples (F, 19) of a motion's joint angles to remove."""
+"""Selects samples (F, 19) of a motion's joint angles to remove."""
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImputeGaps(WalkStudy):
-    """Error of the imputed samples, by method and by how much was removed; and one walk filled in.
+    """Error of the imputed samples, by method and by fraction removed; and one imputed walk.
 
-    fractions: parts of the samples removed. The walk shown is the one with the median error, at the middle fraction.
-    Metrics: those of `gap_study` with blocks removed; with _markers at the end, with whole markers removed for half a
-    cycle.
+    fractions: of the samples removed. The walk displayed has the median error, at the middle fraction. Metrics: those
+    of `gap_study` with blocks removed; with suffix _markers, with whole markers removed for half a cycle.
     """
 
     subjects: Sequence[str] | None = ("08", "16", "32", "35", "38")
     fractions: Sequence[float] = (0.1, 0.2, 0.3)
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Remove, fill in, compare.
+        """Remove, impute, compare.
 
         Raises InputError for a fraction outside 0 to 0.9, and as `training_motions` and `gap_study` do.
         """
         if not self.fractions or not all(0.0 < fraction <= 0.9 for fraction in self.fractions):
-            raise InputError(f"study: fractions must lie between 0 and 0.9, found {list(self.fractions)}")
+            raise InputError(f"study: fractions must be between 0 and 0.9, found {list(self.fractions)}")
         motions, _ = cyclic(self.walks())
         fractions = sorted(self.fractions)
         blocks = gap_study(motions, fractions, rng)
@@ -54,7 +53,7 @@ class ImputeGaps(WalkStudy):
         figures = (
             _errors("blocks removed", fractions, blocks),
             _errors("markers removed", fractions, markers),
-            *_filled(motions, fractions[len(fractions) // 2], rng),
+            *_imputed_walk(motions, fractions[len(fractions) // 2], rng),
         )
         return StudyResult(metrics, figures, _note(fractions, metrics))
 
@@ -64,16 +63,16 @@ def gap_study(
 ) -> dict[str, float]:
     """Return root mean square errors, in degrees, of the samples imputed after a fraction of them was removed.
 
-    For every fraction, e.g. 0.1: rmse_deg_10 for `impute`, and rmse_deg_10_linear, _periodic and _paper for the
-    others. Periods, alignment and models are learned from the motions with gaps, all together. A motion whose period
-    is not found is left out, with a warning; sequences_10 counts those left in. Raises InputError when none is.
+    For every fraction, e.g. 0.1: rmse_deg_10 for `impute`, and rmse_deg_10_linear, _periodic and _paper for the others.
+    Periods, alignment and models are learned from all motions with gaps together. A motion whose period is not found is
+    omitted, with a warning; sequences_10 is the number of the others. Raises InputError if there are none.
     """
     measured: dict[str, float] = {}
     for fraction in tqdm(fractions, desc="gaps", disable=None):
         truths, gappy, alignment = gappy_sequences(motions, fraction, rng, remove)
         percent = round(100 * fraction)
-        for method, filled in _imputed(gappy, alignment).items():
-            triples = zip(truths, gappy, filled, strict=True)
+        for method, imputed in _imputed(gappy, alignment).items():
+            triples = zip(truths, gappy, imputed, strict=True)
             errors = np.concatenate([(f - truth)[np.isnan(series)] for truth, series, f in triples])
             measured[f"rmse_deg_{percent}{method}"] = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
         measured[f"sequences_{percent}"] = float(len(gappy))
@@ -83,7 +82,7 @@ def gap_study(
 def gappy_sequences(
     motions: Sequence[Motion], fraction: float, rng: np.random.Generator, remove: Remove = remove_blocks
 ) -> tuple[list[FloatArray], list[FloatArray], CycleAlignment]:
-    """Return the joint angles (F_i, 19) of motions, the same with NaN where removed, and the alignment of those."""
+    """Return joint angles (F_i, 19) of motions, the same with NaN where removed, and the latter's alignment."""
     truths, gappy, periods = [], [], []
     for motion in motions:
         truth = motion.poses[:, N_ROOT:]
@@ -91,7 +90,7 @@ def gappy_sequences(
             series = np.where(remove(motion, fraction, rng), np.nan, truth)
             periods.append(motion_period(motion, series))
         except InputError as error:
-            log.warning("%s left out of the study of gaps: %s", motion.name, error)
+            log.warning("%s omitted from the study of gaps: %s", motion.name, error)
             continue
         truths.append(truth)
         gappy.append(series)
@@ -101,25 +100,25 @@ def gappy_sequences(
 
 
 def remove_markers(motion: Motion, fraction: float, rng: np.random.Generator) -> BoolArray:
-    """Choose samples (F, 19) to remove: all angles of a limb at once, half a cycle at a time."""
+    """Select samples (F, 19) to remove: all angles of a limb at once, for half a cycle at a time."""
     names = POSE_NAMES[N_ROOT:]
-    gone = np.zeros((len(motion), len(names)), dtype=bool)
+    removed = np.zeros((len(motion), len(names)), dtype=bool)
     half = min(len(motion), round(0.5 * motion_period(motion, motion.poses[:, N_ROOT:])))
     for limb in LIMBS:
         angles = [i for i, name in enumerate(names) if name.startswith(tuple(limb.split()))]
-        while gone[:, angles[0]].mean() < fraction:
+        while removed[:, angles[0]].mean() < fraction:
             start = rng.integers(len(motion) - half + 1)
-            gone[start : start + half, angles] = True
-    return gone
+            removed[start : start + half, angles] = True
+    return removed
 
 
 def in_gaps(missing: BoolArray) -> BoolArray:
-    """Mark missing samples (F,) and their neighbours, so that a curve drawn over a gap meets the observed ones."""
+    """Select missing samples (F,) and their neighbours, so that a curve over a gap meets the observed ones."""
     return np.convolve(missing, np.ones(3), mode="same") > 0.0
 
 
 def _imputed(gappy: Sequence[FloatArray], alignment: CycleAlignment) -> dict[str, list[FloatArray]]:
-    """Return the sequences (F_i, 19) filled in by every method, by the end of its metrics' names."""
+    """Return the sequences (F_i, 19) imputed by every method, by the suffix of its metrics' names."""
     return {
         "": impute(gappy, alignment),
         "_linear": impute_linear(gappy),
@@ -134,11 +133,11 @@ def _errors(name: str, fractions: Sequence[float], measured: Mapping[str, float]
     return Curves(f"gaps/{name}", percents.astype(np.float64), curves, "percent missing", "RMSE in degrees")
 
 
-def _filled(motions: Sequence[Motion], fraction: float, rng: np.random.Generator) -> list[Curves]:
-    """Draw angles of one walk over time: the observed ones, and in gaps the truth and every method's."""
+def _imputed_walk(motions: Sequence[Motion], fraction: float, rng: np.random.Generator) -> list[Curves]:
+    """Return curves of one walk's angles: the observed ones, and in gaps the ground truth and every method's."""
     truths, gappy, alignment = gappy_sequences(motions, fraction, rng)
-    filled = _imputed(gappy, alignment)
-    squares = [np.mean((f - t)[np.isnan(g)] ** 2) for f, t, g in zip(filled[""], truths, gappy, strict=True)]
+    imputed = _imputed(gappy, alignment)
+    squares = [np.mean((f - t)[np.isnan(g)] ** 2) for f, t, g in zip(imputed[""], truths, gappy, strict=True)]
     k = int(np.argsort(squares)[len(squares) // 2])
     motion = next(motion for motion in motions if np.array_equal(motion.poses[:, N_ROOT:], truths[k]))
     time = np.arange(len(motion)) / motion.rate_hz
@@ -146,7 +145,7 @@ def _filled(motions: Sequence[Motion], fraction: float, rng: np.random.Generator
     for name in SHOWN:
         column = angle(name)
         gap = in_gaps(np.isnan(gappy[k][:, column]))
-        curves = {label: np.where(gap, filled[end][k][:, column], np.nan) for end, label in LABELS.items()}
+        curves = {label: np.where(gap, imputed[end][k][:, column], np.nan) for end, label in LABELS.items()}
         curves |= {"truth": np.where(gap, truths[k][:, column], np.nan), "observed": gappy[k][:, column]}
         heading = f"gaps/{motion.name}, {title(name)}, {100 * fraction:.0f} % removed"
         figures.append(Curves(heading, time, degrees(curves), "time in seconds", "degrees"))
@@ -158,9 +157,9 @@ def _note(fractions: Sequence[float], metrics: Mapping[str, float]) -> str:
     here = f"rmse_deg_{percent}"
     return (
         f"**Paper B, section 2.2.** Samples of {metrics[f'sequences_{percent}']:.0f} walks were removed in blocks of "
-        f"0.1–0.5 s per angle, or all angles of a limb for half a cycle as when its markers are hidden, and filled in. "
-        f"At {percent} % blocks the error is {metrics[here]:.2f}° ours (functional PCA with softened singular values, "
-        f"plus the interpolated residual), {metrics[here + '_paper']:.2f}° by the paper's plain algorithm, "
+        f"0.1–0.5 s per angle, or all angles of a limb for half a cycle as if its markers were occluded, and imputed. "
+        f"With {percent} % in blocks the error is {metrics[here]:.2f}° by our method (functional PCA with softened "
+        f"singular values, plus the interpolated residual), {metrics[here + '_paper']:.2f}° by the paper's algorithm, "
         f"{metrics[here + '_periodic']:.2f}° by a periodic spline per walk, {metrics[here + '_linear']:.2f}° by linear "
-        f"interpolation; with markers hidden {metrics[here + '_markers']:.2f}° ours."
+        f"interpolation; with markers occluded {metrics[here + '_markers']:.2f}° by our method."
     )

@@ -1,4 +1,4 @@
-"""Base of the studies of walks, and how the walking prior is learned (paper A, section 6.2, fig. 3)."""
+"""Base of the studies of walks, and the study of learning the walking prior (paper A, section 6.2, fig. 3)."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -20,18 +20,18 @@ ANGLES = tuple(
     for side in ("left", "right")
     for angle in ("hip_flexion", "knee_flexion", "shoulder_flexion", "elbow_flexion")
 )
-"""The joint angles shown: the left side's four, then the right side's."""
+"""The joint angles displayed: the left side's four, then the right side's."""
 
 EIGENCURVES = 3
-"""As many as in paper A, fig. 3c."""
-SHARES_SHOWN = 20
+"""Number of eigencurves, as in paper A, fig. 3c."""
+MAX_COMPONENTS_SHOWN = 20
 N_BINS = 16
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WalkStudy:
-    """What every study of walks is told. motions, data, cache, subjects: as for `training_motions`."""
+    """Base of studies of walks. motions, data, cache, subjects: as for `training_motions`."""
 
     motions: str = "builtin"
     data: str | None = None
@@ -39,48 +39,48 @@ class WalkStudy:
     subjects: Sequence[str] | None = None
 
     def walks(self) -> tuple[Motion, ...]:
-        """Return the motions to study, see `training_motions`; says which they are."""
-        found = training_motions(self.motions, data=self.data, cache=self.cache, subjects=self.subjects)
-        people = {motion.subject for motion in found}
-        seconds = sum(len(motion) / motion.rate_hz for motion in found)
-        log.info("motions: %d walks (%s) of %d people, %.0f s", len(found), self.motions, len(people), seconds)
-        return found
+        """Return the motions to study, see `training_motions`, and log their number."""
+        walks = training_motions(self.motions, data=self.data, cache=self.cache, subjects=self.subjects)
+        people = {motion.subject for motion in walks}
+        seconds = sum(len(motion) / motion.rate_hz for motion in walks)
+        log.info("motions: %d walks (%s) of %d people, %.0f s", len(walks), self.motions, len(people), seconds)
+        return walks
 
 
 def cyclic(motions: Sequence[Motion]) -> tuple[list[Motion], list[float]]:
-    """Select the motions in which a period is found, and their periods in frames; the others are named in a warning.
+    """Return the motions in which a period is found, and their periods in frames; a warning names the others.
 
-    Raises InputError when none is left.
+    Raises InputError if there are none.
     """
-    kept, periods = [], []
+    selected, periods = [], []
     for motion in motions:
         try:
             periods.append(motion_period(motion, motion.poses[:, N_ROOT:]))
-            kept.append(motion)
+            selected.append(motion)
         except InputError as error:
-            log.warning("%s left out: %s", motion.name, error)
-    if not kept:
+            log.warning("%s omitted: %s", motion.name, error)
+    if not selected:
         raise InputError(f"study: expected cyclic motions, found no period in any of {len(motions)}")
-    return kept, periods
+    return selected, periods
 
 
 def angle(name: str) -> int:
-    """Find where a joint angle stands among the 19."""
+    """Return the index of a joint angle among the 19."""
     return POSE_NAMES.index(name) - N_ROOT
 
 
 def title(name: str) -> str:
-    """Return a parameter's name as words."""
+    """Return a parameter's name with spaces."""
     return name.replace("_", " ")
 
 
 def degrees(curves: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return curves in rad as curves in degrees."""
+    """Return curves converted from rad to degrees."""
     return {label: np.degrees(curve) for label, curve in curves.items()}
 
 
 def closed(curve: FloatArray) -> FloatArray:
-    """Close a curve (T,) over phases 0, 1/T, … with its first value again at phase 1."""
+    """Return a curve (T,) over phases 0, 1/T, … closed (T + 1,) by its first value at phase 1."""
     return np.append(curve, curve[0])
 
 
@@ -91,10 +91,10 @@ def phases(n: int) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class LearnWalk(WalkStudy):
-    """The cycles, their mean, the eigencurves and the variance they explain.
+    """The cycles, their mean, the eigencurves and the variance that these explain.
 
-    variance, n_components, scaling: as for `learn_walking`. Metrics: n_cycles; n_components, d; explained, the part of
-    the variance d components explain; explained_5, what the paper's five do.
+    variance, n_components, scaling: as for `learn_walking`. Metrics: n_cycles; n_components, d; explained, the fraction
+    of the variance that d components explain; explained_5, that of five, as in the paper.
     """
 
     variance: float = 0.95
@@ -102,42 +102,42 @@ class LearnWalk(WalkStudy):
     scaling: str = "none"
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Learn and show; draws nothing. Raises InputError as `training_motions` and `learn_walking` do."""
+        """Learn and plot; not random. Raises InputError as `training_motions` and `learn_walking` do."""
         motions = self.walks()
         cycles = walking_cycles(motions)
         model = learn_walking(motions, variance=self.variance, n_components=self.n_components, scaling=self.scaling)
-        most = min(model.n_cycles - 1, model.mean.size)
-        whole = learn_walking(motions, variance=self.variance, n_components=most, scaling=self.scaling)
-        shares = _explained(whole.scales)
+        max_components = min(model.n_cycles - 1, model.mean.size)
+        full = learn_walking(motions, variance=self.variance, n_components=max_components, scaling=self.scaling)
+        explained = _explained(full.scales)
         d = len(model.scales)
         metrics = {
             "n_cycles": float(model.n_cycles),
             "n_components": float(d),
             "explained": model.explained,
-            "explained_5": float(shares[min(5, most) - 1]),
+            "explained_5": float(explained[min(5, max_components) - 1]),
         }
         heights, edges = np.histogram(cycles.durations_s, bins=N_BINS)
         middles = 0.5 * (edges[1:] + edges[:-1])
         figures: tuple[Figure, ...] = (
             *(_cycles(cycles, model, name) for name in ANGLES),
             *(_eigencurves(model, name) for name in ANGLES),
-            _shares(shares, self.variance, d),
+            _variance_curve(explained, self.variance, d),
             _cycles(cycles, model, "torso_speed"),
             Bars("model/cycles by duration", middles, heights.astype(np.float64), "seconds"),
         )
-        return StudyResult(metrics, figures, _note(model, cycles, shares, self.variance))
+        return StudyResult(metrics, figures, _note(model, cycles, explained, self.variance))
 
 
 def _explained(scales: FloatArray) -> FloatArray:
-    """Return the part of the variance (K,) that the first 1, 2, … of K components of deviations (K,) explain."""
+    """Return the fractions (K,) of the variance that the first 1, 2, … of K components of scales (K,) explain."""
     return np.cumsum(scales**2) / np.sum(scales**2)
 
 
 def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:
-    """A channel's mean cycle, and every cycle by its number and clip."""
+    """Return a channel's mean cycle, and every cycle by its number and clip."""
     channel, x = CHANNEL_NAMES.index(name), phases(len(model.mean))
-    named = enumerate(zip(cycles.sources, cycles.curves, strict=True), start=1)
-    each = {f"{k}, {source}": closed(curve[:, channel]) for k, (source, curve) in named}
+    numbered = enumerate(zip(cycles.sources, cycles.curves, strict=True), start=1)
+    each = {f"{k}, {source}": closed(curve[:, channel]) for k, (source, curve) in numbered}
     mean = {"mean": closed(model.mean[:, channel])}
     if name == "torso_speed":
         return Curves("model/torso speed", x, mean, "cycle", "metres per second", faint=each)
@@ -145,7 +145,7 @@ def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:
 
 
 def _eigencurves(model: WalkingModel, name: str) -> Curves:
-    """Mean + 2 λ_k of component k; mean − 2 λ_k among the faint. Paper A draws λ_k times the component alone."""
+    """Return mean + 2 λ_k of component k, faint: mean − 2 λ_k. Paper A plots λ_k times the component alone."""
     channel = CHANNEL_NAMES.index(name)
     mean = model.mean[:, channel]
     curves, mirrored = {"mean": closed(mean)}, {}
@@ -157,20 +157,20 @@ def _eigencurves(model: WalkingModel, name: str) -> Curves:
     return Curves(f"eigencurves/{title(name)}", x, degrees(curves), "cycle", "degrees", faint=faint)
 
 
-def _shares(shares: FloatArray, variance: float, d: int) -> Curves:
-    shown = shares[:SHARES_SHOWN]
+def _variance_curve(explained: FloatArray, variance: float, d: int) -> Curves:
+    shown = explained[:MAX_COMPONENTS_SHOWN]
     count = np.arange(1.0, len(shown) + 1.0)
     curves = {"explained": shown, f"{variance:g}": np.full(len(shown), variance)}
     marks = {"d =": float(d)} if d <= len(shown) else {}
     return Curves("model/explained variance", count, curves, "components", "part of the variance", marks=marks)
 
 
-def _note(model: WalkingModel, cycles: Cycles, shares: FloatArray, variance: float) -> str:
-    needed = int(np.searchsorted(shares, variance, side="right")) + 1
+def _note(model: WalkingModel, cycles: Cycles, explained: FloatArray, variance: float) -> str:
+    needed = int(np.searchsorted(explained, variance, side="right")) + 1
     return (
-        f"**Paper A, fig. 3.** {model.n_cycles} walking cycles cut out of {len(set(cycles.sources))} clips at gait "
-        f"events: every cycle (thin) and their mean; the eigencurves, that is the mean plus (thin: minus) twice the "
-        f"standard deviation λ of each of the first components; and how much of the variance the components explain. "
-        f"More than {variance:g} of it takes {needed} components (the paper: 5, from 13 cycles of 4 people); the model "
+        f"**Paper A, fig. 3.** {model.n_cycles} walking cycles of {len(set(cycles.sources))} clips, divided at gait "
+        "events: every cycle (thin) and their mean; the eigencurves, that is the mean plus (thin: minus) twice the "
+        "standard deviation λ of each of the first components; and the variance that the components explain. More "
+        f"than {variance:g} of it requires {needed} components (the paper: 5, from 13 cycles of 4 people); the model "
         f"has {len(model.scales)}, which explain {model.explained:.3f}."
     )

@@ -1,4 +1,4 @@
-"""How a motion model of walking and running together is learned (paper D, section 3.2, fig. 1b, 1c and 4)."""
+"""The study of learning a joint motion model of walking and running (paper D, section 3.2, fig. 1b, 1c and 4)."""
 
 import logging
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from workbench.utils.arrays import FloatArray
 PARTS_SHOWN = {"whole body": "body", "legs": "lower_body"}
 ANGLES = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion", "left_elbow_flexion")
 EIGENVECTORS = 5
-"""As many as in paper D, and components in every accuracy that does not say otherwise."""
-SHARES_SHOWN = 20
+"""Number of eigenvectors, as in paper D, and of components of accuracies unless stated otherwise."""
+MAX_COMPONENTS_SHOWN = 20
 VARIANCE = 0.9
 """The paper's σ, eq. 7."""
 
@@ -31,44 +31,44 @@ log = logging.getLogger(__name__)
 class LearnWalkRun:
     """The examples' first two coefficients by activity, the variance explained, mean cycles and eigenvectors.
 
-    motions, data, cache, leave_out, activities: as for `database_motions`. most_per_clip: as for `activity_cycles`.
+    motions, data, cache, exclude, activities: as for `database_motions`. max_per_clip: as for `activity_cycles`.
 
-    Metrics, of the whole body and with _legs at the end of the hips and knees alone: n_components_90, the fewest that
-    explain more than 0.9 of the variance; activity_accuracy, the part of the examples whose activity is told right
-    from five components by a model without their clip, and activity_accuracy_2 from two; unseen_style_deg, the root
-    mean square error of an angle where five components of a model without a style (Bandai's; elsewhere a person)
-    reconstruct it. Besides n_examples, n_clips, and cycle_rate_hz_<activity>, the mean speed of the phase.
+    Metrics, of the whole body and with suffix _legs of the hips and knees alone: n_components_90, the fewest that
+    explain more than 0.9 of the variance; activity_accuracy, the fraction of the examples whose activity is classified
+    correctly from five components by a model without their clip, and activity_accuracy_2 from two; unseen_style_deg,
+    the root mean square error of an angle reconstructed by five components of a model without its style (Bandai's; in
+    other data its subject). Further: n_examples, n_clips, and cycle_rate_hz_<activity>, the mean phase speed.
     """
 
     motions: str = "builtin"
     data: str | None = None
     cache: str = "~/.cache/workbench"
-    leave_out: Sequence[str] = ()
+    exclude: Sequence[str] = ()
     activities: Sequence[str] = ("walk", "run")
-    most_per_clip: int = 4
+    max_per_clip: int = 4
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Learn and show; draws nothing. Raises InputError as `database_motions` and what it learns with do."""
+        """Learn and plot; not random. Raises InputError as `database_motions` and the learning functions do."""
         motions = database_motions(
-            self.motions, data=self.data, cache=self.cache, leave_out=self.leave_out, activities=self.activities
+            self.motions, data=self.data, cache=self.cache, leave_out=self.exclude, activities=self.activities
         )
-        cycles = activity_cycles(motions, most_per_clip=self.most_per_clip)
+        cycles = activity_cycles(motions, most_per_clip=self.max_per_clip)
         log.info("motions: %d cycles (%s) of %d clips", len(cycles), self.motions, len(set(cycles.sources)))
         parts = PARTS_SHOWN.items()
         models = {name: learn_activities(cycles, angles=[part], n_components=EIGENVECTORS) for name, part in parts}
         metrics = _metrics(cycles, models)
-        whole = models["whole body"]
+        body = models["whole body"]
         figures: tuple[Figure, ...] = (
             *(_first_two(label, model) for label, model in models.items()),
-            _shares(models),
+            _variance_curves(models),
             *(_cycles(cycles, name) for name in ANGLES),
-            *(figure for name in ANGLES[:2] for figure in _eigenvectors(whole, name)),
+            *(figure for name in ANGLES[:2] for figure in _eigenvectors(body, name)),
         )
         return StudyResult(metrics, figures, _note(metrics))
 
 
 def style(source: str) -> str:
-    """Return the style in the name of a Bandai clip, of others the person: the name up to the clip's number or path."""
+    """Return the style in a Bandai clip's name, otherwise the subject: the name up to the clip's number or path."""
     bandai = names.style(source)
     return bandai.removeprefix("bandai-") if bandai else source.rpartition("_")[0] or source
 
@@ -77,29 +77,29 @@ def _metrics(cycles: ActivityCycles, models: dict[str, ActivityModel]) -> dict[s
     metrics = {"n_examples": float(len(cycles)), "n_clips": float(len(set(cycles.sources)))}
     styles = [style(source) for source in cycles.sources]
     for suffix, (label, part) in zip(("", "_legs"), PARTS_SHOWN.items(), strict=True):
-        chosen = cycles.of_angles([part])
+        selected = cycles.of_angles([part])
         metrics[f"n_components_90{suffix}"] = float(fewest(models[label].explained, VARIANCE))
-        metrics[f"activity_accuracy{suffix}"] = activities.accuracy_left_out(chosen, cycles.sources, EIGENVECTORS)
-        metrics[f"activity_accuracy_2{suffix}"] = activities.accuracy_left_out(chosen, cycles.sources, 2)
-        metrics[f"unseen_style_deg{suffix}"] = activities.error_left_out_deg(chosen, styles, EIGENVECTORS)
+        metrics[f"activity_accuracy{suffix}"] = activities.accuracy_left_out(selected, cycles.sources, EIGENVECTORS)
+        metrics[f"activity_accuracy_2{suffix}"] = activities.accuracy_left_out(selected, cycles.sources, 2)
+        metrics[f"unseen_style_deg{suffix}"] = activities.error_left_out_deg(selected, styles, EIGENVECTORS)
     rates = activities.mean_rates_hz(models["whole body"])
     return metrics | {f"cycle_rate_hz_{activity}": rate for activity, rate in rates.items()}
 
 
 def _first_two(label: str, model: ActivityModel) -> Scatter:
-    named = np.array(model.activities)
-    points = {str(name): model.scores[named == name, :2] for name in np.unique(named)[::-1]}
+    labels = np.array(model.activities)
+    points = {str(name): model.scores[labels == name, :2] for name in np.unique(labels)[::-1]}
     return Scatter(f"model/first two components, {label}", points, "α₁ in standard deviations", "α₂")
 
 
-def _shares(models: dict[str, ActivityModel]) -> Curves:
-    n = min(SHARES_SHOWN, *(len(model.explained) for model in models.values()))
+def _variance_curves(models: dict[str, ActivityModel]) -> Curves:
+    n = min(MAX_COMPONENTS_SHOWN, *(len(model.explained) for model in models.values()))
     curves = {label: model.explained[:n] for label, model in models.items()} | {"0.9": np.full(n, VARIANCE)}
     return Curves("model/explained variance", np.arange(1.0, n + 1.0), curves, "components", "part of the variance")
 
 
 def _cycles(cycles: ActivityCycles, name: str) -> Curves:
-    """An angle's mean cycle of every activity, and of every activity in every style or person."""
+    """Return an angle's mean cycle of every activity, and of every activity by style or subject."""
     curves = cycles.curves[:, :, cycles.angles.index(name)]
     labels = np.array(cycles.activities)
     each = np.array([f"{activity}, {style(source)}" for activity, source in zip(labels, cycles.sources, strict=True)])
@@ -109,12 +109,12 @@ def _cycles(cycles: ActivityCycles, name: str) -> Curves:
 
 
 def _means(curves: FloatArray, labels: NDArray[np.str_]) -> dict[str, FloatArray]:
-    """The mean curve by label, the last label first."""
+    """Return the mean curve by label, the last label first."""
     return {str(label): closed(curves[labels == label].mean(axis=0)) for label in np.unique(labels)[::-1]}
 
 
 def _eigenvectors(model: ActivityModel, name: str) -> tuple[Curves, Curves]:
-    """One standard deviation of every component of an angle, and its derivative along the phase (D, fig. 4)."""
+    """Return one standard deviation of every component of an angle, and its derivative by the phase (D, fig. 4)."""
     column = model.angles.index(name)
     x = phases(4 * len(model.mean))
     moved, _ = model.jacobian_at(np.zeros(len(model.scales)), x)
@@ -131,12 +131,12 @@ def _eigenvectors(model: ActivityModel, name: str) -> tuple[Curves, Curves]:
 def _note(metrics: dict[str, float]) -> str:
     return (
         f"**Paper D, fig. 1b, 1c and 4.** {metrics['n_examples']:.0f} cycles of {metrics['n_clips']:.0f} clips, one "
-        f"model for all activities: the examples' first two coefficients, the variance explained (components "
-        f"for 0.9 of it: {metrics['n_components_90']:.0f}, of the legs alone {metrics['n_components_90_legs']:.0f}; "
-        f"the paper: 5), mean cycles by activity (thin: by style or person), the components over the phase and their "
-        f"derivatives. Without the clip, the activity is told right in {100 * metrics['activity_accuracy_2']:.1f} % of "
-        f"the examples from two components of the whole body, {100 * metrics['activity_accuracy_2_legs']:.1f} % of the "
-        f"legs; from five in {100 * metrics['activity_accuracy']:.1f} % and "
-        f"{100 * metrics['activity_accuracy_legs']:.1f} %. Five components leave {metrics['unseen_style_deg']:.1f}° of "
-        f"an angle in a style they were not learned from."
+        "model for all activities: the examples' first two coefficients, the variance explained (components for 0.9 "
+        f"of it: {metrics['n_components_90']:.0f}, of the legs alone {metrics['n_components_90_legs']:.0f}; the paper: "
+        "5), mean cycles by activity (thin: by style or subject), the components over the phase and their "
+        f"derivatives. A model without the clip classifies {100 * metrics['activity_accuracy_2']:.1f} % of the "
+        f"examples correctly from two components of the whole body, {100 * metrics['activity_accuracy_2_legs']:.1f} % "
+        f"from two of the legs; from five, {100 * metrics['activity_accuracy']:.1f} % and "
+        f"{100 * metrics['activity_accuracy_legs']:.1f} %. Five components reconstruct an angle of an unseen style "
+        f"with an error of {metrics['unseen_style_deg']:.1f}°."
     )

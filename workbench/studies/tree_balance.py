@@ -1,4 +1,4 @@
-"""How paper C's binary tree fills: leaves by size, and how much of the database every level leaves (C, section 4.1)."""
+"""Balance of paper C's binary tree: sizes of leaves, and entries left to search by level (C, section 4.1)."""
 
 from collections.abc import Mapping
 
@@ -16,22 +16,22 @@ METRICS = {RECORDED: "", SHUFFLED: "_shuffled", GAUSSIAN: "_gaussian", MEDIAN: "
 
 
 class TreeBalance:
-    """Leaves of the sign tree and its balance, against trees of independent coefficients (C, section 4.1).
+    """Leaves of the sign tree and its balance, compared with trees of independent coefficients (C, section 4.1).
 
-    The same number of entries and components four times: the database's; the same with each component shuffled over
-    the entries, which keeps the share of either sign and removes what components know of each other; independent
+    Four trees have the same number of entries and components: the database's; the same with each component shuffled
+    over the entries, which preserves the fraction of each sign and removes dependence between components; independent
     standard Gaussians; and the database split at medians, which is balanced by construction.
 
-    Metrics, with _shuffled, _gaussian or _median behind them: empty_pct (of all 2^b leaves), largest_leaf, leaf_size
-    (mean over entries of how many share their leaf), bits (entropy of the leaf of an entry, at most log₂ n), and
-    one_child_pct (of the nodes above the leaves that hold entries). n_entries, n_levels.
+    Metrics, with suffix _shuffled, _gaussian or _median: empty_pct (of all 2^b leaves), largest_leaf, leaf_size (mean
+    over entries of the size of their leaf), bits (entropy of the leaf of an entry, at most log₂ n), and one_child_pct
+    (of the non-empty nodes above the leaves). n_entries, n_levels.
     """
 
     def __init__(self, prior: Prior) -> None:
         self.prior = prior
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Build the four trees and count. Raises InputError for a prior without a database."""
+        """Build and measure the four trees. Raises InputError for a prior without a database."""
         if not isinstance(self.prior, Implicit):
             raise InputError("study: expected an implicit prior, such as prior=implicit")
         recorded = self.prior.windows.coefficients
@@ -49,32 +49,32 @@ class TreeBalance:
 
 
 def node_sizes(tree: Tree, level: int) -> IntArray:
-    """Count the entries of all 2^level nodes of a level, from 0, the root, to b, the leaves."""
+    """Return the sizes of all 2^level nodes of a level, from 0, the root, to b, the leaves."""
     return np.diff(tree.starts[:: 1 << (tree.depth - level)])
 
 
 def balance(tree: Tree) -> dict[str, float]:
-    """Compute a tree's numbers, see `TreeBalance`."""
+    """Return a tree's metrics, see `TreeBalance`."""
     leaves = node_sizes(tree, tree.depth)
-    shares = leaves[leaves > 0] / leaves.sum()
+    fractions = leaves[leaves > 0] / leaves.sum()
     pairs = np.concatenate([node_sizes(tree, level + 1).reshape(-1, 2) for level in range(tree.depth)])
-    filled = pairs.sum(axis=1) > 0
+    nonempty = pairs.sum(axis=1) > 0
     return {
         "empty_pct": 100.0 * float((leaves == 0).mean()),
         "largest_leaf": float(leaves.max()),
-        "leaf_size": _shared_by(leaves),
-        "bits": float(-(shares * np.log2(shares)).sum()),
-        "one_child_pct": 100.0 * float((pairs[filled] == 0).any(axis=1).mean()),
+        "leaf_size": _mean_node_size(leaves),
+        "bits": float(-(fractions * np.log2(fractions)).sum()),
+        "one_child_pct": 100.0 * float((pairs[nonempty] == 0).any(axis=1).mean()),
     }
 
 
-def _shared_by(sizes: IntArray) -> float:
-    """Average over entries how many share their node, itself included."""
+def _mean_node_size(sizes: IntArray) -> float:
+    """Return the mean over entries of the size of their node."""
     return float((sizes.astype(np.float64) ** 2).sum() / sizes.sum())
 
 
 def by_size(leaves: IntArray, n_classes: int) -> tuple[FloatArray, FloatArray]:
-    """Sort leaves by size, 0, 1, 2–3, 4–7 …: which part of all leaves a class has, and which of the entries, %."""
+    """Return the percentages of leaves and of entries by class of leaf size: 0, 1, 2–3, 4–7 …."""
     size_class = np.where(leaves > 0, np.floor(np.log2(np.maximum(leaves, 1))) + 1, 0).astype(np.int64)
     of_leaves = np.bincount(size_class, minlength=n_classes) / len(leaves)
     of_entries = np.bincount(size_class, weights=leaves, minlength=n_classes) / leaves.sum()
@@ -84,10 +84,10 @@ def by_size(leaves: IntArray, n_classes: int) -> tuple[FloatArray, FloatArray]:
 def _leaves(trees: Mapping[str, Tree]) -> tuple[Bars, ...]:
     sizes = {name: node_sizes(trees[name], trees[name].depth) for name in (RECORDED, GAUSSIAN)}
     n_classes = int(np.log2(max(each.max() for each in sizes.values()))) + 2
-    counted = {name: by_size(each, n_classes) for name, each in sizes.items()}
+    percentages = {name: by_size(each, n_classes) for name, each in sizes.items()}
     x, x_name = np.arange(n_classes, dtype=np.float64), "leaf size class: 0, 1, 2–3, 4–7 …"
     return tuple(
-        Bars(f"leaves/{what}", x, counted[RECORDED][k], x_name, counted[GAUSSIAN][k])
+        Bars(f"leaves/{what}", x, percentages[RECORDED][k], x_name, percentages[GAUSSIAN][k])
         for k, what in enumerate(("% of the leaves", "% of the entries"))
     )
 
@@ -97,11 +97,11 @@ def _levels(trees: Mapping[str, Tree]) -> tuple[Curves, ...]:
     x = np.arange(depth + 1, dtype=np.float64)
     left, one_child, above = {}, {}, {}
     for name, tree in trees.items():
-        left[name] = np.log10([_shared_by(node_sizes(tree, level)) for level in range(depth + 1)])
+        left[name] = np.log10([_mean_node_size(node_sizes(tree, level)) for level in range(depth + 1)])
         pairs = [node_sizes(tree, level + 1).reshape(-1, 2) for level in range(depth)]
-        inside = [each[each.sum(axis=1) > 0] for each in pairs]
-        one_child[name] = np.array([np.nan, *(100.0 * (each == 0).any(axis=1).mean() for each in inside)])
-        above[name] = np.array([np.nan, *(100.0 * each[:, 1].sum() / each.sum() for each in inside)])
+        nonempty = [each[each.sum(axis=1) > 0] for each in pairs]
+        one_child[name] = np.array([np.nan, *(100.0 * (each == 0).any(axis=1).mean() for each in nonempty)])
+        above[name] = np.array([np.nan, *(100.0 * each[:, 1].sum() / each.sum() for each in nonempty)])
     level = "level"
     return (
         Curves("levels/left to search", x, left, level, "log₁₀ entries in an entry's node"),
@@ -113,7 +113,7 @@ def _levels(trees: Mapping[str, Tree]) -> tuple[Curves, ...]:
 def _note(metrics: Mapping[str, float]) -> str:
     return (
         f"Paper C, section 4.1: the sign tree of {metrics['n_entries']:.0f} windows in 2^{metrics['n_levels']:.0f} "
-        "leaves. Bars: the recorded database; dashed: as many with independent Gaussian coefficients. The "
-        "components of recorded motion are uncorrelated, not independent: most leaves are empty, and the others hold "
-        f"up to {metrics['largest_leaf']:.0f} entries. Curves: these, components shuffled, splits at medians."
+        "leaves. Bars: the recorded database; dashed: as many windows with independent Gaussian coefficients. The "
+        "components of recorded motion are uncorrelated, not independent: most leaves are empty, and the others have "
+        f"up to {metrics['largest_leaf']:.0f} entries. Curves: these trees, components shuffled, splits at medians."
     )

@@ -16,8 +16,8 @@ from workbench.studies.learning import ANGLES, WalkStudy, angle, closed, cyclic,
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
-STATED_PCT = 2.0
-"""Clips whose periods differ by more are named."""
+MAX_DEVIATION_PCT = 2.0
+"""The note names clips whose periods deviate by more."""
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion")
 N_BINS = 64
 log = logging.getLogger(__name__)
@@ -25,20 +25,20 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodSnr(WalkStudy):
-    """Signal-to-noise ratio over the period, and the periods found against those of the hip events (B, fig. 1 left).
+    """Signal-to-noise ratio over the period, and estimated periods compared with hip events (B, fig. 1 left).
 
     missing: part of the samples that is removed, in blocks, for a second measurement. Metrics: those of `period_study`.
     """
 
-    missing: float = 0.3
+    missing_fraction: float = 0.3
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Find every walk's period twice. Raises InputError as `training_motions` and `period_study` do."""
-        metrics, clips, noise = period_study(self.walks(), rng, self.missing)
+        """Estimate every walk's period twice. Raises InputError as `training_motions` and `period_study` do."""
+        metrics, clips, noise = period_study(self.walks(), rng, self.missing_fraction)
         clips = sorted(clips, key=lambda clip: abs(clip.errors_pct[0]))
         shown = [clips[k] for k in sorted({0, len(clips) // 2, len(clips) - 1})]  # from the best to the worst
-        figures = (*map(_clip, shown), _all(clips, noise), _deviations(clips, self.missing))
-        return StudyResult(metrics, figures, _period_note(clips, metrics, self.missing))
+        figures = (*map(_clip, shown), _all(clips, noise), _deviations(clips, self.missing_fraction))
+        return StudyResult(metrics, figures, _period_note(clips, metrics, self.missing_fraction))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class AlignCycles(WalkStudy):
     """
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Align and show; draws nothing. Raises InputError when no walk has a period."""
+        """Align and plot; not random. Raises InputError if no walk has a period."""
         motions, periods = cyclic(self.walks())
         sequences = [motion.poses[:, N_ROOT:] for motion in motions]
         alignment = align(sequences, periods)
@@ -78,49 +78,49 @@ class AlignCycles(WalkStudy):
 class _ClipPeriods:
     """A motion's stride period, in frames: of its hip events, by its SNR, and by its SNR with samples removed.
 
-    events: NaN where there is no stride between two events. found, found_gappy: NaN where no period was found.
-    candidates: (P,) frames. snr: (P,), accumulated. snr_per_angle: (P, 19). Both without gaps.
+    events: NaN if there is no stride between two events. estimate, estimate_gappy: NaN if no period was found.
+    candidates: (P,), frames. snr: (P,), accumulated. snr_per_angle: (P, 19). Both without gaps.
     """
 
     name: str
     rate_hz: float
     events: float
-    found: float
-    found_gappy: float
+    estimate: float
+    estimate_gappy: float
     candidates: FloatArray
     snr: FloatArray
     snr_per_angle: FloatArray
 
     @property
     def errors_pct(self) -> tuple[float, float]:
-        """Deviations from the events' period, %, of those found without and with gaps; infinite for one not found."""
-        full, gappy = (np.inf if np.isnan(period) else period for period in (self.found, self.found_gappy))
+        """Return the deviations from the events' period, %, without and with gaps; infinite if no period was found."""
+        full, gappy = (np.inf if np.isnan(period) else period for period in (self.estimate, self.estimate_gappy))
         return 100.0 * (full / self.events - 1.0), 100.0 * (gappy / self.events - 1.0)
 
 
 def period_study(
     motions: Sequence[Motion], rng: np.random.Generator, fraction: float = 0.3
 ) -> tuple[dict[str, float], list[_ClipPeriods], dict[str, FloatArray]]:
-    """Measure how well the period is found, without and with a fraction of the samples removed in blocks.
+    """Measure the error of the estimated period, without and with a fraction of the samples removed in blocks.
 
     Returns
     -------
     metrics : period_error_max_pct, period_error_max_pct_30: the largest deviation from the mean distance of hip events.
         period_error_median_pct, …_median_pct_30. white_noise_peak_ratio: the largest over the median accumulated SNR
         of white noise of the median motion's length, the worse of those without and with gaps. n_clips
-    clips : of every motion with two events or more; others cannot be compared and are left out, with a warning. A
-        period that is not found counts as an infinite error
+    clips : of every motion with at least two events; others are omitted, with a warning. A period that is not found
+        counts as an infinite error
     white noise : {"candidates", "snr", "snr_gappy"}
 
     Raises
     ------
-    InputError : no motion is left
+    InputError : there is no such motion
     """
-    found = [_clip_periods(motion, fraction, rng) for motion in tqdm(motions, desc="periods", disable=None)]
-    clips = [clip for clip in found if np.isfinite(clip.events)]
-    for clip in found:
+    periods = [_clip_periods(motion, fraction, rng) for motion in tqdm(motions, desc="periods", disable=None)]
+    clips = [clip for clip in periods if np.isfinite(clip.events)]
+    for clip in periods:
         if clip not in clips:
-            log.warning("%s left out of the study of periods: fewer than two hip events", clip.name)
+            log.warning("%s omitted from the study of periods: fewer than two hip events", clip.name)
     if not clips:
         raise InputError(f"period: expected walks of two strides or more, found none among {len(motions)} motions")
     errors = np.abs([clip.errors_pct for clip in clips])
@@ -138,10 +138,10 @@ def period_study(
 
 
 def event_period(motion: Motion) -> float:
-    """Return the mean distance, in frames, between hip events of one kind, the left or the right thigh furthest ahead.
+    """Return the mean distance, in frames, between hip events of one kind: maximum flexion of the left or right hip.
 
-    `gait_events` and its mirror image: in clips of two or three strides one kind of event alone sees just one of
-    them. NaN where `gait_events` finds fewer than two.
+    Both kinds are used (`gait_events` and its mirror image), as clips of two or three strides may have a single
+    distance of one kind. NaN if `gait_events` finds fewer than two.
     """
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") for side in ("left", "right"))
     poses = motion.poses.copy()
@@ -157,14 +157,14 @@ def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> 
     gappy = np.where(remove_blocks(motion, fraction, rng), np.nan, angles)
     candidates = _whole_periods(motion)
     return _ClipPeriods(
-        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), found=_period_or_nan(motion, angles),
-        found_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
+        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), estimate=_period_or_nan(motion, angles),
+        estimate_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
         snr_per_angle=snr_per_series(angles, candidates),
     )  # fmt: skip
 
 
 def _whole_periods(motion: Motion) -> FloatArray:
-    """Return whole numbers of frames from the shortest stride's to the longest that fits twice, for figures."""
+    """Return integer periods, in frames, from the shortest stride to the longest that fits twice, for figures."""
     longest = min(LONGEST_S * motion.rate_hz, len(motion) / 2)
     return np.arange(round(SHORTEST_S * motion.rate_hz), int(longest) + 1, dtype=np.float64)
 
@@ -185,15 +185,15 @@ def _white_noise(motions: Sequence[Motion], fraction: float, rng: np.random.Gene
     return {"candidates": candidates, "snr": snr(noise, candidates), "snr_gappy": snr(gappy, candidates)}
 
 
-def _on_grid(x: FloatArray, places: FloatArray, values: FloatArray) -> FloatArray:
-    """Put values (k,) at places (k,), which are among x (n,), as a curve (n,) over x; NaN elsewhere."""
+def _on_grid(x: FloatArray, positions: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values (k,) at positions (k,), which are among x (n,), as a curve (n,) over x; NaN elsewhere."""
     curve = np.full(len(x), np.nan)
-    curve[np.searchsorted(x, places)] = values
+    curve[np.searchsorted(x, positions)] = values
     return curve
 
 
 def _log10(ratios: FloatArray) -> FloatArray:
-    """Take decimal logarithms; NaN for ratios that are not positive.
+    """Return decimal logarithms; NaN for ratios that are not positive.
 
     A deviation from the paper's figure, which is linear: single angles differ by powers of ten at the peak.
     """
@@ -204,47 +204,50 @@ def _clip(clip: _ClipPeriods) -> Curves:
     curves = {"accumulated": _log10(clip.snr)}
     each = {title(name): _log10(clip.snr_per_angle[:, angle(name)]) for name in ANGLES}
     curves |= {label.removesuffix(" flexion"): each.pop(label) for label in list(each)[:4]}
-    marks = {"found": clip.found, "hip events": clip.events}
+    marks = {"found": clip.estimate, "hip events": clip.events}
     marks = {label: period for label, period in marks.items() if np.isfinite(period)}
     x_name = f"period in frames at {clip.rate_hz:g} Hz"
     return Curves(f"period/{clip.name}", clip.candidates, curves, x_name, "log₁₀ SNR", marks=marks, faint=each)
 
 
 def _all(clips: Sequence[_ClipPeriods], noise: Mapping[str, FloatArray]) -> Curves:
-    """Accumulated ratios over the period in seconds, since clips may differ in their rates; noise at the first's."""
+    """Return accumulated ratios over the period in seconds, as rates may differ; noise at the first clip's rate."""
     rate_hz = clips[0].rate_hz
     x = np.unique(np.concatenate([noise["candidates"] / rate_hz, *(clip.candidates / clip.rate_hz for clip in clips)]))
     faint = {clip.name: _on_grid(x, clip.candidates / clip.rate_hz, _log10(clip.snr)) for clip in clips}
     curves = {"white noise": noise["snr"], "white noise with gaps": noise["snr_gappy"]}
-    drawn = {label: _on_grid(x, noise["candidates"] / rate_hz, _log10(values)) for label, values in curves.items()}
+    on_grid = {label: _on_grid(x, noise["candidates"] / rate_hz, _log10(values)) for label, values in curves.items()}
     name = "period/all walks (thin) and white noise"
-    return Curves(name, x, drawn, "period in seconds", "log₁₀ accumulated SNR", faint=faint)
+    return Curves(name, x, on_grid, "period in seconds", "log₁₀ accumulated SNR", faint=faint)
 
 
-def _deviations(clips: Sequence[_ClipPeriods], missing: float) -> Curves:
+def _deviations(clips: Sequence[_ClipPeriods], missing_fraction: float) -> Curves:
     errors = np.abs([clip.errors_pct for clip in clips])
-    errors[~np.isfinite(errors)] = np.nan  # not found: nothing to draw
-    limits = {"2 %": np.full(len(clips), STATED_PCT)}
-    curves = {"all samples": errors[:, 0], f"{100 * missing:.0f} % removed": errors[:, 1], **limits}
+    errors[~np.isfinite(errors)] = np.nan  # not found: not drawn
+    limits = {"2 %": np.full(len(clips), MAX_DEVIATION_PCT)}
+    curves = {"all samples": errors[:, 0], f"{100 * missing_fraction:.0f} % removed": errors[:, 1], **limits}
     rank = np.arange(1.0, len(clips) + 1.0)
     return Curves("period/deviation from hip events", rank, curves, "walks, sorted by deviation", "percent")
 
 
-def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], missing: float) -> str:
-    percent = round(100 * missing)
-    outside = [f"{clip.name} ({clip.errors_pct[0]:+.1f} %)" for clip in clips if abs(clip.errors_pct[0]) > STATED_PCT]
-    beyond = f"Beyond {STATED_PCT:g} %: {', '.join(outside)}." if outside else f"None is off by {STATED_PCT:g} %."
+def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], missing_fraction: float) -> str:
+    percent = round(100 * missing_fraction)
+    outside = [
+        f"{clip.name} ({clip.errors_pct[0]:+.1f} %)" for clip in clips if abs(clip.errors_pct[0]) > MAX_DEVIATION_PCT
+    ]
+    above = f"Above {MAX_DEVIATION_PCT:g} %: {', '.join(outside) or 'none'}."
     return (
-        f"**Paper B, fig. 1 left.** Signal-to-noise ratio of folded joint angles over the candidate period (thin: the "
-        f"right side's): of {len(clips)} walks those found best, middling and worst, with the stride that their hip "
-        f"events tell. White noise stays flat (largest over median {metrics['white_noise_peak_ratio']:.2f}), so that a "
-        f"peak means a period. Deviation from the hip events: at most {metrics['period_error_max_pct']:.2f} %, with "
-        f"{percent} % of the samples removed {metrics[f'period_error_max_pct_{percent}']:.2f} %. {beyond}"
+        "**Paper B, fig. 1 left.** Signal-to-noise ratio of folded joint angles over the candidate period (thin: the "
+        f"right side's): of {len(clips)} walks those with the smallest, median and largest deviation, with the stride "
+        f"of their hip events. White noise is flat (maximum over median {metrics['white_noise_peak_ratio']:.2f}), so "
+        f"that a peak indicates a period. Deviation from the hip events: at most "
+        f"{metrics['period_error_max_pct']:.2f} %, with {percent} % of the samples removed "
+        f"{metrics[f'period_error_max_pct_{percent}']:.2f} %. {above}"
     )
 
 
 def fold(series: FloatArray, at: FloatArray) -> FloatArray:
-    """Average a series (F, m) at phases (F,), cycles, in equal bins of the cycle: (64, m), NaN in an empty bin."""
+    """Return means (64, m) of a series (F, m) at phases (F,), cycles, in equal bins; NaN in an empty bin."""
     bins = np.floor((at % 1.0) * N_BINS).astype(np.int64) % N_BINS
     sums, count = np.zeros((N_BINS, series.shape[1])), np.bincount(bins, minlength=N_BINS)[:, None]
     np.add.at(sums, bins, series)
@@ -254,7 +257,7 @@ def fold(series: FloatArray, at: FloatArray) -> FloatArray:
 def _cycle(
     names: Sequence[str], folded: Sequence[FloatArray], name: str, when: str, alignment: CycleAlignment | None
 ) -> Curves:
-    """Every walk's folded angle, and their mean or, after an alignment, its reference spline."""
+    """Return every walk's folded angle, and their mean or, after an alignment, its reference spline."""
     each = [closed(curve[:, angle(name)]) for curve in folded]
     if alignment is None:
         curves = {"mean": np.nanmean(each, axis=0)}
@@ -267,8 +270,8 @@ def _cycle(
 
 def _alignment_note(metrics: dict[str, float]) -> str:
     return (
-        f"**Paper B, fig. 1 right.** {metrics['n_sequences']:.0f} walks, each folded by its own period (thin): as they "
-        f"begin, and shifted to deviate least from a common periodic regression spline. The deviation falls from "
-        f"{metrics['deviation_before']:.2f} to {metrics['deviation_after']:.2f} standard deviations of the angles in "
-        f"{metrics['passes']:.0f} passes and never rises; what is left is how people differ."
+        f"**Paper B, fig. 1 right.** {metrics['n_sequences']:.0f} walks, each folded by its own period (thin): "
+        "unaligned, and shifted to minimise the deviation from a common periodic regression spline. The deviation "
+        f"decreases monotonically from {metrics['deviation_before']:.2f} to {metrics['deviation_after']:.2f} standard "
+        f"deviations of the angles in {metrics['passes']:.0f} passes; the remainder is the difference between people."
     )

@@ -4,7 +4,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.capabilities import IMAGES, START, offering
+from workbench.core.capabilities import IMAGES, START, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 
@@ -12,7 +12,7 @@ from workbench.core.frame import Frame, Truth, View
 class Nodding:
     """A person who leans to and fro before a grey wall."""
 
-    traits = offering(IMAGES, START)
+    traits = component_traits(IMAGES, START)
 
     def __init__(self, *, n_frames: int = 10, height_m: float = 1.75) -> None:
         self.shape, self.n_frames = from_height(height_m), n_frames

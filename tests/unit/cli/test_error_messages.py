@@ -19,7 +19,7 @@ from workbench.experiment.config.schema import prepare_hydra
 
 
 class _UnknownKeyError(Exception):
-    object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("move", str)])
+    object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("algorithm", str)])
 
 
 def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
@@ -30,7 +30,7 @@ def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
     error = ValueError("Could not override 'inference.n_particle'.")
     error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
     *listed, last = message_of(error)
-    assert {"  inference.move", "  inference.n_particles"} <= set(listed)
+    assert {"  inference.algorithm", "  inference.n_particles"} <= set(listed)
     assert "inference.n_particles" in last
 
 

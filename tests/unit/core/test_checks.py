@@ -23,8 +23,8 @@ from workbench.utils.errors import InputError
     ],
 )
 def test_ranges_hold_their_values_and_never_nan(expected, inside, outside):
-    assert all(expected.holds(value) for value in inside)
-    assert not any(expected.holds(value) for value in [*outside, np.nan])
+    assert all(expected.contains(value) for value in inside)
+    assert not any(expected.contains(value) for value in [*outside, np.nan])
 
 
 def test_the_first_attribute_out_of_range_is_named():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.core.keys import kept, records_arguments
+from workbench.core.keys import constructor_arguments, records_arguments
 from workbench.experiment import provenance as module
 from workbench.experiment.provenance import code_state, described, has_commit, identity
 from workbench.likelihoods.keypoints import Keypoints
@@ -195,6 +195,6 @@ def test_arrays_are_written_out_or_identified():
 
 def test_a_decorated_class_keeps_what_it_was_built_with():
     part = records_arguments(type("Own", (Forgetful,), {}))(spent=5.0)
-    assert kept(part) == {"kept": 1.0, "spent": 5.0}
+    assert constructor_arguments(part) == {"kept": 1.0, "spent": 5.0}
     assert described(part)["spent"] == 5.0
-    assert kept(Keypoints) == {}
+    assert constructor_arguments(Keypoints) == {}

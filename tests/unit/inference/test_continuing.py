@@ -6,31 +6,31 @@ import numpy as np
 import pytest
 from linear_gaussian import MEAN0, LookOf, Memoryless, Position, TwoJoints, frames, simulate, streams
 
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.step import Resumable
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
+from workbench.inference.smc.particle_filter import ANCESTRY_FRAMES, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
+from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.utils.errors import InputError
 
-T, N = LOOKED_BACK + 4, 40
+T, N = ANCESTRY_FRAMES + 4, 40
 MOVES = {
     "bootstrap": Bootstrap(ess_threshold=0.5),
     "auxiliary": Auxiliary(),
-    "partitioned": Partitioned(parts=["lower_body", "upper_body"]),
+    "partitioned": Partitioned(partitions=["lower_body", "upper_body"]),
     "gauss_newton": GaussNewton(),
     "tempered_smc": TemperedSMC(),
     "annealed": Annealed(),
 }
 WRAPPERS = {
     "filter": lambda plain: plain,
-    "restarting": lambda plain: Restarting(plain),
-    "fixed_lag": lambda plain: FixedLag(plain, lag=3, least_ancestors=10),
-    "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
+    "reinitializing": lambda plain: Reinitializing(plain),
+    "fixed_lag": lambda plain: FixedLag(plain, lag=3, min_effective_ancestors=10),
+    "fixed_lag of reinitializing": lambda plain: FixedLag(Reinitializing(plain), lag=2, min_effective_ancestors=1),
 }
 
 
@@ -51,12 +51,12 @@ class Drifting(Memoryless):
 
 def inference(wrapper, move, n=N, measured=None):
     measured = simulate(T, seed=3) if measured is None else measured
-    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Drifting(measured), move=MOVES[move], n_particles=n))
+    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Drifting(measured), algorithm=MOVES[move], n_particles=n))
 
 
 def past(steps):
     """What a run goes on from after these steps."""
-    return Past(np.stack([step.memory.expected for step in steps]), steps[-1].memory)
+    return ResumePoint(np.stack([step.filter_state.filtered_pose for step in steps]), steps[-1].filter_state)
 
 
 def assert_same_bits(found, expected):
@@ -85,20 +85,20 @@ def test_from_any_frame_on_the_bits_are_the_runs(wrapper, move):
 def test_states_without_offspring_do_not_matter_where_a_memory_says_so(wrapper, move):
     one = inference(wrapper, move)
     whole = list(one.run(frames(T), MEAN0, streams(0)))
-    gathered = whole[4].memory.parents
+    gathered = whole[4].filter_state.parents
     assert (gathered is None) == (move != "bootstrap")
     if gathered is not None:
         before = past(whole[:4])
-        state = np.full_like(before.memory.arrays["state"], 1e9)
-        state[gathered] = before.memory.arrays["state"][gathered]
-        thinned = replace(before, memory=before.memory.plus(state=state, poses=state))
+        state = np.full_like(before.filter_state.arrays["state"], 1e9)
+        state[gathered] = before.filter_state.arrays["state"][gathered]
+        thinned = replace(before, filter_state=before.filter_state.with_arrays(state=state, poses=state))
         assert_same_bits(list(one.run(frames(T), thinned, streams(7))), whole[4:])
 
 
 def test_what_restarting_has_seen_goes_on_too():
     measured = simulate(REFERENCE_FRAMES + 12, seed=3)
     measured[REFERENCE_FRAMES + 4 :] += 50.0  # lost from here on
-    one = inference("restarting", "bootstrap", measured=measured)
+    one = inference("reinitializing", "bootstrap", measured=measured)
     whole = list(one.run(frames(len(measured)), MEAN0, streams(0)))
     anew = [step.frame.index for step in whole if step.diagnostics["restarted"]]
     assert anew
@@ -116,9 +116,9 @@ def test_what_restarting_has_seen_goes_on_too():
 )
 def test_a_memory_that_is_none_of_a_filter_is_refused(arrays, words):
     whole = list(inference("filter", "bootstrap").run(frames(2), MEAN0, streams(0)))
-    memory = whole[0].memory
-    kept = {name: value for name, value in {**memory.arrays, **arrays}.items() if value is not None}
-    damaged = Past(memory.expected[None], replace(memory, arrays=kept))
+    filter_state = whole[0].filter_state
+    kept = {name: value for name, value in {**filter_state.arrays, **arrays}.items() if value is not None}
+    damaged = ResumePoint(filter_state.filtered_pose[None], replace(filter_state, arrays=kept))
     with pytest.raises(InputError, match=words):
         list(inference("filter", "bootstrap").run(frames(2), damaged, streams(0)))
 
@@ -126,6 +126,6 @@ def test_a_memory_that_is_none_of_a_filter_is_refused(arrays, words):
 @pytest.mark.parametrize("state", [{}, {"bit_generator": "PCG64", "state": 3}, {"bit_generator": "MT19937"}])
 def test_streams_that_cannot_be_set_are_refused(state):
     whole = list(inference("filter", "bootstrap").run(frames(2), MEAN0, streams(0)))
-    damaged = past([replace(whole[0], memory=replace(whole[0].memory, streams={"prior": state}))])
+    damaged = past([replace(whole[0], filter_state=replace(whole[0].filter_state, rng_states={"prior": state}))])
     with pytest.raises(InputError, match="random stream prior"):
         list(inference("filter", "bootstrap").run(frames(2), damaged, streams(0)))

@@ -23,7 +23,7 @@ from linear_gaussian import (
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
-from workbench.inference.smc.particle_filter import ParticleFilter, traced
+from workbench.inference.smc.particle_filter import ParticleFilter, trace_ancestry
 from workbench.inference.smc.weights import RESAMPLING, effective_sample_size
 from workbench.priors.density import log_normal
 from workbench.utils.errors import InputError
@@ -72,7 +72,9 @@ class RemembersLook:
 
 
 def run(n_particles, seed, measured, **options):
-    inference = ParticleFilter(LinearPrior(), Position(measured), move=Bootstrap(**options), n_particles=n_particles)
+    inference = ParticleFilter(
+        LinearPrior(), Position(measured), algorithm=Bootstrap(**options), n_particles=n_particles
+    )
     return list(inference.run(frames(len(measured)), MEAN0, streams(seed)))
 
 
@@ -135,7 +137,13 @@ class Leaning(LinearPrior):
 
 @pytest.mark.parametrize(
     "move",
-    [Bootstrap(), Bootstrap(ess_threshold=0.0), Bootstrap(ess_threshold=1.0), Auxiliary(), Auxiliary(flatten=1.0)],
+    [
+        Bootstrap(),
+        Bootstrap(ess_threshold=0.0),
+        Bootstrap(ess_threshold=1.0),
+        Auxiliary(),
+        Auxiliary(first_stage_power=1.0),
+    ],
     ids=["bootstrap", "never resampled", "always resampled", "half", "whole"],
 )
 @pytest.mark.parametrize("prior", [LinearPrior(), Leaning()], ids=["prior", "proposal"])
@@ -143,7 +151,7 @@ def test_proposals_and_looks_ahead_leave_the_exact_posterior(prior, move):
     measured = simulate(6, seed=4)
     mean, variance, evidence = exact(measured)
     found = last_moments(
-        lambda _, likelihood: ParticleFilter(prior, likelihood, move=move, n_particles=2000),
+        lambda _, likelihood: ParticleFilter(prior, likelihood, algorithm=move, n_particles=2000),
         Position(measured), len(measured), range(20),
     )  # fmt: skip
     assert_agree(found, [*mean[-1], *variance[-1], evidence])
@@ -228,7 +236,7 @@ def test_steps_keep_their_states_where_a_prior_hands_back_what_it_was_given():
 
 def test_ancestors_are_counted_over_several_frames():
     first, second = np.array([0, 0, 1, 2]), np.array([1, 1, 0, 3])
-    origins = traced(traced(np.empty((0, 4), dtype=np.int32), first), second)
+    origins = trace_ancestry(trace_ancestry(np.empty((0, 4), dtype=np.int32), first), second)
     assert origins.tolist() == [[1, 1, 0, 3], [0, 0, 0, 2]]
     steps = run(50, 0, simulate(15, 0))
     lived = np.arange(50)

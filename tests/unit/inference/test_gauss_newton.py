@@ -36,7 +36,7 @@ class Squared(Position):
 
 
 def about_the_peak(prior, likelihood):
-    return ParticleFilter(prior, likelihood, move=GaussNewton(), n_particles=N)
+    return ParticleFilter(prior, likelihood, algorithm=GaussNewton(), n_particles=N)
 
 
 def test_a_likelihood_that_is_not_quadratic_is_weighted_right():
@@ -55,17 +55,20 @@ def test_a_sharp_likelihood_leaves_the_exact_posterior_and_evidence():
 
 def mean_size(measured, move):
     """Mean effective sample size over the frames of two runs, as a part of the particles."""
-    inference = ParticleFilter(LinearPrior(), Position(measured, sigma=0.005), move=move, n_particles=1000)
+    inference = ParticleFilter(LinearPrior(), Position(measured, sigma=0.005), algorithm=move, n_particles=1000)
     steps = [step for seed in range(2) for step in list(inference.run(frames(T), MEAN0, streams(seed)))[1:]]
     return np.mean([step.ess / 1000 for step in steps])
 
 
-@pytest.mark.parametrize(("flatten", "share"), [(1.0, 0.8), (0.0, 0.5)])
-def test_the_weights_are_even_where_the_quadratic_is_the_likelihood(flatten, share):
+@pytest.mark.parametrize(("weight", "fraction"), [(1.0, 0.8), (0.0, 0.5)])
+def test_the_weights_are_even_where_the_quadratic_is_the_likelihood(weight, fraction):
     """Of the share that is drawn by it, in the limit; without the quadratic it is the plain filter's."""
     measured = simulate(T, seed=3, sigma=0.005)
-    size, plain = mean_size(measured, GaussNewton(flatten=flatten, share=share)), mean_size(measured, Bootstrap())
-    if flatten:
+    size, plain = (
+        mean_size(measured, GaussNewton(curvature_weight=weight, proposal_fraction=fraction)),
+        mean_size(measured, Bootstrap()),
+    )
+    if weight:
         assert size > 0.75 > 4.0 * plain  # nearly `share`, but for those of the others that count too
     else:
         assert size == pytest.approx(plain, rel=0.2)
@@ -73,7 +76,7 @@ def test_the_weights_are_even_where_the_quadratic_is_the_likelihood(flatten, sha
 
 def test_velocities_cost_nothing_and_evaluations_are_counted():
     likelihood = Position(np.zeros(4))
-    inference = ParticleFilter(Seen(), likelihood, move=GaussNewton(steps=3), n_particles=50)
+    inference = ParticleFilter(Seen(), likelihood, algorithm=GaussNewton(n_newton_steps=3), n_particles=50)
     steps = list(inference.run(frames(4), MEAN0, streams(0)))
     assert [step.evaluations for step in steps] == [0.0, *[50 + 3 * (1 + 2 * 1)] * 3]
     assert sum(step.evaluations for step in steps) == likelihood.evaluated

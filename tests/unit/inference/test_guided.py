@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.inference.smc.hybrid import guides_of
+from workbench.inference.smc.hybrid import proposal_priors
 from workbench.motion.models.training import activity_model
 from workbench.priors.activity import Activity
 
@@ -25,7 +25,7 @@ def proposal(prior, share, shift=0.5):
     fit = predicted[0] + shift * sigma
     fit[prior.driven.index(prior.space.slices["phase"].start)] += 3.0  # cycles counted on are the same phase
     fits, spreads = np.stack([fit, fit]), np.stack([np.diag((2.0 * sigma) ** 2)] * 2)
-    _, guided = guides_of(prior, fits, spreads, np.array([0.0, DT]), share)
+    _, guided = proposal_priors(prior, fits, spreads, np.array([0.0, DT]), share)
     moved, log_weights = guided.propose(state, DT, np.random.default_rng(1))
     return predicted[0], sigma, moved, np.exp(log_weights)
 

@@ -18,7 +18,7 @@ from linear_gaussian import (
 
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.particle_filter import ParticleFilter
-from workbench.inference.smc.partitioned import PARTS, Partitioned, columns_of_parts
+from workbench.inference.smc.partitioned import PARTS, Partitioned, partition_columns
 
 T, SEEDS, N = 8, 25, 200
 
@@ -64,7 +64,7 @@ def test_three_parts_are_exact_too():
     mean, variance, evidence = exact(measured, **model)
     found = []
     for seed in range(SEEDS):
-        inference = ParticleFilter(Twice(), Both(measured, **model), move=Partitioned(), n_particles=N)
+        inference = ParticleFilter(Twice(), Both(measured, **model), algorithm=Partitioned(), n_particles=N)
         step = list(inference.run(frames(T), np.tile(MEAN0, 2), streams(seed)))[-1]
         means, variances = moments(step)
         found.append([*means[[1, 3]], *variances[[1, 3]], step.log_evidence])
@@ -73,8 +73,8 @@ def test_three_parts_are_exact_too():
 
 def test_one_part_that_decides_all_leaves_nothing_to_weigh():
     """Where only the first part is seen, and is trusted fully, every particle ends with the same weight."""
-    move = Partitioned(flatten=1.0, parts=("lower_body", "upper_body"))
-    inference = ParticleFilter(TwoJoints(), Position(simulate(T, seed=3)), move=move, n_particles=50)
+    move = Partitioned(intermediate_power=1.0, partitions=("lower_body", "upper_body"))
+    inference = ParticleFilter(TwoJoints(), Position(simulate(T, seed=3)), algorithm=move, n_particles=50)
     _, *steps = inference.run(frames(T), MEAN0, streams(0))
     assert [step.ess for step in steps] == pytest.approx([50.0] * (T - 1))
 
@@ -88,7 +88,7 @@ def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part():
         "left_knee_flexion_velocity",
         "left_elbow_flexion_jitter",
     )
-    columns = columns_of_parts(StateSpace.of({"all": (names, "1")}), PARTS)
+    columns = partition_columns(StateSpace.of({"all": (names, "1")}), PARTS)
     assert [[names[i] for i in part] for part in columns] == [
         ["c1", "phase"],
         ["left_knee_flexion", "left_knee_flexion_velocity"],

@@ -23,13 +23,13 @@ ARM = tuple(f"right_{angle}" for angle in ("shoulder_abduction", "shoulder_flexi
 
 
 def particles(n_particles, move):
-    return lambda prior, likelihood: ParticleFilter(prior, likelihood, move=move, n_particles=n_particles)
+    return lambda prior, likelihood: ParticleFilter(prior, likelihood, algorithm=move, n_particles=n_particles)
 
 
 EXACT = {  # as in conf/inference
     "particle_filter": particles(5000, Bootstrap()),
     "auxiliary": particles(2500, Auxiliary()),
-    "partitioned": particles(1500, Partitioned(parts=ARM)),
+    "partitioned": particles(1500, Partitioned(partitions=ARM)),
     "gauss_newton": particles(2000, GaussNewton()),
     "tempered_smc": particles(1000, TemperedSMC()),
     "fixed_lag": lambda prior, likelihood: FixedLag(ParticleFilter(prior, likelihood)),

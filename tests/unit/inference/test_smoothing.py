@@ -41,7 +41,7 @@ def rows(make, h=0.0):
 @pytest.mark.parametrize("h", [0.0, -0.9])
 def test_backward_simulation_converges_to_the_smoother(h):
     """h: the likelihood looks at the previous pose as well, as image motion does."""
-    options = {"n_particles": 150, "n_paths": 150, "moves": 2, "least_ancestors": 1}
+    options = {"n_particles": 150, "n_paths": 150, "n_mcmc_steps": 2, "min_effective_ancestors": 1}
     found, measured = rows(lambda p, y: BackwardSimulation(ParticleFilter(p, y), **options), h)
     mean, variance, _ = exact(measured, h=h)
     for t in (0, 5, T - 1):
@@ -50,8 +50,8 @@ def test_backward_simulation_converges_to_the_smoother(h):
 
 @pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
 def test_fixed_lag_converges_to_the_posterior_given_that_many_frames_more(ess_threshold):
-    options, move = {"n_particles": 500, "lag": 3, "least_ancestors": 1}, Bootstrap(ess_threshold=ess_threshold)
-    found, measured = rows(lambda p, y: FixedLag(ParticleFilter(p, y, move=move), **options))
+    options, move = {"n_particles": 500, "lag": 3, "min_effective_ancestors": 1}, Bootstrap(ess_threshold=ess_threshold)
+    found, measured = rows(lambda p, y: FixedLag(ParticleFilter(p, y, algorithm=move), **options))
     for frame, seen in ((0, 4), (3, 7), (T - 3, T), (T - 1, T)):
         mean, variance, _ = exact(measured[:seen])
         assert_agree(found[frame], [*mean[frame], *variance[frame]])
@@ -61,8 +61,8 @@ def test_every_frame_is_told_once_in_order_and_ancestors_lead_along_the_paths():
     measured = simulate(T, seed=0)
     for inference in (
         FixedLag(plain(measured), n_particles=50, lag=4),
-        FixedLag(plain(measured), n_particles=50, lag=40, least_ancestors=1),
-        FixedLag(plain(measured), n_particles=50, lag=4, least_ancestors=20),
+        FixedLag(plain(measured), n_particles=50, lag=40, min_effective_ancestors=1),
+        FixedLag(plain(measured), n_particles=50, lag=4, min_effective_ancestors=20),
         BackwardSimulation(plain(measured), n_particles=50, n_paths=20),
     ):
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
@@ -82,7 +82,7 @@ def test_every_frame_is_told_once_in_order_and_ancestors_lead_along_the_paths():
 def test_one_move_accepts_every_proposal_where_the_previous_pose_does_not_matter():
     measured = simulate(T, seed=0)
     for h, accepted in ((0.0, True), (-0.9, False)):
-        options = {"n_particles": 60, "n_paths": 40, "moves": 1, "least_ancestors": 1}
+        options = {"n_particles": 60, "n_paths": 40, "n_mcmc_steps": 1, "min_effective_ancestors": 1}
         inference = BackwardSimulation(plain(measured, h=h), **options)
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
         assert all(step.diagnostics["acceptance"] == 1.0 for step in steps[:-1]) == accepted
@@ -93,8 +93,8 @@ def test_paths_are_rejuvenated():
     measured = simulate(60, seed=0)
     distinct = []
     for inference in (
-        FixedLag(plain(measured), n_particles=100, lag=100, least_ancestors=1),
-        BackwardSimulation(plain(measured), n_particles=100, n_paths=100, least_ancestors=1),
+        FixedLag(plain(measured), n_particles=100, lag=100, min_effective_ancestors=1),
+        BackwardSimulation(plain(measured), n_particles=100, n_paths=100, min_effective_ancestors=1),
     ):
         distinct.append(next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["distinct"])
     assert distinct[0] < 10 < 30 < distinct[1]
@@ -102,10 +102,10 @@ def test_paths_are_rejuvenated():
 
 MAKE = {
     "fixed lag": lambda y, least: FixedLag(
-        ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, least_ancestors=least
+        ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, min_effective_ancestors=least
     ),
     "backward simulation": lambda y, least: BackwardSimulation(
-        ParticleFilter(LinearPrior(), y), n_particles=60, n_paths=200, least_ancestors=least
+        ParticleFilter(LinearPrior(), y), n_particles=60, n_paths=200, min_effective_ancestors=least
     ),
 }
 
@@ -168,7 +168,7 @@ class Forgets(Position):
 
 def test_paths_are_judged_by_the_look_that_the_filter_had():
     measured = simulate(T, seed=0)
-    options = {"n_particles": 50, "n_paths": 20, "least_ancestors": 1}
+    options = {"n_particles": 50, "n_paths": 20, "min_effective_ancestors": 1}
     for one, other in zip(
         *(
             BackwardSimulation(ParticleFilter(LinearPrior(), y), **options).run(frames(T), MEAN0, streams(1))

@@ -19,24 +19,24 @@ from workbench.inference.smc.bootstrap import Auxiliary
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import Restarting, lost
+from workbench.inference.smc.reinitializing import Reinitializing, track_lost
 from workbench.inference.smc.tempered_smc import NO_POSTERIOR, Annealed, TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
 
 
 def moving(move):
-    return lambda p, y, n: ParticleFilter(p, y, move=move, n_particles=n)
+    return lambda p, y, n: ParticleFilter(p, y, algorithm=move, n_particles=n)
 
 
 EXACT = {
     "tempered": moving(TemperedSMC()),
-    "tempered, slowly": moving(TemperedSMC(0.8, moves=1)),
+    "tempered, slowly": moving(TemperedSMC(0.8, n_mcmc_steps=1)),
     "auxiliary": moving(Auxiliary()),
     "gauss_newton": moving(GaussNewton()),
     "partitioned": moving(Partitioned(0.7, ["lower_body", "upper_body"])),
     "partitioned, arms first": moving(Partitioned(1.0, ["upper_body", "lower_body"])),
-    "restarting": lambda p, y, n: Restarting(ParticleFilter(p, y), n_particles=n),
+    "reinitializing": lambda p, y, n: Reinitializing(ParticleFilter(p, y), n_particles=n),
 }
 EVERY = EXACT | {"annealed": moving(Annealed())}
 
@@ -120,7 +120,7 @@ def test_annealing_finds_the_peak_and_says_that_its_spread_is_no_posterior():
 
 def test_nobody_is_lost_before_there_is_something_to_compare_with_nor_while_all_goes_on_as_before():
     usual = list(np.random.default_rng(0).normal(-40.0, 1.0, 40))
-    assert not lost([-40.0] * 29 + [-400.0] * 3)
-    assert not lost(usual)
-    assert not lost([*usual, -60.0])
-    assert lost([*usual, -60.0, -60.0, -60.0])
+    assert not track_lost([-40.0] * 29 + [-400.0] * 3)
+    assert not track_lost(usual)
+    assert not track_lost([*usual, -60.0])
+    assert track_lost([*usual, -60.0, -60.0, -60.0])

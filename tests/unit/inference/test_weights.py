@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.inference.smc.weights import _pick, logsumexp, systematic
+from workbench.inference.smc.weights import _inverse_cdf, logsumexp, systematic
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
@@ -32,4 +32,4 @@ def test_logsumexp_of_nothing_is_minus_infinity_and_of_the_undefined_undefined()
 def test_systematic_ancestors_are_the_same_in_one_walk_as_by_bisection(weights, n, seed):
     weights = weights / weights.sum()
     positions = (np.arange(n) + np.random.default_rng(seed).random()) / n
-    assert (systematic(weights, np.random.default_rng(seed), n) == _pick(weights, positions)).all()
+    assert (systematic(weights, np.random.default_rng(seed), n) == _inverse_cdf(weights, positions)).all()

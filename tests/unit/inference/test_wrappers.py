@@ -23,10 +23,10 @@ from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.hybrid import UNGUIDED, Hybrid
+from workbench.inference.smc.hybrid import NO_PROPOSAL, Hybrid
 from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
-from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
+from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.priors.density import apart, log_normal
@@ -35,28 +35,28 @@ T, SEEDS, N = 5, 16, 150
 EXACT = {
     "bootstrap": Bootstrap(),
     "auxiliary": Auxiliary(),
-    "partitioned": Partitioned(parts=["lower_body", "upper_body"]),
+    "partitioned": Partitioned(partitions=["lower_body", "upper_body"]),
     "gauss_newton": GaussNewton(),
     "tempered_smc": TemperedSMC(),
 }
 MOVES = EXACT | {"annealed": Annealed()}
 WRAPPERS = {
-    "restarting": lambda plain: Restarting(plain),
-    "fixed_lag": lambda plain: FixedLag(plain, lag=2, least_ancestors=1),
-    "backward_simulation": lambda plain: BackwardSimulation(plain, n_paths=N, least_ancestors=1),
-    "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
+    "reinitializing": lambda plain: Reinitializing(plain),
+    "fixed_lag": lambda plain: FixedLag(plain, lag=2, min_effective_ancestors=1),
+    "backward_simulation": lambda plain: BackwardSimulation(plain, n_paths=N, min_effective_ancestors=1),
+    "fixed_lag of reinitializing": lambda plain: FixedLag(Reinitializing(plain), lag=2, min_effective_ancestors=1),
 }
 
 
 def around(wrapper, move, measured):
-    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Position(measured), move=MOVES[move], n_particles=N))
+    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Position(measured), algorithm=MOVES[move], n_particles=N))
 
 
 @pytest.mark.parametrize("move", EXACT)
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 def test_the_last_frames_law_is_the_filters_and_earlier_ones_know_what_followed(wrapper, move):
     measured = simulate(T, seed=3)
-    seen = {t: min(t + 3, T) if "lag" in wrapper else (t + 1 if wrapper == "restarting" else T) for t in range(T)}
+    seen = {t: min(t + 3, T) if "lag" in wrapper else (t + 1 if wrapper == "reinitializing" else T) for t in range(T)}
     for t in (1, T - 1):
         mean, variance, _ = exact(measured[: seen[t]])
         found = []
@@ -73,7 +73,7 @@ class Impossible(Position):
 
 @pytest.mark.parametrize("move", MOVES)
 def test_every_move_ends_the_run_where_nothing_explains_a_frame_if_told_to(move):
-    given = {"move": MOVES[move], "n_particles": N}
+    given = {"algorithm": MOVES[move], "n_particles": N}
     likelihood = Impossible(simulate(T, seed=3))
     steps = list(ParticleFilter(TwoJoints(), likelihood, **given).run(frames(T), MEAN0, streams(0)))
     assert all("no particle explains" in step.warnings[0] for step in steps[1:])
@@ -90,7 +90,9 @@ def test_who_is_lost_is_found_by_every_move(move):
     n = REFERENCE_FRAMES + 15
     measured = simulate(n, seed=2)
     measured[REFERENCE_FRAMES + 5 :] += 8.0
-    inference = Restarting(ParticleFilter(Anywhere(), Position(measured, sigma=0.1), move=MOVES[move]), n_particles=300)
+    inference = Reinitializing(
+        ParticleFilter(Anywhere(), Position(measured, sigma=0.1), algorithm=MOVES[move]), n_particles=300
+    )
     steps = list(inference.run(frames(n), MEAN0, streams(0)))
     anew = [step.frame.index for step in steps if step.diagnostics["restarted"] == 1.0]
     assert anew[0] in range(REFERENCE_FRAMES + 6, REFERENCE_FRAMES + 10)
@@ -127,7 +129,7 @@ class Follows(TwoJoints):
 @pytest.mark.parametrize("move", sorted(MOVES.keys() - {"partitioned"}))
 def test_columns_that_follow_from_others_are_completed_once_the_choice_is_made(move):
     measured = simulate(T, seed=3)
-    inference = ParticleFilter(Follows(), Position(measured), move=MOVES[move], n_particles=N)
+    inference = ParticleFilter(Follows(), Position(measured), algorithm=MOVES[move], n_particles=N)
     before = None
     for step in inference.run(frames(T), MEAN0, streams(0)):
         if before is not None:
@@ -142,7 +144,7 @@ def test_columns_that_follow_from_others_leave_the_law_alone(move):
     mean, variance, _ = exact(measured)
     found = []
     for seed in range(SEEDS):
-        inference = ParticleFilter(Follows(), Position(measured), move=MOVES[move], n_particles=N)
+        inference = ParticleFilter(Follows(), Position(measured), algorithm=MOVES[move], n_particles=N)
         step = list(inference.run(frames(T), MEAN0, streams(seed)))[-1]
         weights = np.exp(step.log_weights)
         centre = weights @ step.poses
@@ -241,11 +243,11 @@ def known():
 
 @pytest.mark.parametrize("move", EXACT)
 def test_a_hybrid_of_every_move_keeps_the_filters_law(move, known):
-    parts = Partitioned(parts=["root", "lower_body"]) if move == "partitioned" else MOVES[move]
-    hybrid = Hybrid(ParticleFilter(Cycle(), Root(), move=parts), Fit(), n_particles=2 * N, widen=1.0)
+    parts = Partitioned(partitions=["root", "lower_body"]) if move == "partitioned" else MOVES[move]
+    hybrid = Hybrid(ParticleFilter(Cycle(), Root(), algorithm=parts), Fit(), n_particles=2 * N, std_inflation=1.0)
     assert_agree(np.array([last(hybrid, None, seed) for seed in range(SEEDS)]), known)
     first, *later = hybrid.run(frames(T), None, streams(0))
-    assert (UNGUIDED in first.warnings) == (move not in ("bootstrap", "auxiliary"))
+    assert (NO_PROPOSAL in first.warnings) == (move not in ("bootstrap", "auxiliary"))
     assert all(step.evaluations >= 2 * N + 3.0 for step in later)
 
 
@@ -253,9 +255,9 @@ def test_a_hybrid_can_be_smoothed_and_restarted(known):
     plain = ParticleFilter(Cycle(), Root(), n_particles=N)
     assert not plain.finds_start
     for whole in (
-        FixedLag(Hybrid(plain, Fit(), widen=1.0), least_ancestors=1),
-        BackwardSimulation(Hybrid(plain, Fit(), widen=1.0), n_paths=N, least_ancestors=1),
-        Restarting(Hybrid(plain, Fit(), widen=1.0)),
+        FixedLag(Hybrid(plain, Fit(), std_inflation=1.0), min_effective_ancestors=1),
+        BackwardSimulation(Hybrid(plain, Fit(), std_inflation=1.0), n_paths=N, min_effective_ancestors=1),
+        Reinitializing(Hybrid(plain, Fit(), std_inflation=1.0)),
     ):
         assert whole.finds_start
         found = np.array([last(whole, None, seed) for seed in range(SEEDS)])
@@ -264,8 +266,8 @@ def test_a_hybrid_can_be_smoothed_and_restarted(known):
 
 def test_the_number_of_particles_reaches_the_filter_through_all_wrappers():
     plain = ParticleFilter(LinearPrior(), Position(simulate(T, seed=0)), n_particles=50)
-    assert Restarting(plain).n_particles == 50
-    whole = FixedLag(Restarting(plain, n_particles=40), n_particles=30)
+    assert Reinitializing(plain).n_particles == 50
+    whole = FixedLag(Reinitializing(plain, n_particles=40), n_particles=30)
     assert whole.n_particles == 30
     assert {len(step.particles) for step in whole.run(frames(T), MEAN0, streams(0))} == {30}
     assert plain.n_particles == 50

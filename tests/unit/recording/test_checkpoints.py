@@ -10,7 +10,7 @@ import rerun as rr
 from recorded import record
 from recording_steps import BODY, SPACE, steps
 
-from workbench.core.filter_state import Memory
+from workbench.core.filter_state import FilterState
 from workbench.recording.read import partial_run as reading
 from workbench.recording.read.partial_run import checkpoint_frames, past_before
 from workbench.recording.read.reader import read
@@ -29,7 +29,7 @@ def with_memory(step, late=False, parents=None):
     log_weights = np.where(rng.random(len(step.log_weights)) < 0.5, -np.inf, step.log_weights)
     arrays = {"state": step.particles, "poses": step.poses, "log_weights": log_weights, "ahead": np.array([3])}
     expected = step.expected_pose + 1.0 if late else step.expected_pose
-    return replace(step, memory=Memory(arrays, expected, {"prior": rng.bit_generator.state}, parents))
+    return replace(step, filter_state=FilterState(arrays, expected, {"prior": rng.bit_generator.state}, parents))
 
 
 def recorded(path, run, decode=decode, **options):
@@ -45,21 +45,23 @@ def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
     assert past_before(found, 10) is None
     for frame, last in ((11, 0), (14, 3), (99, 6)):
         past = past_before(found, frame)
-        np.testing.assert_array_equal(past.expected, [step.memory.expected for step in run[: last + 1]])
-        assert past.memory.streams == run[last].memory.streams
-        assert past.memory.arrays.keys() == run[last].memory.arrays.keys()
-        for name, array in run[last].memory.arrays.items():
-            np.testing.assert_array_equal(past.memory.arrays[name], array)
+        np.testing.assert_array_equal(
+            past.filtered_poses, [step.filter_state.filtered_pose for step in run[: last + 1]]
+        )
+        assert past.filter_state.rng_states == run[last].filter_state.rng_states
+        assert past.filter_state.arrays.keys() == run[last].filter_state.arrays.keys()
+        for name, array in run[last].filter_state.arrays.items():
+            np.testing.assert_array_equal(past.filter_state.arrays[name], array)
 
 
 def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoints, "SHARE", np.inf)
     run = [with_memory(step, parents=np.repeat([3, 7], 30)) for step in steps(2, n_particles=60)]
-    arrays = past_before(recorded(tmp_path / "run.rrd", run), 99).memory.arrays
+    arrays = past_before(recorded(tmp_path / "run.rrd", run), 99).filter_state.arrays
     for name in ("state", "poses"):
         assert np.flatnonzero(arrays[name].any(axis=1)).tolist() == [3, 7]
-        np.testing.assert_array_equal(arrays[name][[3, 7]], run[0].memory.arrays[name][[3, 7]])
-    np.testing.assert_array_equal(arrays["log_weights"], run[0].memory.arrays["log_weights"])
+        np.testing.assert_array_equal(arrays[name][[3, 7]], run[0].filter_state.arrays[name][[3, 7]])
+    np.testing.assert_array_equal(arrays["log_weights"], run[0].filter_state.arrays["log_weights"])
 
 
 @pytest.mark.parametrize("n_particles", [60, 600])

@@ -11,7 +11,7 @@ from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob
 from workbench.priors.implicit_tree import log_proposal, sign_tree, total_variation
 from workbench.priors.smooth import Smooth
-from workbench.studies.database import CoefficientHistograms, Temperature, left_out_probes
+from workbench.studies.database import CoefficientHistograms, Temperature, held_out_probes
 from workbench.studies.gap_errors import ImputeGaps
 from workbench.studies.tree_balance import TreeBalance
 from workbench.utils.errors import InputError
@@ -44,18 +44,18 @@ def histograms(prior):
 
 def test_the_probe_is_the_window_that_ends_at_the_frame(prior, motions):
     name = prior.windows.clips[2]
-    probes = left_out_probes(prior, name, 25, 6, rng())
+    probes = held_out_probes(prior, name, 25, 6, rng())
     own = prior.start_after(motions[2].poses[25 - prior.windows.length : 26], 1)
     assert probes.coefficients[0] == pytest.approx(own[0, prior.space.slices["coefficients"]], abs=1e-4)
     assert prior.windows.rows[probes.truth, :19] == pytest.approx(motions[2].poses[26, 6:], abs=1e-6)
-    assert name in probes.shown
-    assert "frame 25" in probes.shown
+    assert name in probes.description
+    assert "frame 25" in probes.description
 
 
 @pytest.mark.parametrize("clip", [None, 5])
 def test_no_window_of_a_probes_clip_can_be_drawn(prior, clip):
     name = None if clip is None else prior.windows.clips[clip]
-    probes = left_out_probes(prior, name, None, 12, rng())
+    probes = held_out_probes(prior, name, None, 12, rng())
     left = probes.prior.windows
     kept = {(left.clip_of[i], tuple(left.coefficients[i])) for i in range(len(left))}
     assert len(probes.coefficients) == 12
@@ -67,7 +67,7 @@ def test_no_window_of_a_probes_clip_can_be_drawn(prior, clip):
 
 
 def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
-    probes = left_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
+    probes = held_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
     c = probes.prior.windows.coefficients
     tree = sign_tree(c)
     apart = [
@@ -81,7 +81,7 @@ def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
 
 
 def test_histograms_are_densities_over_the_probes_gaussian(histograms, prior):
-    probe = left_out_probes(prior, prior.windows.clips[2], 25, 1, rng()).coefficients[0]
+    probe = held_out_probes(prior, prior.windows.clips[2], 25, 1, rng()).coefficients[0]
     bars = {figure.name: figure for figure in histograms.figures}
     assert list(bars) == [f"coefficients/{search}, c{k}" for search in ("sign tree", "our search") for k in (1, 3)]
     for search, name in (("sign tree", "sign_tree"), ("our search", "search")):
@@ -112,7 +112,7 @@ def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
         (lambda prior: Temperature(Smooth()), "implicit"), (lambda prior: TreeBalance(Smooth()), "implicit"),
         (lambda prior: Temperature(prior, clip="nobody"), "nobody"),
         (lambda prior: Temperature(prior, clip=prior.windows.clips[0], frame=3), "between 10 and"),
-        (lambda prior: Temperature(prior, betas=(0.1, 0.0)), "temperatures"),
+        (lambda prior: Temperature(prior, betas=(0.1, 0.0)), "betas"),
         (lambda prior: CoefficientHistograms(prior, components=(0,)), "components"),
         *((lambda prior, each=each: ImputeGaps(fractions=each), "fractions") for each in ((), (0.0,), (0.2, 1.0))),
     ],

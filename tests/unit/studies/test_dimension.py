@@ -27,7 +27,7 @@ def rng(seed=3):
 
 @pytest.fixture(scope="module")
 def result():
-    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), n_most=1 << 11, n_frames=10, n_seeds=3)
+    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), max_particles=1 << 11, n_frames=10, n_seeds=3)
     return study.run(rng())
 
 
@@ -38,7 +38,7 @@ def test_the_predicted_covariance_is_that_of_a_long_kalman_filter():
     for _ in range(200):
         p = TRANSITION @ (p - np.outer(p[:, 0], p[0]) / (p[0, 0] + 1.0)) @ TRANSITION.T + noise
     assert problem.predicted == pytest.approx(p)
-    moved = problem.step(problem.start(200_000, rng()), rng(4))
+    moved = problem.sample_transition(problem.sample_initial(200_000, rng()), rng(4))
     assert np.cov(moved.T) == pytest.approx(p, abs=0.02)  # of a variance of 0.9 over 200 000 draws: 0.003
 
 
@@ -67,7 +67,7 @@ def test_many_particles_survive_as_they_should_and_agree_with_the_kalman_filter(
 def test_limbs_are_added_angle_by_angle_and_move_alone():
     assert len(set(ANGLES)) == 16
     problem = BodyAngles(5, 4.0)
-    state = problem.step(problem.start(50, rng()), rng(4))
+    state = problem.sample_transition(problem.sample_initial(50, rng()), rng(4))
     poses = problem.prior.pose(state)
     moved = np.ptp(poses, axis=0) > 0.0
     assert {name for name, one in zip(POSE_NAMES, moved, strict=True) if one} == set(ANGLES[:5])
@@ -99,14 +99,14 @@ def test_more_angles_need_more_particles(result):
 
 
 def test_what_too_few_particles_survive_is_not_measured():
-    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), n_most=256, n_frames=2, n_seeds=2)
+    study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), max_particles=256, n_frames=2, n_seeds=2)
     assert np.isnan(study.run(rng()).metrics["alpha_independent"])
 
 
 def test_the_same_rng_gives_the_same_numbers_and_bad_input_is_refused(result):
-    small = {"dims": (1, 2), "dims_body": (1, 2), "n_most": 512, "n_frames": 3, "n_seeds": 2}
+    small = {"dims": (1, 2), "dims_body": (1, 2), "max_particles": 512, "n_frames": 3, "n_seeds": 2}
     first, again = (ParticlesByDimension(**small).run(rng()).metrics for _ in range(2))
     assert repr(first) == repr(again)
-    for wrong in ({"n_most": 0}, {"off": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
+    for wrong in ({"max_particles": 0}, {"tolerance_std": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
         with pytest.raises(InputError, match="study"):
             ParticlesByDimension(**wrong)

@@ -126,10 +126,10 @@ def first_conflict(config: DictConfig, names: Mapping[str, str]) -> str | None:
     shown = traits["dataset"].provides if "dataset" in traits else frozenset()
     weighed = traits["likelihood"].requires.get("dataset", frozenset()) if "likelihood" in traits else frozenset()
     for group, part in traits.items():
-        for word in sorted(part.requires.get("without", frozenset()) & shown):
+        for word in sorted(part.requires.get("excluded", frozenset()) & shown):
             return f"config: {called[group]} is not for {word}, which {called['dataset']} shows"
     for group, part in traits.items():
-        for word in sorted(part.requires.get("apart", frozenset()) & weighed):
+        for word in sorted(part.requires.get("conflicting_observations", frozenset()) & weighed):
             return f"config: {called[group]} starts from {word}, which {called['likelihood']} would use a second time"
     return None
 
@@ -159,7 +159,9 @@ def assumptions(config: DictConfig) -> list[str]:
     shown = frozenset().union(*(part.requires.get("dataset", ()) for part in traits.values()))
     words = {CAMERA_CALIBRATION} if _WITH_CAMERA & shown else set()
     for part in traits.values():
-        words |= part.requires.get("given", frozenset()) | (part.requires.get("known", frozenset()) & offers)
+        words |= part.requires.get("assumptions", frozenset()) | (
+            part.requires.get("optional_assumptions", frozenset()) & offers
+        )
     if "inference" in traits and TRAJECTORY not in words:  # which knows the first pose
         words |= _start(offers, traits["inference"])
     unused = set() if _WITH_SURFACE & shown else {LIMB_RADII}

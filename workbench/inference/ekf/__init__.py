@@ -1,1 +1,1 @@
-"""An iterated extended Kalman filter over poses, with a backward pass."""
+"""The iterated extended Kalman filter over poses, with backward smoothing."""

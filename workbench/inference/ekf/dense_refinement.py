@@ -1,72 +1,83 @@
-"""Climb on by all pixels of a frame: cells that learned from a pose that was a little off agree with that pose, however
-far the person drifts from it, while the image as layers says where they really end and what hides what."""
+"""Refine a pose by all pixels of a frame.
+
+Surface elements whose appearance was learned at slightly wrong poses agree with those poses however far the estimate
+drifts. The image layers locate the person's outline and the occlusions instead.
+"""
 
 import numpy as np
 
 from workbench.core.likelihood import DenseLikelihood, Slope
-from workbench.inference.ekf.levenberg_marquardt import Tails
+from workbench.inference.ekf.levenberg_marquardt import HeavyTailedPrior
 from workbench.utils.arrays import BoolArray, FloatArray
 
-STEPS = 4
-LENGTHS = (1.0, 0.5, 0.25)
-"""Parts of a step that are tried, the first that leads up is taken."""
-LEAST_SEEN = 3.0
-"""How many times as much as the prior the points must say of a direction for the layers to be asked: of what no image
-sees, such as depth, their pixels tell nothing but noise."""
-NARROWEST, WIDEST = 0.025, 0.15
-"""Between which the layers are looked at to either side of a pose: the largest change of a number, m or rad."""
-ENOUGH = 0.5
-"""Nats below which a step is none."""
+MAX_STEPS = 4
+STEP_LENGTHS = (1.0, 0.5, 0.25)
+"""Fractions of a step that are tried; the first that increases the log posterior is taken."""
+MIN_CURVATURE_RATIO = 3.0
+"""Minimum curvature of the points along an axis, relative to the prior's, for the layers to be evaluated along it: in
+unobservable directions, such as depth, their pixels contribute only noise."""
+MIN_CHANGE, MAX_CHANGE = 0.025, 0.15
+"""Bounds of the largest change of a pose parameter in a finite difference, m or rad."""
+MIN_GAIN = 0.5
+"""Minimum increase of the log posterior by a step, nats."""
 
 
-def settle(
-    frame_likelihood: DenseLikelihood,
-    prior: Tails,
-    pose: FloatArray,
-    slope: Slope,
-    limits: FloatArray,
+def refine_pose(
+    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Slope, limits: FloatArray,
     joints: BoolArray,
-) -> tuple[FloatArray, Slope, int]:
-    """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the mode of the first two.
+) -> tuple[FloatArray, Slope, int]:  # fmt: skip
+    """Maximise log prior + log p(points) + log p(layers) from a pose near the mode of the first two terms.
 
-    limits: (P, 2). slope: of the points at the pose it begins with. joints: (J,), all true. Returns the pose, the slope
-    of the points there, and the number of evaluations of the layers. The layers' derivatives are differences along the
-    axes that the prior's precision and the points' curvature share, over the deviations of both there, where the points
-    see them (LEAST_SEEN). Curvature is taken to be diagonal and not negative."""
-    last, count = frame_likelihood.levels - 1, 0
-    for _ in range(STEPS):
+    The layers' derivatives are finite differences along the axes that diagonalise both the prior's precision and the
+    points' curvature, over one standard deviation of both together, and only along axes that the points observe
+    (MIN_CURVATURE_RATIO). The layers' curvature is taken to be diagonal and non-negative along these axes.
+
+    Parameters
+    ----------
+    frame_likelihood : of the frame.
+    prior : of the pose.
+    pose : (P,), initial.
+    slope : of the points at the initial pose.
+    limits : (P, 2).
+    joints : (J,), all true.
+
+    Returns
+    -------
+    The pose, the slope of the points at it, and the number of evaluations of the layers.
+    """
+    last, n_evaluations = frame_likelihood.levels - 1, 0
+    for _ in range(MAX_STEPS):
         precision = prior.precision(pose)
         root = np.linalg.inv(np.linalg.cholesky(precision)).T
-        seen, turned = np.linalg.eigh(root.T @ slope.curvature @ root)
-        axes, asked = root @ turned, seen > LEAST_SEEN  # the prior's deviations along them are 1, the points' √(1/seen)
+        ratios, rotation = np.linalg.eigh(root.T @ slope.curvature @ root)
+        axes, observed = root @ rotation, ratios > MIN_CURVATURE_RATIO  # of prior deviation 1, of the points √(1/ratio)
         largest = np.abs(axes).max(axis=0)
-        widths = np.clip(1.0 / np.sqrt(1.0 + np.maximum(seen, 0.0)), NARROWEST / largest, WIDEST / largest)
+        widths = np.clip(1.0 / np.sqrt(1.0 + np.maximum(ratios, 0.0)), MIN_CHANGE / largest, MAX_CHANGE / largest)
         gradient, curvature = np.zeros(len(pose)), np.zeros(len(pose))
-        ways = (axes * widths)[:, asked]
-        gradient[asked], curvature[asked] = _differences(frame_likelihood, pose, ways, limits, joints)
+        changes = (axes * widths)[:, observed]
+        gradient[observed], curvature[observed] = _finite_differences(frame_likelihood, pose, changes, limits, joints)
         uphill = axes.T @ (slope.gradient - precision @ (pose - prior.mean)) + gradient / widths
-        step = axes @ (uphill / (1.0 + seen + curvature / widths**2))
-        tried = np.clip(pose + np.array(LENGTHS)[:, None] * step, *limits.T)
-        heights = frame_likelihood.compare(np.concatenate([pose[None], tried]), joints)
-        count += 2 * ways.shape[1] + 2 + len(LENGTHS)
-        here = slope.log_prob + prior.height(pose) + heights[0]
-        for place, height in zip(tried, heights[1:], strict=True):
-            at_place = frame_likelihood.slope(place, last)
-            if at_place.log_prob + prior.height(place) + height > here + ENOUGH:
-                pose, slope = place, at_place
+        step = axes @ (uphill / (1.0 + ratios + curvature / widths**2))
+        candidates = np.clip(pose + np.array(STEP_LENGTHS)[:, None] * step, *limits.T)
+        layers = frame_likelihood.compare(np.concatenate([pose[None], candidates]), joints)
+        n_evaluations += 2 * changes.shape[1] + 2 + len(STEP_LENGTHS)
+        current = slope.log_prob + prior.log_density(pose) + layers[0]
+        for candidate, log_prob in zip(candidates, layers[1:], strict=True):
+            candidate_slope = frame_likelihood.slope(candidate, last)
+            if candidate_slope.log_prob + prior.log_density(candidate) + log_prob > current + MIN_GAIN:
+                pose, slope = candidate, candidate_slope
                 break
         else:
             break
-    return pose, slope, count
+    return pose, slope, n_evaluations
 
 
-def _differences(
-    frame_likelihood: DenseLikelihood, pose: FloatArray, ways: FloatArray, limits: FloatArray, joints: BoolArray
+def _finite_differences(
+    frame_likelihood: DenseLikelihood, pose: FloatArray, changes: FloatArray, limits: FloatArray, joints: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Approximate gradient (D,) and downward curvature (D,), not negative, of the layers at a pose (P,) along ways
-    (P, D), in their units."""
-    d = ways.shape[1]
-    places = pose + np.concatenate([np.zeros((1, len(pose))), ways.T, -ways.T])
-    heights = frame_likelihood.compare(np.clip(places, *limits.T), joints)
-    here, above, below = heights[0], heights[1 : d + 1], heights[d + 1 :]
-    return 0.5 * (above - below), np.maximum(2.0 * here - above - below, 0.0)
+    """Return gradient (D,) and non-negative downward curvature (D,) of the layers at a pose (P,), per change (P, D)."""
+    d = changes.shape[1]
+    poses = pose + np.concatenate([np.zeros((1, len(pose))), changes.T, -changes.T])
+    log_probs = frame_likelihood.compare(np.clip(poses, *limits.T), joints)
+    centre, above, below = log_probs[0], log_probs[1 : d + 1], log_probs[d + 1 :]
+    return 0.5 * (above - below), np.maximum(2.0 * centre - above - below, 0.0)

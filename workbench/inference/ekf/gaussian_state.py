@@ -1,4 +1,4 @@
-"""The Gaussian state of a frame: predicted by the prior, smoothed backwards, and two passes fused."""
+"""The Gaussian state of a frame: prediction by the prior, backward smoothing, and fusion of two passes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,119 +15,122 @@ from workbench.core.prior import Gaussian, Prior
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-_CHANGE = 1e-5
-"""Over which the prior's mean is differentiated, m, rad and their speeds."""
+_DIFFERENCE = 1e-5
+"""Step of the finite differences of the prior's mean, in m, rad and their speeds."""
 
 
 @dataclass(frozen=True, eq=False)
 class GaussianState:
-    """N(mean (D,), covariance (D, D)) of the state in one frame, and what was believed before the frame was seen, with
-    the derivatives (D, D) of that by the state before. doubt: (P,), by how much wider the pose's numbers are told.
-    shares: (P,), 0 to 1, how much these count by an earlier look at the clip where both are told."""
+    """N(mean (D,), covariance (D, D)) of the state in one frame.
+
+    predicted, predicted_covariance: before the frame is observed. transition: (D, D), derivatives of the prediction by
+    the previous state. std_inflation: (P,), factors of the reported standard deviations of the pose parameters.
+    first_pass_weights: (P,), 0 to 1, weights of the first pass's estimate if two passes are fused.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     predicted: FloatArray
     predicted_covariance: FloatArray
     transition: FloatArray
-    doubt: FloatArray
-    shares: FloatArray = field(default_factory=lambda: np.full(len(POSE_NAMES), 0.5))
+    std_inflation: FloatArray
+    first_pass_weights: FloatArray = field(default_factory=lambda: np.full(len(POSE_NAMES), 0.5))
 
-    def released(self, known: IntArray, values: FloatArray, deviations: FloatArray) -> "GaussianState":
-        """As if the past said nothing of some columns `info` (K,), which are expected at values (K,), deviations (K,)
-        off."""
+    def decoupled(self, columns: IntArray, values: FloatArray, deviations: FloatArray) -> "GaussianState":
+        """Return the prediction with K columns independent of the past: means (K,) and standard deviations (K,)."""
         mean, covariance, transition = self.mean.copy(), self.covariance.copy(), self.transition.copy()
-        covariance[known], covariance[:, known], transition[known] = 0.0, 0.0, 0.0
-        mean[known], covariance[known, known] = values, deviations**2
+        covariance[columns], covariance[:, columns], transition[columns] = 0.0, 0.0, 0.0
+        mean[columns], covariance[columns, columns] = values, deviations**2
         return replace(
             self, mean=mean, covariance=covariance, predicted=mean, predicted_covariance=covariance,
             transition=transition,
         )  # fmt: skip
 
 
-def gaussian_of(prior: Prior) -> Gaussian:
-    """Return the prior's density; raises InputError where its noise is not Gaussian, or its states do not begin with
-    the pose."""
+def gaussian_density(prior: Prior) -> Gaussian:
+    """Return the prior's density; raises InputError if its noise is not Gaussian or its states omit the whole pose."""
     density, names = prior.capabilities.density, prior.space.names
     if not isinstance(density, Gaussian) or names[: len(POSE_NAMES)] != POSE_NAMES:
         raise InputError(
-            "inference: a Kalman filter needs a prior with Gaussian noise that moves the whole pose, such as linear, "
+            "inference: a Kalman filter needs a prior with Gaussian noise over the whole pose, such as linear, "
             f"found {type(prior).__name__}"
         )
     return density
 
 
-def predict(model: Gaussian, belief: GaussianState, dt_s: float) -> GaussianState:
-    """Lead a belief on by the prior's mean, its derivatives and its noise."""
-    d = len(belief.mean)
-    around = belief.mean + _CHANGE * np.concatenate([np.zeros((1, d)), np.eye(d), -np.eye(d)])
-    led = model.mean(around, dt_s)
-    transition = (led[1 : d + 1] - led[d + 1 :]).T / (2.0 * _CHANGE)
-    covariance = predict_covariance(belief.covariance, transition, model.noise_covariance(belief.mean, dt_s))
-    return GaussianState(led[0], covariance, led[0], covariance, transition, belief.doubt)
+def predict(model: Gaussian, state: GaussianState, dt_s: float) -> GaussianState:
+    """Predict the next frame's state by the prior's mean, its derivatives and its noise."""
+    d = len(state.mean)
+    around = state.mean + _DIFFERENCE * np.concatenate([np.zeros((1, d)), np.eye(d), -np.eye(d)])
+    means = model.mean(around, dt_s)
+    transition = (means[1 : d + 1] - means[d + 1 :]).T / (2.0 * _DIFFERENCE)
+    covariance = predict_covariance(state.covariance, transition, model.noise_covariance(state.mean, dt_s))
+    return GaussianState(means[0], covariance, means[0], covariance, transition, state.std_inflation)
 
 
-def smoothed(beliefs: list[GaussianState]) -> list[GaussianState]:
-    """Smooth filtered beliefs by one pass back over them (Rauch, Tung & Striebel 1965)."""
-    later = beliefs[-1:]
-    for belief, following in zip(beliefs[-2::-1], beliefs[:0:-1], strict=True):
+def smooth_backward(states: list[GaussianState]) -> list[GaussianState]:
+    """Return the smoothed states of filtered ones by a backward pass (Rauch, Tung & Striebel 1965)."""
+    smoothed = states[-1:]
+    for state, following in zip(states[-2::-1], states[:0:-1], strict=True):
         mean, covariance = smooth(
-            (belief.mean, belief.covariance), following.transition,
-            (following.predicted, following.predicted_covariance), (later[-1].mean, later[-1].covariance),
+            (state.mean, state.covariance), following.transition,
+            (following.predicted, following.predicted_covariance), (smoothed[-1].mean, smoothed[-1].covariance),
         )  # fmt: skip
-        later.append(replace(belief, mean=mean, covariance=covariance))
-    return later[::-1]
+        smoothed.append(replace(state, mean=mean, covariance=covariance))
+    return smoothed[::-1]
 
 
-PIXELS_SAY = 0.1
-"""Power of a frame's likelihood by which looks are weighed: neighbouring frames err together, and so do cells that
-learned from poses that were off."""
-OWN_M = 0.045
-"""By how much a look's joints err by themselves, m; what looks differ by beyond that is put down to the earlier one."""
+LIKELIHOOD_POWER = 0.1
+"""Power of a frame's likelihood in the weights of passes: errors of neighbouring frames are correlated, as are those of
+surface elements that were learned at wrong poses."""
+PASS_STD_M = 0.045
+"""Joint error of each pass, m; larger differences between passes are attributed to the first one."""
 
 
-def shares(
-    frame_likelihood: DenseLikelihood,
-    skeleton: Skeleton,
-    limbs: Sequence[IntArray],
-    pose: FloatArray,
-    other: FloatArray,
-) -> FloatArray:
-    """Return the weights (P,) of a first pass's pose `other` (P,) beside the second pass's `pose` (P,), 0 to 1.
+def first_pass_weights(
+    frame_likelihood: DenseLikelihood, skeleton: Skeleton, limbs: Sequence[IntArray], pose: FloatArray,
+    first_pose: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return the weights (P,), 0 to 1, of the first pass's pose (P,) relative to the second pass's `pose` (P,).
 
-    The odds are OWN_M² to OWN_M² + d², d being the mean distance of their joints: inverse variances, where both passes
-    err by OWN_M and the first one, which lacked the scene behind the person, by their difference too. Of each limb,
-    columns (k,) of the pose, these odds are multiplied by the ratio of the frame's likelihoods with either limb to the
-    power PIXELS_SAY, averaged over the bodies of both passes. Deviation: the root is not weighed by the likelihood, as
-    pixels do not say how far away the whole body is."""
+    The odds are PASS_STD_M² to PASS_STD_M² + d², with the mean distance d of their joints: inverse variances, where
+    both passes err by PASS_STD_M and the first one, which lacked the background model, by their difference too. For
+    each limb, columns (k,) of the pose, the odds are multiplied by the ratio of the frame's likelihoods with either
+    limb to the power LIKELIHOOD_POWER, averaged over the bodies of both passes. Deviation: the likelihood does not
+    weight the root, as pixels do not determine the distance of the whole body.
+    """
     n, joints = len(limbs), np.ones(len(skeleton.names), dtype=np.bool_)
-    theirs = nearest_turn(other, pose)
-    tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
+    aligned = nearest_turn(first_pose, pose)
+    candidates = np.repeat(np.stack([pose, aligned]), n + 1, axis=0)  # each body, then with each limb of the other
     for k, limb in enumerate(limbs):
-        tried[k + 1, limb], tried[n + k + 2, limb] = theirs[limb], pose[limb]
-    ratios = frame_likelihood.compare(tried, joints).reshape(2, n + 1)
-    one, another = forward(skeleton, np.stack([pose, other])).positions
-    agreeing = -np.log1p((float(np.linalg.norm(one - another, axis=1).mean()) / OWN_M) ** 2)
-    found = np.full(len(pose), scipy.special.expit(agreeing))
+        candidates[k + 1, limb], candidates[n + k + 2, limb] = aligned[limb], pose[limb]
+    log_probs = frame_likelihood.compare(candidates, joints).reshape(2, n + 1)
+    positions, first_positions = forward(skeleton, np.stack([pose, first_pose])).positions
+    log_odds = -np.log1p((float(np.linalg.norm(positions - first_positions, axis=1).mean()) / PASS_STD_M) ** 2)
+    weights = np.full(len(pose), scipy.special.expit(log_odds))
     for k, limb in enumerate(limbs):
-        likelier = 0.5 * (ratios[0, k + 1] - ratios[0, 0] + ratios[1, 0] - ratios[1, k + 1])
-        found[limb] = scipy.special.expit(agreeing + PIXELS_SAY * likelier)
-    return found
+        log_ratio = 0.5 * (log_probs[0, k + 1] - log_probs[0, 0] + log_probs[1, 0] - log_probs[1, k + 1])
+        weights[limb] = scipy.special.expit(log_odds + LIKELIHOOD_POWER * log_ratio)
+    return weights
 
 
-def of_both(
+def fuse_passes(
     first: FloatArray, second: FloatArray, covariance: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Fuse the estimates (D,) of two passes; return mean (D,) and covariance (D, D).
+    """Return mean (D,) and covariance (D, D) of the fused estimates (D,) of two passes.
 
-    covariance: (D, D), of the second pass. weights: (P,) of the pose's numbers in the first pass, see `shares`; of the
-    other columns both count alike.
+    The passes are treated as two samples: x̄ = w x₁ + (1 − w) x₂, and the covariance grows by twice their weighted one,
+    2 Σ w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂; for equal weights this is the unbiased estimate d dᵀ / 2.
+    Angles are compared on the nearest turn.
 
-    The passes are taken as two samples: x̄ = w x₁ + (1 − w) x₂, and the covariance gains twice their weighted one, 2 Σ
-    w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂, the unbiased estimate d dᵀ / 2 where both count alike. Angles are
-    compared on the nearest turn."""
+    Parameters
+    ----------
+    first, second : (D,), the means of the passes.
+    covariance : (D, D), of the second pass.
+    weights : (P,), of the pose parameters in the first pass, see `first_pass_weights`; 0.5 for the other columns.
+    """
     n = len(POSE_NAMES)
-    apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
-    every = np.concatenate([weights, np.full(len(second) - n, 0.5)])
-    spread = np.sqrt(every * (1.0 - every)) * apart
-    return second + every * apart, covariance + 2.0 * np.outer(spread, spread)
+    difference = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
+    weights = np.concatenate([weights, np.full(len(second) - n, 0.5)])
+    scaled = np.sqrt(weights * (1.0 - weights)) * difference
+    return second + weights * difference, covariance + 2.0 * np.outer(scaled, scaled)

@@ -12,7 +12,7 @@ from workbench.body.kinematics import forward, joint_jacobian, length_jacobian
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
-from workbench.core.capabilities import KEYPOINTS, Traits, declaring, offering
+from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, declares_traits
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
 from workbench.core.prior import REFERENCE_RATE_HZ
@@ -57,10 +57,10 @@ class _MeasuredLengths:
 def _traits(keys: Mapping[str, Any]) -> Traits:
     """Declare that joints of the first frames measure the person, and the height where it is given."""
     height = () if keys.get("height_m") is None else (HEIGHT,)
-    return offering(dataset=KEYPOINTS, given=(FIRST_FRAMES, *height))
+    return component_traits(dataset=KEYPOINTS, assumptions=(FIRST_FRAMES, *height))
 
 
-@declaring(_traits)
+@declares_traits(_traits)
 def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: int = 8) -> Body:
     """Measure a person by the keypoints of a clip's first `n_frames` that are a 14th of a second apart.
 

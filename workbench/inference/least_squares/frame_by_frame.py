@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from workbench.body.angles import nearest_turn
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.capabilities import MOTION, Traits, offering
+from workbench.core.capabilities import MOTION, Traits, component_traits
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.all_frames import FLAT
@@ -35,7 +35,7 @@ class FrameByFrame:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a motion model for the Gaussian of its poses, where that is asked for."""
-        return offering(prior=MOTION) if keys.get("pose_prior") else offering()
+        return component_traits(prior=MOTION) if keys.get("pose_prior") else component_traits()
 
     pose_prior: bool = False
 

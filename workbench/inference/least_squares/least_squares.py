@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
-from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, needs_of_all, offering
+from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.keys import records_arguments
@@ -53,8 +53,11 @@ class LeastSquares:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare even weights about one fit, the need of residuals, and what the problem needs: by itself it may take
         the phases of the ends."""
-        fit, problem = offering(likelihood=RESIDUALS), keys["problem"] or offering(known=PHASE_ENDS)
-        return Traits(frozenset({UNIFORM_WEIGHTS, FIT}), needs_of_all({"fit": fit, "problem": problem}))
+        fit, problem = (
+            component_traits(likelihood=RESIDUALS),
+            keys["problem"] or component_traits(optional_assumptions=PHASE_ENDS),
+        )
+        return Traits(frozenset({UNIFORM_WEIGHTS, FIT}), combined_requirements({"fit": fit, "problem": problem}))
 
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.capabilities import MOTION, Traits, offering
+from workbench.core.capabilities import MOTION, Traits, component_traits
 from workbench.core.discrepancy import widening
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
@@ -45,8 +45,8 @@ class MotionFit:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a motion model, and the phases of the ends, which are given or may be known."""
-        known = {"known": PHASE_ENDS} if keys.get("phases") is None else {"given": PHASE_ENDS}
-        return offering(prior=MOTION, **known)
+        known = {"optional_assumptions": PHASE_ENDS} if keys.get("phases") is None else {"assumptions": PHASE_ENDS}
+        return component_traits(prior=MOTION, **known)
 
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
-from workbench.core.capabilities import Traits, offering
+from workbench.core.capabilities import Traits, component_traits
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
@@ -85,7 +85,7 @@ class SmoothFit:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the height of the ground, where it is given."""
-        return offering(given=() if keys.get("ground_m") is None else (GROUND_HEIGHT,))
+        return component_traits(assumptions=() if keys.get("ground_m") is None else (GROUND_HEIGHT,))
 
     ground_m: float | None = None
 

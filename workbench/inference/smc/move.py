@@ -1,4 +1,4 @@
-"""What makes a frame's particles of those of the frame before, in which filters differ, and wrappers of a filter."""
+"""Moves, which propagate the particles of one frame to the next and distinguish filters, and wrappers of filters."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from workbench.core.capabilities import DENSITY, Traits, offering
-from workbench.core.filter_state import Past
+from workbench.core.capabilities import DENSITY, Traits, component_traits
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
@@ -17,97 +17,103 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 Streams: TypeAlias = Mapping[str, np.random.Generator]
-"""The run's generators, by name; moves draw from "resampling" and "prior"."""
-First: TypeAlias = tuple[Mapping[str, float], tuple[str, ...]]
-"""Diagnostics and warnings of a run's first step; a recording arranges its views by what that one has."""
+"""The run's generators by name; moves use "resampling" and "prior"."""
+StartPoint: TypeAlias = FloatArray | ResumePoint | None
+"""Initial pose, or the point at which a run resumes."""
+InitialDiagnostics: TypeAlias = tuple[Mapping[str, float], tuple[str, ...]]
+"""Diagnostics and warnings of a run's first step; a recording arranges its views by the first step's diagnostics."""
 
 
 class Move(Protocol):
-    """One frame's step of a particle filter: choose parents, draw, weigh."""
+    """One frame's step of a particle filter: choose parents, sample, weight."""
 
     @property
     def proposes(self) -> bool:
-        """Return whether it draws from the prior's own proposal, where there is one."""
+        """Return whether it samples from the prior's proposal, if there is one."""
 
     @property
-    def gathers(self) -> bool:
-        """Return whether of the parents' states it looks at those alone that have offspring."""
+    def reads_survivors_only(self) -> bool:
+        """Return whether it uses no states of parents without offspring."""
 
     def check(self, prior: Prior, n_particles: int) -> None:
-        """Raise InputError for a prior without what it needs, and too few particles."""
+        """Raise InputError for an unsuitable prior and too few particles."""
 
-    def first(self, n_particles: int) -> First:
-        """Return what to say of a run's first step, for which nothing moves."""
+    def initial_diagnostics(self, n_particles: int) -> InitialDiagnostics:
+        """Return diagnostics and warnings of a run's first step, for which nothing moves."""
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
-        """Make N weighted particles of the target's parents."""
+        """Return N weighted particles from the target's parents."""
 
 
 class DensityMove:
-    """What moves have in common that evaluate the prior's density; their steps say how many parents have offspring.
-    least_particles: it needs. first_diagnostics, first_warnings: see `First`."""
+    """Base of moves that evaluate the prior's density; their steps report the number of parents with offspring.
 
-    traits: ClassVar[Traits] = offering(prior=DENSITY)
+    min_particles: required. first_diagnostics, first_warnings: see `InitialDiagnostics`.
+    """
+
+    traits: ClassVar[Traits] = component_traits(prior=DENSITY)
 
     proposes: ClassVar[bool] = False
-    gathers: ClassVar[bool] = False
-    least_particles: ClassVar[int] = 1
+    reads_survivors_only: ClassVar[bool] = False
+    min_particles: ClassVar[int] = 1
     first_diagnostics: ClassVar[Mapping[str, float]] = {}
     first_warnings: ClassVar[tuple[str, ...]] = ()
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without a density, and too few particles."""
         density_of(prior)
-        if n_particles < self.least_particles:
-            raise InputError(f"inference: n_particles must be at least {self.least_particles}, found {n_particles}")
+        if n_particles < self.min_particles:
+            raise InputError(f"inference: n_particles must be at least {self.min_particles}, found {n_particles}")
 
-    def first(self, n_particles: int) -> First:
-        """Count every particle of the first step."""
+    def initial_diagnostics(self, n_particles: int) -> InitialDiagnostics:
+        """Count every particle of the first step as distinct."""
         return {**self.first_diagnostics, "distinct": float(n_particles)}, self.first_warnings
 
 
 @dataclass(frozen=True, eq=False)
 class WrappedMove:
-    """A move that a wrapper does something around: `around(move, target, rng_streams)` makes the particles.
-    diagnostics: of the first step, beside the move's own."""
+    """A move inside a wrapper's function: `around(move, target, rng_streams)` returns the particles.
+
+    diagnostics: of the first step, in addition to the move's own.
+    """
 
     move: Move
     around: Callable[[Move, Target, Streams], MoveResult]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
-    gathers: ClassVar[bool] = False  # as `around` may look at any
+    reads_survivors_only: ClassVar[bool] = False  # `around` may use any parent
 
     @property
     def proposes(self) -> bool:
-        """Return as the move does."""
+        """Return the move's value."""
         return self.move.proposes
 
     def check(self, prior: Prior, n_particles: int) -> None:
-        """Raise InputError where the move does."""
+        """Raise InputError if the move does."""
         self.move.check(prior, n_particles)
 
-    def first(self, n_particles: int) -> First:
-        """Join the first step's diagnostics to the move's."""
-        diagnostics, warnings = self.move.first(n_particles)
+    def initial_diagnostics(self, n_particles: int) -> InitialDiagnostics:
+        """Return the first step's diagnostics together with the move's."""
+        diagnostics, warnings = self.move.initial_diagnostics(n_particles)
         return {**diagnostics, **self.diagnostics}, warnings
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
-        """Make the particles by what is around the move."""
+        """Return the particles of `around`."""
         return self.around(self.move, target, rng_streams)
 
 
-Kind: TypeAlias = Literal["filtered", "restarted", "smoothed"]
-"""What steps are: those of a filter whose particles come from their ancestors by the prior; of one some of whose
-particles start anew; or told by later frames too."""
+Kind: TypeAlias = Literal["filtered", "reinitialized", "smoothed"]
+"""Kind of steps: of a filter whose particles come from their ancestors by the prior; of one that reinitializes some of
+its particles; or of a smoother, which uses later frames too."""
 
 
 class Filter(Inference, Protocol):
-    """A particle filter, perhaps with wrappers around it."""
+    """A particle filter, possibly with wrappers around it."""
 
     @property
     def prior(self) -> Prior: ...
     @property
-    def move(self) -> Move: ...
+    def algorithm(self) -> Move: ...
     @property
     def n_particles(self) -> int | None: ...
     @property
@@ -115,21 +121,24 @@ class Filter(Inference, Protocol):
     @property
     def resumable(self) -> bool: ...
 
-    def rebuilt(self, **parts: Any) -> Self:
-        """Replace parts of the particle filter, such as the prior, the move or n_particles."""
+    def rebuilt(self, **components: Any) -> Self:
+        """Return it with other components, such as the prior, the algorithm or n_particles."""
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
-        """Yield one step per frame, or for those after a past, see `Resumable`."""
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, or for those after a resume point, see `Resumable`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Wrapper:
-    """A filter, and what all that stand around one have in common. n_particles: in place of the filter's. wraps: kinds
-    of steps that it can make something of; kind: of its own. Raises InputError for other steps."""
+    """Base of inference methods that wrap a filter.
+
+    n_particles: replaces the filter's. wraps: kinds of steps that it accepts. kind: of its own steps. Raises InputError
+    for other steps.
+    """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare what the filter needs."""
+        """Declare the filter's traits."""
         return keys["filter"]
 
     filter: Filter
@@ -151,29 +160,29 @@ class Wrapper:
 
     @property
     def prior(self) -> Prior:
-        """Return the filter's."""
+        """Return the filter's prior."""
         return self.filter.prior
 
     @property
-    def move(self) -> Move:
-        """Return the filter's."""
-        return self.filter.move
+    def algorithm(self) -> Move:
+        """Return the filter's move."""
+        return self.filter.algorithm
 
     @property
     def space(self) -> StateSpace:
-        """Return the filter's."""
+        """Return the filter's state space."""
         return self.filter.space
 
     @property
     def finds_start(self) -> bool:
-        """Return whether the filter finds the first pose itself."""
+        """Return whether the filter estimates the initial pose itself."""
         return self.filter.finds_start
 
     @property
     def resumable(self) -> bool:
-        """Return whether the filter can go on from a past; what has to see all frames first cannot."""
+        """Return whether the filter can resume; wrappers that require all frames first cannot."""
         return self.filter.resumable
 
-    def rebuilt(self, **parts: Any) -> Self:
-        """Replace parts of the particle filter, such as the prior, the move or n_particles."""
-        return replace(self, filter=self.filter.rebuilt(**parts), n_particles=None)
+    def rebuilt(self, **components: Any) -> Self:
+        """Return it with other components of the particle filter, such as the prior, the algorithm or n_particles."""
+        return replace(self, filter=self.filter.rebuilt(**components), n_particles=None)

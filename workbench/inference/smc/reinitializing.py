@@ -1,4 +1,4 @@
-"""Starting anew where the person is lost (paper A, section 8, its outlook)."""
+"""Reinitialization of particles when track is lost (paper A, section 8, its outlook)."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -10,112 +10,118 @@ import numpy as np
 
 from workbench.body.angles import exchanged
 from workbench.body.limbs import Body
-from workbench.core.capabilities import KEYPOINTS, Traits, needs_of_all, offering
+from workbench.core.capabilities import KEYPOINTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import INSIDE_UNIT, check
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
-from workbench.inference.smc.particle_filter import start_around
+from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.particle_filter import sample_start
 from workbench.inference.smc.target import MoveResult, Particles, Target
-from workbench.inference.smc.weights import even_log_weights, systematic
+from workbench.inference.smc.weights import systematic, uniform_log_weights
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-DROP, PATIENCE = 4.0, 3
-"""By how many robust deviations the evidence of how many last frames must lie below that of the frames before."""
+DROP_THRESHOLD, PATIENCE = 4.0, 3
+"""Number of robust deviations by which the evidence must fall, and number of consecutive frames for which it must."""
 REFERENCE_FRAMES = 30
-"""So many frames must have been tracked before one can tell that the evidence falls: it rises and falls in every cycle
-of a walk, which takes about a second."""
+"""Minimum number of earlier frames: the evidence rises and falls in every cycle of a walk, of about a second."""
 
 
 @dataclass(frozen=True, eq=False)
-class Restarting(Wrapper):
-    """Replace some of the particles where the person is lost.
+class Reinitializing(Wrapper):
+    """Replace a fraction of the particles when track is lost.
 
-    The person counts as lost where each of the last PATIENCE frames' log p(frame | frames before) lies more than DROP
+    Track counts as lost if log p(frame | frames before) of each of the last PATIENCE frames is more than DROP_THRESHOLD
     robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them. Then a
-    share of the previous frame's particles is drawn from the prior's start distribution: around the poses that detected
-    joints allow in that frame (`start_from_keypoints`), or else half of them around the expected pose and half around
+    fraction of the previous frame's particles is sampled from the prior's initial distribution: at the poses that
+    detected joints allow in that frame (`start_from_keypoints`), or else half of them at the expected pose and half at
     its mirror image. The diagnostic restarted is 1 in such a frame; it can recur every PATIENCE frames.
 
-    Bare image motion does not show a loss: a body at rest on a still background predicts the next image well. Neither
-    does a move that estimates no evidence, such as the annealed one.
+    Image motion alone does not indicate a lost track: a body at rest on a static background predicts the next image
+    well. Neither does a move that estimates no evidence, such as the annealed one.
 
-    As only the past decides, this is a filter for the prior (1 − share) p(s_t | s_t−1) + share p(s_t | start) in those
-    frames, whose posterior and evidence need no correction; a likelihood that weighs detected joints is refused. The
-    ancestor of a replaced particle is the one it replaced.
+    As the decision depends only on earlier frames, this is a filter for the prior
+    (1 − ρ) p(s_t | s_t−1) + ρ p(s_t | initial) in those frames, with ρ = reinitialized_fraction; its posterior and
+    evidence need no correction. A likelihood that uses detected joints is refused. The ancestor of a replaced particle
+    is the one that it replaced.
 
-    filter: of any move. body: whose joints are detected; None: they are not used. Raises InputError for a share out of
-    range.
+    filter: with any algorithm. body: whose joints are detected; None: they are not used. Raises InputError for a
+    reinitialized_fraction out of range.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare what the filter needs, and that the joints it starts from are not weighed again."""
-        return Traits(requires=needs_of_all({"filter": keys["filter"], "restarts": offering(apart=KEYPOINTS)}))
+        """Declare the filter's requirements, and that the likelihood must not use the joints."""
+        joints = component_traits(conflicting_observations=KEYPOINTS)
+        return Traits(requires=combined_requirements({"filter": keys["filter"], "joints": joints}))
 
     body: Body | None = None
     _: KW_ONLY
-    share: float = 0.2
+    reinitialized_fraction: float = 0.2
 
-    kind: ClassVar[Kind] = "restarted"
+    kind: ClassVar[Kind] = "reinitialized"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("inference", self, share=INSIDE_UNIT)
+        check("inference", self, reinitialized_fraction=INSIDE_UNIT)
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
-        """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
-        gains: list[float] = []
-        if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
-            gains = start.memory.array("gains", None).tolist()
-        move = WrappedMove(self.move, partial(self._around, gains), {"restarted": 0.0})
-        for step in self.filter.rebuilt(move=move).run(frames, start, rng_streams):
-            yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
+    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, see `ParticleFilter.run`; reinitialization uses "start" and "resampling"."""
+        log_gains: list[float] = []
+        if isinstance(start, ResumePoint) and "gains" in start.filter_state.arrays:  # not after a plain filter
+            log_gains = start.filter_state.array("gains", None).tolist()
+        move = WrappedMove(self.algorithm, partial(self._reinitialize_and_move, log_gains), {"restarted": 0.0})
+        for step in self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams):
+            state = step.filter_state
+            yield replace(step, filter_state=state and state.with_arrays(gains=np.array(log_gains)))
 
-    def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> MoveResult:
-        """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""
+    def _reinitialize_and_move(
+        self, log_gains: list[float], move: Move, target: Target, rng_streams: Streams
+    ) -> MoveResult:
+        """Reinitialize parents if track is lost, then move; append the evidence to `log_gains`.
+
+        The evidence of the frames that showed the loss is removed.
+        """
         origins, warning = np.arange(target.n), tuple[str, ...]()
-        if lost(gains):
-            starts, where = self._starts(target.parents, target.previous)
-            parents = self._renewed(target.parents, starts, rng_streams)
+        if track_lost(log_gains):
+            poses, where = self._initial_poses(target.parents, target.previous)
+            parents = self._reinitialized(target.parents, poses, rng_streams)
             target, origins = replace(target, parents=parents), parents.ancestors
-            del gains[-PATIENCE:]  # no measure for those who are found
+            del log_gains[-PATIENCE:]  # not representative after reinitialization
             target.clock.lap("start")
-            lament = f"frame {target.frame.index}: the person seems lost; {self.share:.0%} of the particles start anew"
-            warning = (f"{lament} {where}",)
-        moved = move(target, rng_streams)
-        gains.append(moved.log_gain)
-        particles = replace(moved.particles, ancestors=origins[moved.particles.ancestors])
-        diagnostics = {**moved.diagnostics, "restarted": float(bool(warning))}
-        return replace(moved, particles=particles, warnings=moved.warnings + warning, diagnostics=diagnostics)
+            event = f"frame {target.frame.index}: track lost"
+            warning = (f"{event}; reinitialized {self.reinitialized_fraction:.0%} of the particles {where}",)
+        result = move(target, rng_streams)
+        log_gains.append(result.log_gain)
+        particles = replace(result.particles, ancestors=origins[result.particles.ancestors])
+        diagnostics = {**result.diagnostics, "restarted": float(bool(warning))}
+        return replace(result, particles=particles, warnings=result.warnings + warning, diagnostics=diagnostics)
 
-    def _starts(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:
-        """Find poses (n, P) to start anew from in the parents' frame, and say in words where that is."""
+    def _initial_poses(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:
+        """Return poses (n, P) to reinitialize at in the parents' frame, and a description of them."""
         if self.body is not None and any(view.keypoints is not None for view in frame.views):
-            # where there are too few joints, the sentence of the restart tells where it was from instead
-            with suppress(InputError):
-                return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
+            with suppress(InputError):  # too few joints: the description names the other poses instead
+                return start_from_keypoints(self.body.skeleton, [frame]), "at the detected joints"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        return np.stack([expected, exchanged(expected)]), "about the last pose and its mirror image"
+        return np.stack([expected, exchanged(expected)]), "at the last pose and its mirror image"
 
-    def _renewed(self, parents: Particles, starts: FloatArray, rng_streams: Streams) -> Particles:
-        """Resample the parents and start a share of them around the poses (n, P); ancestors say which each was."""
+    def _reinitialized(self, parents: Particles, poses: FloatArray, rng_streams: Streams) -> Particles:
+        """Return the resampled parents, a fraction of them sampled at poses (n, P); ancestors index the given ones."""
         rng, n = rng_streams["start"], len(parents.log_weights)
         origins: IntArray = systematic(np.exp(parents.log_weights), rng_streams["resampling"])
         state = parents.state[origins]
-        anew = rng.permutation(n)[: int(np.ceil(self.share * n))]
-        state[anew] = start_around(self.prior, starts, len(anew), rng)
-        return Particles(state, self.prior.pose(state), even_log_weights(n), origins)
+        replaced = rng.permutation(n)[: int(np.ceil(self.reinitialized_fraction * n))]
+        state[replaced] = sample_start(self.prior, poses, len(replaced), rng)
+        return Particles(state, self.prior.pose(state), uniform_log_weights(n), origins)
 
 
-def lost(gains: list[float]) -> bool:
-    """Return whether the last PATIENCE frames were explained much worse than those before, see `Restarting`."""
-    before, last = gains[:-PATIENCE], gains[-PATIENCE:]
-    if len(before) < REFERENCE_FRAMES:
+def track_lost(log_gains: list[float]) -> bool:
+    """Return whether the last PATIENCE frames have much less evidence than those before, see `Reinitializing`."""
+    earlier, last = log_gains[:-PATIENCE], log_gains[-PATIENCE:]
+    if len(earlier) < REFERENCE_FRAMES:
         return False
-    middle = np.median(before)
-    deviation = 1.4826 * np.median(np.abs(np.array(before) - middle))
-    return max(last) < float(middle - DROP * deviation)
+    median = np.median(earlier)
+    deviation = 1.4826 * np.median(np.abs(np.array(earlier) - median))
+    return max(last) < float(median - DROP_THRESHOLD * deviation)

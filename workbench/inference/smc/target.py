@@ -1,4 +1,4 @@
-"""One frame's posterior as a density over states whose parents are given, and particles on their way to it."""
+"""The posterior density of one frame over states with given parents, and particles that approximate it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,41 +15,41 @@ from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
 
-STILL = 1e-12
-"""A column whose innovations are all smaller than this, in its unit, has no noise."""
+ZERO_NOISE = 1e-12
+"""Columns whose innovations are all smaller than this, in their unit, have no noise."""
 
 
 class Stopwatch:
-    """Seconds since the last lap, by stage."""
+    """Elapsed seconds by stage."""
 
     def __init__(self) -> None:
         self.laps: dict[str, float] = {}
         self._last = working_s()
 
     def lap(self, stage: str) -> None:
-        """Count the time since the last lap for this stage."""
+        """Add the time since the last lap to this stage."""
         now = working_s()
         self.laps[stage] = self.laps.get(stage, 0.0) + now - self._last
         self._last = now
 
 
 class Workspace:
-    """Memory for parents, N rows each, that every frame writes anew: fresh memory takes longer than what is written."""
+    """Reusable buffers for parents, N rows each: allocating memory takes longer than writing it."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, FloatArray] = {}
+        self._buffers: dict[str, FloatArray] = {}
 
-    def rows(self, name: str, values: FloatArray, which: IntArray) -> FloatArray:
-        """Gather rows `which` (N,) of values (M, K) into the memory of this name, (N, K)."""
-        kept, shape = self._kept.get(name), (len(which), values.shape[1])
-        if kept is None or kept.shape != shape:
-            kept = self._kept[name] = np.empty(shape)
-        return np.take(values, which, axis=0, out=kept, mode="clip")  # else by way of a copy
+    def gather(self, name: str, values: FloatArray, rows: IntArray) -> FloatArray:
+        """Return rows (N,) of values (M, K) in the buffer of this name, (N, K)."""
+        buffer, shape = self._buffers.get(name), (len(rows), values.shape[1])
+        if buffer is None or buffer.shape != shape:
+            buffer = self._buffers[name] = np.empty(shape)
+        return np.take(values, rows, axis=0, out=buffer, mode="clip")  # other modes copy first
 
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """N weighted states (N, D), their poses (N, P), normalised log weights (N,), and each one's parent (N,)."""
+    """N weighted states (N, D), their poses (N, P), normalised log weights (N,), and indices of their parents (N,)."""
 
     state: FloatArray
     poses: FloatArray
@@ -70,7 +70,7 @@ class Particles:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """N particles of a frame whose posterior is not reached yet.
+    """N particles of a frame that do not represent its posterior yet.
 
     state: (N, D). poses: (N, P). parents: (N,) indices of the previous frame's particles. log_prior: (N,) log
     p(state | parent). log_prob: (N,) log likelihoods.
@@ -82,23 +82,23 @@ class Candidates:
     log_prior: FloatArray
     log_prob: FloatArray
 
-    def pick(self, which: IntArray) -> "Candidates":
-        """Gather the candidates of these indices."""
-        return Candidates(*(values[which] for values in vars(self).values()))
+    def select(self, indices: IntArray) -> "Candidates":
+        """Return the candidates of these indices."""
+        return Candidates(*(values[indices] for values in vars(self).values()))
 
-    def merge(self, other: "Candidates", taken: BoolArray) -> "Candidates":
-        """Take the other's candidates, of the same parents, where taken (N,), these elsewhere."""
-        pairs = zip(vars(other).values(), vars(self).values(), strict=True)
-        return Candidates(*(np.where(taken[:, None] if own.ndim > 1 else taken, new, own) for new, own in pairs))
+    def merge(self, proposed: "Candidates", accepted: BoolArray) -> "Candidates":
+        """Return the proposed candidates, of the same parents, where accepted (N,), these elsewhere."""
+        pairs = zip(vars(proposed).values(), vars(self).values(), strict=True)
+        return Candidates(*(np.where(accepted[:, None] if old.ndim > 1 else accepted, new, old) for new, old in pairs))
 
 
 @dataclass(frozen=True, eq=False)
 class MoveResult:
-    """What a move makes of the particles in one more frame.
+    """The particles of a frame after a move.
 
-    log_gain: log p(frame | frames before), NaN by moves that do not estimate it.
-    evaluations: how often the likelihood was evaluated, for one pose each.
-    best: index of the particle whose pose is the step's `map_pose`; None: the heaviest.
+    log_gain: log p(frame | frames before), NaN if the move does not estimate it.
+    evaluations: number of evaluations of the likelihood, one pose each.
+    best: index of the particle whose pose is the step's `map_pose`; None: that with the largest weight.
     """
 
     particles: Particles
@@ -111,10 +111,10 @@ class MoveResult:
 
 @dataclass(eq=False)
 class Target:
-    """The density p(s_t | s_t−1) p(frame_t | s_t, s_t−1), s_t−1 being one of the previous frame's particles.
+    """The density p(s_t | s_t−1) p(frame_t | s_t, s_t−1), where s_t−1 is one of the previous frame's particles.
 
-    stop: raise DegenerateWeights where no particle explains the frame. room: memory of the run for parents. Counts the
-    evaluations of the likelihood, collects warnings and what the last evaluation came with, and keeps the time.
+    stop: raise DegenerateWeights if every weight of the frame is zero. workspace: the run's buffers for parents. It
+    counts evaluations of the likelihood, collects warnings and the last evaluation's diagnostics, and measures time.
     """
 
     prior: Prior
@@ -124,7 +124,7 @@ class Target:
     frame: Frame
     clock: Stopwatch
     stop: bool = False
-    room: Workspace = field(default_factory=Workspace)
+    workspace: Workspace = field(default_factory=Workspace)
     evaluations: float = field(default=0.0, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
     diagnostics: Mapping[str, float] = field(default_factory=dict, init=False)
@@ -136,23 +136,22 @@ class Target:
 
     @property
     def dt_s(self) -> float:
-        """Return seconds since the previous frame."""
+        """Return the seconds since the previous frame."""
         return self.frame.time_s - self.previous.time_s
 
     @property
     def density(self) -> Density:
-        """Return the prior's density; raises InputError where it has none, see `density_of`."""
+        """Return the prior's density; raises InputError if it has none, see `density_of`."""
         return density_of(self.prior)
 
     def propose(self, parents: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; returns its log weights (N,)
-        too."""
-        before = self.room.rows("state", self.parents.state, parents)
+        """Sample a child (N, D) of each parent (N,) from the prior's proposal; return them and log weights (N,)."""
+        before = self.workspace.gather("state", self.parents.state, parents)
         state, log_weights = propose(self.prior, before, self.dt_s, rng)
-        return (state.copy() if np.may_share_memory(state, before) else state), log_weights  # as after no time
+        return (state.copy() if np.may_share_memory(state, before) else state), log_weights  # as for dt 0
 
     def predict(self, parents: IntArray, rng: np.random.Generator) -> Candidates:
-        """Draw a child of each of these parents (N,) by the prior."""
+        """Sample a child of each of these parents (N,) from the prior."""
         return self.evaluate(self.prior.sample_transition(self.parents.state[parents], self.dt_s, rng), parents)
 
     def evaluate(self, state: FloatArray, parents: IntArray) -> Candidates:
@@ -164,82 +163,87 @@ class Target:
     def log_prob(self, poses: FloatArray, parents: IntArray) -> FloatArray:
         """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
-        evaluation = self.frame_likelihood.evaluate(self.room.rows("poses", self.parents.poses, parents), poses)
+        evaluation = self.frame_likelihood.evaluate(self.workspace.gather("poses", self.parents.poses, parents), poses)
         log_prob, undefined = drop_undefined(evaluation.log_prob)
         self.clock.lap("likelihood")
         self.evaluations += float(len(poses))
-        self.warnings += [*(f"frame {self.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes]
+        self.warnings += [*(f"frame {self.frame.index}: {message}" for message in undefined), *evaluation.notes]
         self.diagnostics = evaluation.diagnostics
         return log_prob
 
-    def weigh(
+    def reweight(
         self, log_weights: FloatArray, log_prob: FloatArray, correction: FloatArray | float = 0.0
     ) -> tuple[FloatArray, float]:
-        """Normalise log weights (N,) after log likelihoods (N,) and corrections (N,) for a proposal.
+        """Return normalised log weights (N,) after log likelihoods (N,), and log p(frame | frames before).
 
-        Returns them and log p(frame | frames before); as they were, and 0, with a warning, where every weight is zero.
-        Raises DegenerateWeights there if told to stop.
+        correction: (N,), log importance weights of a proposal. If every weight is zero, the log weights are unchanged
+        and the evidence is 0, with a warning; raises DegenerateWeights instead if `stop`.
         """
         weighted = log_weights + correction + log_prob
         log_gain = logsumexp(weighted)
         if np.isfinite(log_gain):
             return weighted - log_gain, log_gain
-        sentence = f"frame {self.frame.index}: no particle explains the image, every weight is zero"
+        message = f"frame {self.frame.index}: no particle explains the image, every weight is zero"
         if self.stop:
-            raise DegenerateWeights(sentence)
-        self.warnings.append(f"{sentence}; kept the prior's prediction, evidence not counted")
+            raise DegenerateWeights(message)
+        self.warnings.append(f"{message}; the prior's prediction is used, evidence not counted")
         return log_weights, 0.0
 
-    def free(self) -> BoolArray:
-        """Select (D,), the columns that the prior's density speaks of; the others follow from them, see
-        `sample_dependent`."""
+    def free_columns(self) -> BoolArray:
+        """Select (D,), the columns of the prior's density; the others follow from them, see `sample_dependent`."""
         free = np.zeros(len(self.prior.space), dtype=np.bool_)
         free[self.density.free] = True
         return free
 
-    def noisy(self, candidates: Candidates) -> BoolArray:
-        """Select (D,), the free columns in which candidates are not where their parents lead without noise."""
+    def noisy_columns(self, candidates: Candidates) -> BoolArray:
+        """Select (D,), the free columns in which candidates differ from the prior's mean."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL) & self.free()
+        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > ZERO_NOISE) & self.free_columns()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Return, in the columns noisy (D,), how far the states are from where their parents lead without noise, (N,
-        D'), and where that is, relative to the first one, (N, D')."""
+        """Return the states' innovations (N, D') in the columns noisy (D,), and the prior's means (N, D').
+
+        Means are relative to the first one.
+        """
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
         difference = apart(self.prior.space, mean, candidates.state)
         return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
 
     def shift(self, candidates: Candidates, noisy: BoolArray, change: FloatArray) -> Candidates:
-        """Evaluate the density at the candidates' states after a change (N, D') of the columns noisy (D,)."""
+        """Return the candidates with their columns noisy (D,) changed by (N, D')."""
         state = candidates.state.copy()
         state[:, noisy] += change
         state[:, circular(self.prior.space)] %= 1.0
         return self.evaluate(state, candidates.parents)
 
     def sample_dependent(self, candidates: Candidates, rng: np.random.Generator) -> Candidates:
-        """Draw the columns that follow from the free ones; none for most priors."""
+        """Sample the columns that depend on the free ones; most priors have none."""
         before = self.parents.state[candidates.parents]
         return replace(candidates, state=self.density.sample_dependent(before, candidates.state, self.dt_s, rng))
 
-    def moved(self, particles: Particles, log_gain: float, **diagnostics: float) -> MoveResult:
-        """Hand back the frame's particles, with what was counted and collected on the way."""
+    def result(self, particles: Particles, log_gain: float, **diagnostics: float) -> MoveResult:
+        """Return the frame's particles with its evaluations, warnings and diagnostics."""
         warnings = tuple(dict.fromkeys(self.warnings))
         return MoveResult(particles, log_gain, self.evaluations, warnings, {**self.diagnostics, **diagnostics})
 
-    def settle(self, chosen: Candidates, log_weights: FloatArray, log_gain: float, **diagnostics: float) -> MoveResult:
-        """Hand back candidates with these log weights (N,) as the frame's particles; the best is the one with the
-        highest density, and `distinct` counts the parents that have offspring."""
-        density = np.where(log_weights > -np.inf, chosen.log_prior + chosen.log_prob, -np.inf)
-        particles = Particles(chosen.state, chosen.poses, log_weights, chosen.parents)
-        distinct = float(len(np.unique(chosen.parents)))
-        return replace(self.moved(particles, log_gain, **diagnostics, distinct=distinct), best=int(np.argmax(density)))
+    def finalize(
+        self, candidates: Candidates, log_weights: FloatArray, log_gain: float, **diagnostics: float
+    ) -> MoveResult:
+        """Return the candidates with log weights (N,) as the frame's particles.
+
+        The best particle has the highest density, and `distinct` counts the parents that have offspring.
+        """
+        density = np.where(log_weights > -np.inf, candidates.log_prior + candidates.log_prob, -np.inf)
+        particles = Particles(candidates.state, candidates.poses, log_weights, candidates.parents)
+        distinct = float(len(np.unique(candidates.parents)))
+        return replace(self.result(particles, log_gain, **diagnostics, distinct=distinct), best=int(np.argmax(density)))
 
 
 def density_of(prior: Prior) -> Density:
-    """Return the prior's density; raises InputError where its transitions have none that could be evaluated."""
+    """Return the prior's density; raises InputError if its transitions have none that can be evaluated."""
     if prior.capabilities.density is None:
         raise InputError(
-            "inference: it needs a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "
-            f"{type(prior).__name__.lower()} can only be drawn from"
+            "inference: expected a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "
+            f"{type(prior).__name__.lower()} can only be sampled from"
         )
     return prior.capabilities.density

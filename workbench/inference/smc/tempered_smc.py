@@ -1,4 +1,4 @@
-"""Moves by degrees from the prior's prediction to a frame's posterior: tempered SMC (Neal 2001; Del Moral, Doucet &
+"""Moves from the prior's prediction to a frame's posterior in stages: tempered SMC (Neal 2001; Del Moral, Doucet &
 Jasra 2006; temperatures as in Jasra, Stephens, Doucet & Tsagaris 2011) and the annealed particle filter (Deutscher &
 Reid, Articulated Body Motion Capture by Stochastic Search, IJCV 2005)."""
 
@@ -11,84 +11,90 @@ import numpy as np
 from workbench.core.checks import INSIDE_UNIT, at_least, check
 from workbench.inference.smc.move import DensityMove, Streams
 from workbench.inference.smc.target import Candidates, MoveResult, Target
-from workbench.inference.smc.weights import even_log_weights, systematic
+from workbench.inference.smc.weights import systematic, uniform_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray
 
-WANTED_ACCEPTANCE = 0.25
-"""Of a random walk in many dimensions, about the best (Roberts, Gelman & Gilks 1997)."""
-MOST_TEMPERATURES = 100
+TARGET_ACCEPTANCE_RATE = 0.25
+"""Approximately optimal for a random walk in many dimensions (Roberts, Gelman & Gilks 1997)."""
+MAX_TEMPERATURES = 100
 BISECTIONS = 50
 
 
 @dataclass(frozen=True)
 class TemperedSMC(DensityMove):
-    """Raise the likelihood's power φ from 0 to 1 by steps, and leave a valid posterior.
+    """Raise the likelihood's power φ from 0 to 1 in steps, and return a valid posterior.
 
-    φ rises so that the effective sample size falls to ess_threshold · N at most; after each step the particles are
-    resampled and moved by `moves` Metropolis steps that leave p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ invariant: in
-    turn draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on the number of
-    columns, and random walks with the particles' covariance (`_random_walk`), for sharp likelihoods. The posterior and
-    the evidence are consistent as N grows; since temperatures and scales come from the particles, the evidence is not
-    strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). Particles end with equal weights.
+    Each step of φ lowers the effective sample size to at most ess_threshold · N; after each step the particles are
+    resampled and moved by `n_mcmc_steps` Metropolis steps that leave p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ
+    invariant: alternately samples from the prior mixed with the state (`_mix_with_prior`), whose length does not depend
+    on the number of columns, and random walks with the particles' covariance (`_random_walk`), for sharp likelihoods.
+    The posterior and the evidence are consistent as N grows; since temperatures and scales depend on the particles, the
+    evidence is not strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). The final weights are equal.
 
-    Diagnostics: temperatures, how many there were; acceptance, of the moves; distinct, how many particles of the frame
-    before have offspring. Raises InputError for a prior without a density, a single particle, numbers out of range.
+    Diagnostics: temperatures, their number; acceptance, of the Metropolis steps; distinct, number of particles of the
+    previous frame with offspring. Raises InputError for a prior without a density, a single particle, numbers out of
+    range.
     """
 
     ess_threshold: float = 0.5
-    moves: int = 2
+    n_mcmc_steps: int = 2
 
-    least_particles: ClassVar[int] = 2
+    min_particles: ClassVar[int] = 2
     first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
 
     def __post_init__(self) -> None:
-        check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
+        check("inference", self, ess_threshold=INSIDE_UNIT, n_mcmc_steps=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
         """Temper from the equally weighted particles of the previous frame to those of this one."""
-        even, resampling, rng = even_log_weights(target.n), rng_streams["resampling"], rng_streams["prior"]
+        uniform, resampling, rng = uniform_log_weights(target.n), rng_streams["resampling"], rng_streams["prior"]
         candidates = target.predict(np.arange(target.n), rng)
         if not np.isfinite(candidates.log_prob).any():
-            target.weigh(even, candidates.log_prob)
-            return target.settle(candidates, even, 0.0, temperatures=0.0, acceptance=1.0)
-        log_gain, phi, rates, count = 0.0, 0.0, list[float](), 0
-        noisy = target.noisy(candidates)
+            target.reweight(uniform, candidates.log_prob)
+            return target.finalize(candidates, uniform, 0.0, temperatures=0.0, acceptance=1.0)
+        log_gain, phi, rates, n_temperatures = 0.0, 0.0, list[float](), 0
+        noisy = target.noisy_columns(candidates)
         innovations, _ = target.innovations(candidates, noisy)
-        sigma, scale, share = np.sqrt((innovations**2).mean(axis=0)), 1.0, 1.0
+        sigma, scale, mixing = np.sqrt((innovations**2).mean(axis=0)), 1.0, 1.0
         while phi < 1.0:
-            count += 1
-            following = self._following(target, candidates.log_prob, phi, count)
-            log_weights, gained = target.weigh(even, (following - phi) * candidates.log_prob)
-            log_gain, phi = log_gain + gained, following
+            n_temperatures += 1
+            next_phi = self._next_temperature(target, candidates.log_prob, phi, n_temperatures)
+            log_weights, gain = target.reweight(uniform, (next_phi - phi) * candidates.log_prob)
+            log_gain, phi = log_gain + gain, next_phi
             root = _walk_root(target, candidates, noisy, np.exp(log_weights))
-            candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
+            candidates = candidates.select(systematic(np.exp(log_weights), resampling))
             target.clock.lap("resampling")
-            for move in range(self.moves):
-                if move % 2 == 0:
-                    candidates, rate = _mix_with_prior(target, candidates, phi, sigma, share, noisy, rng)
-                    share = min(1.0, share * float(np.exp(rate - WANTED_ACCEPTANCE)))
+            for k in range(self.n_mcmc_steps):
+                if k % 2 == 0:
+                    candidates, rate = _mix_with_prior(target, candidates, phi, sigma, mixing, noisy, rng)
+                    mixing = min(1.0, mixing * float(np.exp(rate - TARGET_ACCEPTANCE_RATE)))
                 else:
                     candidates, rate = _random_walk(target, candidates, phi, scale * root, noisy, rng)
-                    scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
+                    scale *= float(np.exp(rate - TARGET_ACCEPTANCE_RATE))
                 rates.append(rate)
-        settled = target.sample_dependent(candidates, rng)
-        return target.settle(settled, even, log_gain, temperatures=float(count), acceptance=float(np.mean(rates)))
+        completed = target.sample_dependent(candidates, rng)
+        diagnostics = {"temperatures": float(n_temperatures), "acceptance": float(np.mean(rates))}
+        return target.finalize(completed, uniform, log_gain, **diagnostics)
 
-    def _following(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
-        """Return the temperature after φ, the count-th; the last one where there are too many."""
-        if count < MOST_TEMPERATURES:
+    def _next_temperature(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
+        """Return the temperature after φ, the count-th; 1 if there are too many."""
+        if count < MAX_TEMPERATURES:
             return next_temperature(log_prob, phi, self.ess_threshold)
-        target.warnings.append(f"frame {target.frame.index}: {count} temperatures did not do; took the rest at once")
+        target.warnings.append(
+            f"frame {target.frame.index}: {count} temperatures do not reach the posterior; the rest is one step"
+        )
         return 1.0
 
 
 def next_temperature(log_prob: FloatArray, phi: float, ess_threshold: float) -> float:
-    """Find the φ' in (φ, 1] at which even particles (N,), weighted by likelihood^(φ' − φ), have an effective sample
-    size of ess_threshold times the number of those that are possible at all; 1 where that has more."""
+    """Return the φ' in (φ, 1] at which equal weights (N,) times likelihood^(φ' − φ) have the required effective size.
+
+    This is ess_threshold times the number of particles of finite likelihood; 1 if it is larger there.
+    """
     possible = log_prob[np.isfinite(log_prob)]
 
-    def enough(following: float) -> bool:
-        weights = np.exp((following - phi) * (possible - possible.max()))
+    def enough(candidate: float) -> bool:
+        weights = np.exp((candidate - phi) * (possible - possible.max()))
         return float(weights.sum() ** 2 / (weights**2).sum()) >= ess_threshold * len(possible)
 
     if enough(1.0):
@@ -101,11 +107,11 @@ def next_temperature(log_prob: FloatArray, phi: float, ess_threshold: float) -> 
 
 
 def _walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights: FloatArray) -> FloatArray:
-    """Return a matrix R (D', D'), R Rᵀ being 2.38² / D' times the covariance of weighted states given their parents, in
-    the columns noisy (D,) (Roberts, Gelman & Gilks 1997).
+    """Return a matrix R (D', D') with R Rᵀ = 2.38² / D' times the covariance of the states given their parents.
 
-    The covariance is that of what a linear regression of the innovations on the parents' means leaves; otherwise the
-    walk would step as far as the parents are apart.
+    States are weighted; D' are the columns noisy (D,) (Roberts, Gelman & Gilks 1997). The covariance is that of the
+    residuals of a linear regression of the innovations on the parents' means; otherwise the walk would step as far as
+    the parents differ.
     """
     innovations, means = target.innovations(candidates, noisy)
     root_weights = np.sqrt(weights)[:, None]
@@ -118,43 +124,44 @@ def _walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights
 def _random_walk(
     target: Target, candidates: Candidates, phi: float, root: FloatArray, noisy: BoolArray, rng: np.random.Generator
 ) -> tuple[Candidates, float]:
-    """Take one Metropolis step at temperature φ by N(0, R Rᵀ), R being the root (D', D'), in the columns noisy (D,).
-    Returns the candidates (N) after it and the share of proposals accepted."""
+    """Return the candidates (N) after one Metropolis step at temperature φ by N(0, R Rᵀ), and the acceptance rate.
+
+    root: R (D', D'), in the columns noisy (D,).
+    """
     walk = rng.standard_normal((len(candidates.state), len(root))) @ root.T
     return _accept(candidates, target.shift(candidates, noisy, walk), phi, 0.0, rng)
 
 
 def _mix_with_prior(
-    target: Target, candidates: Candidates, phi: float, sigma: FloatArray, share: float, noisy: BoolArray,
+    target: Target, candidates: Candidates, phi: float, sigma: FloatArray, mixing: float, noisy: BoolArray,
     rng: np.random.Generator,
 ) -> tuple[Candidates, float]:  # fmt: skip
-    """Take one preconditioned Crank–Nicolson step (Cotter, Roberts, Stuart & White 2013) at temperature φ on the
-    innovations, δ' = √(1 − share²) δ + share N(0, σ²), σ (D',).
+    """Return the candidates (N) after one preconditioned Crank–Nicolson step at temperature φ, and the acceptance rate.
 
-    It leaves N(0, σ²) as it is, so that only the likelihood decides, and the prior where it is not quite that. Returns
-    the candidates (N) after it and the share of proposals accepted.
+    The step (Cotter, Roberts, Stuart & White 2013) changes the innovations: δ' = √(1 − m²) δ + m N(0, σ²), with σ (D',)
+    and the mixing m. It leaves N(0, σ²) invariant, so that only the likelihood decides, and the prior where it differs.
     """
     innovations, _ = target.innovations(candidates, noisy)
-    kept = np.sqrt(1.0 - share**2)
-    drawn = kept * innovations + share * sigma * rng.standard_normal(innovations.shape)
-    proposed = target.shift(candidates, noisy, drawn - innovations)
-    correction = 0.5 * (((drawn / sigma) ** 2).sum(axis=1) - ((innovations / sigma) ** 2).sum(axis=1))
+    retained = np.sqrt(1.0 - mixing**2)
+    mixed = retained * innovations + mixing * sigma * rng.standard_normal(innovations.shape)
+    proposed = target.shift(candidates, noisy, mixed - innovations)
+    correction = 0.5 * (((mixed / sigma) ** 2).sum(axis=1) - ((innovations / sigma) ** 2).sum(axis=1))
     return _accept(candidates, proposed, phi, correction, rng)
 
 
 def _accept(
     candidates: Candidates, proposed: Candidates, phi: float, correction: FloatArray | float, rng: np.random.Generator
 ) -> tuple[Candidates, float]:
-    """Accept proposals by Metropolis' rule; correction: (N,), log of how much likelier the way back is proposed."""
+    """Accept proposals by the Metropolis–Hastings rule; correction: (N,), log ratio of the proposal densities."""
     log_ratio = proposed.log_prior - candidates.log_prior + phi * (proposed.log_prob - candidates.log_prob) + correction
     accepted = np.log1p(-rng.random(len(log_ratio))) < log_ratio
     return candidates.merge(proposed, accepted), float(accepted.mean())
 
 
-_POWER, _SHRINK = 1.5, 0.5  # of the schedules of weights and of scatter
+_SCHEDULE_EXPONENT, _NOISE_DECAY = 1.5, 0.5
 NO_POSTERIOR = (
-    "annealed: the particles were gathered about the best pose they found; their spread is no posterior, bands and "
-    "coverage say nothing about uncertainty, and there is no evidence"
+    "annealed: the particles concentrate about the best pose found; their spread is not a posterior, credible "
+    "intervals and coverage do not measure uncertainty, and there is no evidence"
 )
 
 
@@ -162,10 +169,10 @@ NO_POSTERIOR = (
 class Annealed(DensityMove):
     """Search for the best pose in layers, each with a sharper likelihood and smaller noise: an optimiser.
 
-    In layer l of L the particles are weighted by likelihood^(l / L)^_POWER and resampled; in the next one they scatter
-    with the deviation of the prior's noise, column by column, times _SHRINK^l. The last layer is weighted by the
-    likelihood itself. The scatter is not corrected for, so that the particles stand for no posterior: the first step
-    warns, every step's diagnostic is_posterior is 0 and its log_evidence NaN.
+    In layer l of L the particles are weighted by likelihood^(l / L)^_SCHEDULE_EXPONENT and resampled; in the next one
+    they scatter with the standard deviation of the prior's noise, column by column, times _NOISE_DECAY^l. The last
+    layer is weighted by the likelihood itself. The scatter is not corrected for, so that the particles do not represent
+    a posterior: the first step warns, every step's diagnostic is_posterior is 0 and its log_evidence NaN.
 
     Deviations. Deutscher & Reid choose the exponents by the survival rate and scatter by the particles' covariance;
     here both are fixed schedules. Particles that scatter beyond the prior's limits stay in place.
@@ -182,18 +189,18 @@ class Annealed(DensityMove):
         check("inference", self, layers=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> MoveResult:
-        """Take the weighted particles of the previous frame through all layers."""
-        even = even_log_weights(target.n)
+        """Move the weighted particles of the previous frame through all layers."""
+        uniform = uniform_log_weights(target.n)
         resampling, rng = rng_streams["resampling"], rng_streams["prior"]
         candidates = target.predict(systematic(np.exp(target.parents.log_weights), resampling), rng)
-        noisy = target.noisy(candidates)
+        noisy = target.noisy_columns(candidates)
         innovations, _ = target.innovations(candidates, noisy)
         for layer in range(1, self.layers):
-            log_weights, _ = target.weigh(even, (layer / self.layers) ** _POWER * candidates.log_prob)
-            candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
+            log_weights, _ = target.reweight(uniform, (layer / self.layers) ** _SCHEDULE_EXPONENT * candidates.log_prob)
+            candidates = candidates.select(systematic(np.exp(log_weights), resampling))
             target.clock.lap("resampling")
             noise = rng.standard_normal(innovations.shape)
-            scattered = target.shift(candidates, noisy, _SHRINK**layer * innovations.std(axis=0) * noise)
+            scattered = target.shift(candidates, noisy, _NOISE_DECAY**layer * innovations.std(axis=0) * noise)
             candidates = candidates.merge(scattered, np.isfinite(scattered.log_prior))
-        log_weights, _ = target.weigh(even, candidates.log_prob)
-        return target.settle(target.sample_dependent(candidates, rng), log_weights, np.nan, is_posterior=0.0)
+        log_weights, _ = target.reweight(uniform, candidates.log_prob)
+        return target.finalize(target.sample_dependent(candidates, rng), log_weights, np.nan, is_posterior=0.0)

@@ -14,7 +14,7 @@ import numpy as np
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.simd_kinematics import FAST
-from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.likelihoods.base import Remembering
@@ -65,7 +65,7 @@ class Appearance:
     sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n. Raises InputError when a constant is out of range.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+    traits: ClassVar[Traits] = component_traits(dataset=IMAGES)
 
     body: Body
     k: float = 1.0

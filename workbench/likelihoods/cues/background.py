@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.body.limbs import Body
-from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
@@ -44,7 +44,7 @@ class Background:
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
+    traits: ClassVar[Traits] = component_traits(dataset=IMAGES, assumptions=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

@@ -14,7 +14,7 @@ import numpy as np
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.simd_kinematics import FAST, inlined
-from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame, View
 from workbench.datasets.synthetic import Synthetic
@@ -136,7 +136,7 @@ class Edges:
     cache: folder of the learned model. Raises InputError for k ≤ 0 and for limbs that the model does not have.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+    traits: ClassVar[Traits] = component_traits(dataset=IMAGES)
 
     body: Body
     k: float = 1.0

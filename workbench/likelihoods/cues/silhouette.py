@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
-from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
@@ -55,7 +55,7 @@ class Silhouette:
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
+    traits: ClassVar[Traits] = component_traits(dataset=IMAGES, assumptions=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

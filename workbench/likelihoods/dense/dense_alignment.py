@@ -11,7 +11,7 @@ import numpy as np
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants, forward
 from workbench.body.limbs import Body
-from workbench.core.capabilities import DERIVATIVES, IMAGES, Traits, offering
+from workbench.core.capabilities import DERIVATIVES, IMAGES, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
@@ -61,7 +61,7 @@ class DenseAlignment:
     evenly spread, from which the scene behind the person is learned. Raises InputError when a constant is out of range
     and for a camera that was not in the clip."""
 
-    traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STATIC_BACKGROUND)
+    traits: ClassVar[Traits] = component_traits(DERIVATIVES, dataset=IMAGES, assumptions=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
@@ -56,7 +56,9 @@ class ImageMotion:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of images, and that the background stands still where it is taken to."""
-        return offering(dataset=IMAGES, given=(STATIC_CAMERA,) if keys.get("background") == "still" else ())
+        return component_traits(
+            dataset=IMAGES, assumptions=(STATIC_CAMERA,) if keys.get("background") == "still" else ()
+        )
 
     body: Body
     sigma: float = 10.0

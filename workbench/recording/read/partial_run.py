@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 from rerun.chunk import Chunk
 
-from workbench.core.filter_state import Memory, Past
+from workbench.core.filter_state import FilterState, ResumePoint
 from workbench.recording.read.chunks import cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.checkpoints import ARCHETYPE, EXPECTED, MEMORY, RANKS, TOLD
@@ -39,7 +39,7 @@ def recorded_poses(run: Run) -> tuple[IntArray, FloatArray]:
     return np.concatenate([before.frames, frames]), np.concatenate([before.values, poses])
 
 
-def past_before(run: Run, frame: int) -> Past | None:
+def past_before(run: Run, frame: int) -> ResumePoint | None:
     """Return the last checkpoint of a frame before this one, or None; raises InputError for one that is damaged."""
     packed, streams = _memories(run, "npz"), _memories(run, "streams")
     if not (frames := [each for each in packed if each < frame and each in streams]):
@@ -53,7 +53,7 @@ def past_before(run: Run, frame: int) -> Past | None:
     if not len(poses):
         raise InputError(f"{place}: expected the poses of the frames before it, found none")
     arrays = _unpacked(packed[last].as_py()[0], place)
-    return Past(poses, Memory(arrays, poses[-1], _parsed(streams[last].as_py()[0], place)))
+    return ResumePoint(poses, FilterState(arrays, poses[-1], _parsed(streams[last].as_py()[0], place)))
 
 
 def _memories(run: Run, component: str) -> Mapping[int, Any]:

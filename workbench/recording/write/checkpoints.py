@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from workbench.core.filter_state import Memory
+from workbench.core.filter_state import FilterState
 from workbench.core.step import Step
 from workbench.recording.write.columns import Rows, curves, nanoseconds, time_index
 from workbench.utils.arrays import FloatArray, IntArray
@@ -56,29 +56,32 @@ class Checkpoints:
         one that is recorded."""
         self._spent += ranks.nbytes
         yield from curves({RANKS: ranks})
-        if step.memory is not None and not np.array_equal(step.memory.expected, step.expected_pose):
-            self._spent += step.memory.expected.nbytes
-            yield from curves({EXPECTED: step.memory.expected})
+        if step.filter_state is not None and not np.array_equal(step.filter_state.filtered_pose, step.expected_pose):
+            self._spent += step.filter_state.filtered_pose.nbytes
+            yield from curves({EXPECTED: step.filter_state.filtered_pose})
 
     def log(self, stream: rr.RecordingStream, step: Step, n_bytes: int) -> None:
         """Store the memory of the step before in a file that has so many bytes by now, if there is room for it."""
         before, self._before = self._before, step
         room, self._pause = SHARE * n_bytes - self._spent, max(0, self._pause - 1)
-        if before is None or before.memory is None or step.memory is None:
+        if before is None or before.filter_state is None or step.filter_state is None:
             return
         if not self._owed and (room <= 0 or self._pause):
             return
-        packed = self._packed(before.memory, None if self._owed else step.memory.parents)
+        packed = self._packed(before.filter_state, None if self._owed else step.filter_state.parents)
         if len(packed) > room and not self._owed:
             self._pause = _PAUSE
             return
         self._spent, self._owed = self._spent + len(packed), False
-        fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([json.dumps(before.memory.streams)])}
+        fields = {
+            "npz": pa.array([packed], pa.binary()),
+            "streams": pa.array([json.dumps(before.filter_state.rng_states)]),
+        }
         index = time_index([before.frame.index], [nanoseconds(before.frame.time_s)])
         stream.send_columns(MEMORY, index, rr.DynamicArchetype.columns(archetype=ARCHETYPE, components=fields))
 
-    def _packed(self, memory: Memory, offspring_of: IntArray | None) -> bytes:
-        arrays = dict(memory.arrays)
+    def _packed(self, filter_state: FilterState, offspring_of: IntArray | None) -> bytes:
+        arrays = dict(filter_state.arrays)
         if "poses" in arrays and np.array_equal(arrays["poses"], self._decode(arrays["state"])):
             del arrays["poses"]
         if offspring_of is not None:  # zeros take no room

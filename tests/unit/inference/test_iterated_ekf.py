@@ -1,4 +1,4 @@
-"""The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
+"""The iterated extended Kalman filter: exact for linear Gaussian models, and its refusals."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,12 +9,12 @@ from made_up_looks import MadeUpLook
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.filter_state import Past
+from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Slope
 from workbench.core.pose_prior import PosePrior
-from workbench.inference.ekf.iterated_ekf import Kalman
-from workbench.inference.ekf.levenberg_marquardt import climb, tails
+from workbench.inference.ekf.iterated_ekf import IteratedEkf
+from workbench.inference.ekf.levenberg_marquardt import find_mode, heavy_tailed_prior
 from workbench.likelihoods.uniform import Uniform
 from workbench.motion.models.linear_motion import LinearMotion
 from workbench.priors.linear import Linear
@@ -105,13 +105,21 @@ def run(filter_, frames, seed=0):
 
 def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
     prior, marks, frames = setting()
-    steps = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, sudden=1e-12, n_particles=4000), frames)
+    steps = run(
+        IteratedEkf(prior, Seen(marks), BODY, curvature_weight=1.0, outlier_motion_probability=1e-12, n_particles=4000),
+        frames,
+    )
     means, variances = exact(prior, marks)
     told = np.array([step.expected_pose for step in steps])
     assert np.abs(told - means).max() < 2e-4
     spread = np.array([step.poses.std(axis=0) for step in steps])
     assert np.allclose(spread, np.sqrt(variances), rtol=0.06, atol=2e-4)  # 4000 draws: 1.1 %, four of 150 deviations
-    forwards = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, sudden=1e-12, second_pass=False), frames)
+    forwards = run(
+        IteratedEkf(
+            prior, Seen(marks), BODY, curvature_weight=1.0, outlier_motion_probability=1e-12, second_pass=False
+        ),
+        frames,
+    )
     assert np.abs(forwards[-1].expected_pose - means[-1]).max() < 2e-4
     assert np.abs(forwards[1].expected_pose - means[1]).max() > 1e-3  # which knows nothing of later frames
 
@@ -120,9 +128,9 @@ def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_
     prior, marks, frames = setting()
     taken = PosePrior(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])
     drawn = Linear(replace(prior.model, postures=taken))
-    options = {"flatten": 1.0, "sudden": 1e-12, "n_particles": 40_000}
-    before = run(Kalman(drawn, Seen(marks), BODY, **options), frames)
-    after = run(Kalman(drawn, Seen(marks), BODY, postures=0.3, **options), frames)
+    options = {"curvature_weight": 1.0, "outlier_motion_probability": 1e-12, "n_particles": 40_000}
+    before = run(IteratedEkf(drawn, Seen(marks), BODY, **options), frames)
+    after = run(IteratedEkf(drawn, Seen(marks), BODY, pose_prior_power=0.3, **options), frames)
     for plain, told in zip(before, after, strict=True):
         covariance = np.cov(plain.poses.T)
         pose, narrowed = taken.drawn(plain.expected_pose, covariance, 0.3)
@@ -130,7 +138,7 @@ def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_
         assert missed < 0.1 * np.linalg.norm(plain.expected_pose - pose)
         assert np.allclose(told.poses[:, 4:].std(axis=0), np.sqrt(np.diag(narrowed))[4:], rtol=0.1)
         assert told.log_evidence == plain.log_evidence
-    unlearned = run(Kalman(prior, Seen(marks), BODY, postures=0.3, **options), frames)
+    unlearned = run(IteratedEkf(prior, Seen(marks), BODY, pose_prior_power=0.3, **options), frames)
     assert all((a.poses == b.poses).all() for a, b in zip(unlearned, before, strict=True))
 
 
@@ -143,9 +151,9 @@ class Otherwise(Seen):
 
 def test_two_looks_are_two_samples_of_what_a_look_may_find():
     prior, marks, frames = setting()
-    options = {"flatten": 1.0, "sudden": 1e-12, "n_particles": 40_000}
-    first, second = (run(Kalman(prior, Seen(at), BODY, **options), frames) for at in (marks, marks + 0.02))
-    both = run(Kalman(prior, Otherwise(marks), BODY, **options), frames)
+    options = {"curvature_weight": 1.0, "outlier_motion_probability": 1e-12, "n_particles": 40_000}
+    first, second = (run(IteratedEkf(prior, Seen(at), BODY, **options), frames) for at in (marks, marks + 0.02))
+    both = run(IteratedEkf(prior, Otherwise(marks), BODY, **options), frames)
     for one, two, told in zip(first, second, both, strict=True):
         apart = one.expected_pose - two.expected_pose
         assert np.allclose(told.expected_pose, 0.5 * (one.expected_pose + two.expected_pose), atol=2e-4)
@@ -164,7 +172,7 @@ def test_steps_come_as_frames_do_without_a_second_pass():
             yield frame
 
     streams = {name: np.random.default_rng(0) for name in ("resampling", "prior")}
-    steps = Kalman(prior, Seen(marks), BODY, second_pass=False).run(asked(), np.zeros(N), streams)
+    steps = IteratedEkf(prior, Seen(marks), BODY, second_pass=False).run(asked(), np.zeros(N), streams)
     next(steps)
     assert seen == [0]
 
@@ -172,11 +180,11 @@ def test_steps_come_as_frames_do_without_a_second_pass():
 def test_no_gaussian_prior_and_no_start_are_refused():
     prior, marks, frames = setting()
     with pytest.raises(InputError, match="needs a pose to start from"):
-        list(Kalman(prior, Seen(marks), BODY).run(frames, None, {}))
+        list(IteratedEkf(prior, Seen(marks), BODY).run(frames, None, {}))
     with pytest.raises(InputError, match="needs a prior with Gaussian noise"):
-        list(Kalman(Smooth(parameters=["left_arm"]), Seen(marks), BODY).run(frames, np.zeros(N), {}))
+        list(IteratedEkf(Smooth(parameters=["left_arm"]), Seen(marks), BODY).run(frames, np.zeros(N), {}))
     with pytest.raises(InputError, match="needs a likelihood with derivatives by the pose, found Uniform"):
-        list(Kalman(prior, Uniform(), BODY).run(frames, np.zeros(N), {}))
+        list(IteratedEkf(prior, Uniform(), BODY).run(frames, np.zeros(N), {}))
 
 
 def test_constant_velocity_is_a_gaussian_prior():
@@ -215,24 +223,40 @@ def test_with_thin_tails_the_climb_ends_at_the_gaussian_posterior():
     rng = np.random.default_rng(2)
     mean, covariance, marks = rng.standard_normal(4), spread(rng), rng.standard_normal(4)
     free = np.tile([-1e6, 1e6], (4, 1))
-    peak = climb(
-        Bowl(marks, 0.2), mean, covariance, free, start=mean, limbs=np.array([0, 0, 1, 1]), sudden=1e-12, flatten=1.0
+    mode = find_mode(
+        Bowl(marks, 0.2),
+        mean,
+        covariance,
+        free,
+        start=mean,
+        limbs=np.array([0, 0, 1, 1]),
+        outlier_motion_probability=1e-12,
+        curvature_weight=1.0,
     )
     precision = np.linalg.inv(covariance)
     expected = np.linalg.inv(precision + np.eye(4) / 0.04)
-    np.testing.assert_allclose(peak.covariance, expected, rtol=1e-6)
-    np.testing.assert_allclose(peak.pose, expected @ (precision @ mean + marks / 0.04), atol=1e-5)
+    np.testing.assert_allclose(mode.covariance, expected, rtol=1e-6)
+    np.testing.assert_allclose(mode.pose, expected @ (precision @ mean + marks / 0.04), atol=1e-5)
     apart = marks - mean
     total = covariance + 0.04 * np.eye(4)
     height = -0.5 * apart @ np.linalg.solve(total, apart) - 0.5 * np.linalg.slogdet(total / 0.04)[1]
-    assert peak.log_evidence == pytest.approx(height, abs=1e-4)  # but for the bowl's constant
+    assert mode.log_evidence == pytest.approx(height, abs=1e-4)  # but for the bowl's constant
 
 
 def test_a_limb_that_moves_suddenly_is_let_go_alone():
     mean, covariance, marks = np.zeros(4), 1e-4 * np.eye(4), np.array([0.1, 0.1, 0.01, 0.0])  # ten deviations
     free, limbs = np.tile([-1e6, 1e6], (4, 1)), np.array([0, 0, 1, 1])
     sudden, steady = (
-        climb(Bowl(marks, 0.01), mean, covariance, free, start=mean, limbs=limbs, sudden=sudden, flatten=1.0)
+        find_mode(
+            Bowl(marks, 0.01),
+            mean,
+            covariance,
+            free,
+            start=mean,
+            limbs=limbs,
+            outlier_motion_probability=sudden,
+            curvature_weight=1.0,
+        )
         for sudden in (0.05, 1e-12)
     )
     np.testing.assert_allclose(steady.pose, 0.5 * marks, rtol=1e-3, atol=1e-6)
@@ -244,29 +268,29 @@ def test_a_limb_that_moves_suddenly_is_let_go_alone():
 
 def test_the_precision_of_tails_is_their_slope():
     rng = np.random.default_rng(5)
-    prior = tails(rng.standard_normal(4), spread(rng), np.array([0, 0, 1, 1]), 0.05)
+    prior = heavy_tailed_prior(rng.standard_normal(4), spread(rng), np.array([0, 0, 1, 1]), 0.05)
     for far in (0.1, 0.3, 1.0):
         pose = prior.mean + far * rng.standard_normal(4)
         slope = -prior.precision(pose) @ (pose - prior.mean)
         steps = 1e-6 * np.eye(4)
-        expected = [(prior.height(pose + step) - prior.height(pose - step)) / 2e-6 for step in steps]
+        expected = [(prior.log_density(pose + step) - prior.log_density(pose - step)) / 2e-6 for step in steps]
         np.testing.assert_allclose(slope, expected, rtol=1e-4)
-    assert prior.height(prior.mean) == 0.0
+    assert prior.log_density(prior.mean) == 0.0
 
 
 def test_a_climb_stays_within_limits():
     limits = np.array([[-0.1, 0.1]] * 4)
-    peak = climb(
+    mode = find_mode(
         Bowl(np.full(4, 3.0), 0.1),
         np.zeros(4),
         0.04 * np.eye(4),
         limits,
         start=np.zeros(4),
         limbs=np.arange(4),
-        sudden=0.05,
-        flatten=1.0,
+        outlier_motion_probability=0.05,
+        curvature_weight=1.0,
     )
-    assert (np.abs(peak.pose) <= 0.1).all()
+    assert (np.abs(mode.pose) <= 0.1).all()
 
 
 class Misfit(Seen):
@@ -287,7 +311,9 @@ class Misfit(Seen):
 
 def test_what_fits_badly_is_told_with_wider_bands_about_the_same_pose():
     (prior, marks, frames), body = setting(), SimpleNamespace(skeleton=PERSON)
-    well, badly = (run(Kalman(prior, Misfit(marks, knee), body, n_particles=20000), frames)[-1] for knee in (0.7, 3.7))
+    well, badly = (
+        run(IteratedEkf(prior, Misfit(marks, knee), body, n_particles=20000), frames)[-1] for knee in (0.7, 3.7)
+    )
     wider = badly.poses.std(axis=0) / well.poses.std(axis=0)
     expected = np.where(np.array(POSE_NAMES) == "left_knee_flexion", 4.0, 1.0)
     np.testing.assert_allclose(wider, expected, rtol=0.05)  # of 20000 draws: six deviations
@@ -296,18 +322,20 @@ def test_what_fits_badly_is_told_with_wider_bands_about_the_same_pose():
 
 def test_it_goes_on_from_any_frame_to_the_same_bits():
     prior, marks, frames = setting()
-    kalman = Kalman(prior, Seen(marks), BODY, second_pass=False, n_particles=10)
+    kalman = IteratedEkf(prior, Seen(marks), BODY, second_pass=False, n_particles=10)
     whole = list(kalman.run(frames, marks[0], rng_streams(0)))
     assert kalman.resumable
     for k in range(1, len(frames)):
-        past = Past(np.stack([step.memory.expected for step in whole[:k]]), whole[k - 1].memory)
+        past = ResumePoint(np.stack([step.filter_state.filtered_pose for step in whole[:k]]), whole[k - 1].filter_state)
         found = list(kalman.run(frames, past, rng_streams(7)))
         assert len(found) == len(frames) - k
         for one, other in zip(found, whole[k:], strict=True):
             np.testing.assert_array_equal(one.particles, other.particles)
-            np.testing.assert_array_equal(one.memory.arrays["covariance"], other.memory.arrays["covariance"])
+            np.testing.assert_array_equal(
+                one.filter_state.arrays["covariance"], other.filter_state.arrays["covariance"]
+            )
             assert one.log_evidence == other.log_evidence
-    both = Kalman(prior, Seen(marks), BODY)
+    both = IteratedEkf(prior, Seen(marks), BODY)
     assert not both.resumable
     with pytest.raises(InputError, match="second_pass=false"):
         list(both.run(frames, past, rng_streams(0)))

@@ -1,4 +1,4 @@
-"""What two looks at a clip tell together: two samples, weighed limb by limb by what the pixels say."""
+"""Fusion of two passes: weighted samples, with weights by limb from the image likelihood."""
 
 from types import SimpleNamespace
 
@@ -13,8 +13,8 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import DenseLikelihood, Slope
-from workbench.inference.ekf.gaussian_state import OWN_M, PIXELS_SAY, of_both, shares
-from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.gaussian_state import LIKELIHOOD_POWER, PASS_STD_M, first_pass_weights, fuse_passes
+from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.priors.smooth import Smooth
 from workbench.utils.rng import stream
 
@@ -45,7 +45,7 @@ def two_poses(seed):
 
 def odds_by_distance(pose, other):
     one, another = forward_oracle(SKELETON, np.stack([pose, other])).positions
-    return OWN_M**2 / (OWN_M**2 + np.linalg.norm(one - another, axis=1).mean() ** 2)
+    return PASS_STD_M**2 / (PASS_STD_M**2 + np.linalg.norm(one - another, axis=1).mean() ** 2)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -53,29 +53,31 @@ def test_limbs_are_weighed_by_how_likely_the_pixels_are_with_them(seed):
     pose, other = two_poses(seed)
     assert isinstance(Image(), DenseLikelihood)
     other = pose + 0.02 * other  # as far apart as looks are
-    told, apart = shares(Image(), SKELETON, [ARM, LEG], pose, other), odds_by_distance(pose, other)
+    told, apart = first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, other), odds_by_distance(pose, other)
     for limb, likelier in ((ARM, 1.0), (LEG, 2.0)):
-        odds = apart * np.exp(PIXELS_SAY * likelier * (other[limb] - pose[limb]).sum())
+        odds = apart * np.exp(LIKELIHOOD_POWER * likelier * (other[limb] - pose[limb]).sum())
         np.testing.assert_allclose(told[limb], odds / (1.0 + odds))
     rest = np.setdiff1d(np.arange(N), [*ARM, *LEG])
     np.testing.assert_allclose(told[rest], apart / (1.0 + apart))  # wherever the pixels would have the body
 
 
-@pytest.mark.parametrize(("metres", "share"), [(0.0, 0.5), (OWN_M, 1.0 / 3.0), (10.0 * OWN_M, 1.0 / 102.0)])
+@pytest.mark.parametrize(("metres", "share"), [(0.0, 0.5), (PASS_STD_M, 1.0 / 3.0), (10.0 * PASS_STD_M, 1.0 / 102.0)])
 def test_the_earlier_look_counts_less_the_farther_it_is(metres, share):
     pose, _ = two_poses(0)
     other = pose.copy()
     other[1] += metres
-    np.testing.assert_allclose(shares(Image(), SKELETON, [ARM], pose, other), share)
+    np.testing.assert_allclose(first_pass_weights(Image(), SKELETON, [ARM], pose, other), share)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_neither_body_is_preferred(seed):
     pose, other = two_poses(seed)
     frame_likelihood = Image(together=3.0)
-    one, two = (shares(frame_likelihood, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose)))
+    one, two = (
+        first_pass_weights(frame_likelihood, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose))
+    )
     apart, middle = odds_by_distance(pose, other), 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
-    pixels = np.exp(PIXELS_SAY * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
+    pixels = np.exp(LIKELIHOOD_POWER * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
     np.testing.assert_allclose(one[ARM] / (1.0 - one[ARM]), apart * pixels)
     np.testing.assert_allclose(two[ARM] / (1.0 - two[ARM]), apart / pixels)
 
@@ -85,19 +87,19 @@ def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
     pose[ARM], other[ARM] = 0.0, 1.0
     frame_likelihood.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
     for poses, share in (((pose, other), 1.0), ((other, pose), 0.0)):
-        np.testing.assert_array_equal(shares(frame_likelihood, SKELETON, [ARM], *poses)[ARM], share)
+        np.testing.assert_array_equal(first_pass_weights(frame_likelihood, SKELETON, [ARM], *poses)[ARM], share)
 
 
 def test_whole_turns_are_no_difference():
     pose, other = two_poses(0)
     turned = other.copy()
     turned[[5, ARM[1]]] += 2.0 * np.pi
-    told = [shares(Image(), SKELETON, [ARM, LEG], pose, each) for each in (other, turned)]
+    told = [first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, each) for each in (other, turned)]
     np.testing.assert_allclose(*told)
     state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
     around = state.copy()
     around[5] += 2.0 * np.pi
-    mean, covariance = of_both(around, state, unit, told[0])
+    mean, covariance = fuse_passes(around, state, unit, told[0])
     np.testing.assert_allclose(mean, state)
     np.testing.assert_allclose(covariance, unit)
 
@@ -105,7 +107,7 @@ def test_whole_turns_are_no_difference():
 @given(share=st.floats(0.01, 0.99), seed=st.integers(0, 1000))
 def test_both_are_weighed_samples(share, seed):
     first, second = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 2 * N))
-    mean, covariance = of_both(first, second, np.zeros((2 * N, 2 * N)), np.full(N, share))
+    mean, covariance = fuse_passes(first, second, np.zeros((2 * N, 2 * N)), np.full(N, share))
     np.testing.assert_allclose(mean[:N], share * first[:N] + (1.0 - share) * second[:N])
     np.testing.assert_allclose(mean[N:], 0.5 * (first[N:] + second[N:]))
     samples = np.stack([first, second]).T
@@ -143,7 +145,7 @@ def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_fo
 
     def told(likelihood):
         streams = {name: stream(0, name) for name in ("resampling", "prior")}
-        filtered = Kalman(Smooth(), likelihood, body, n_particles=2, flatten=1.0)
+        filtered = IteratedEkf(Smooth(), likelihood, body, n_particles=2, curvature_weight=1.0)
         return np.array([step.expected_pose[ARM] for step in filtered.run(frames, start, streams)])
 
     silent = Twice(np.full(len(ARM), 0.1))
@@ -153,6 +155,6 @@ def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_fo
     apart = odds_by_distance(second, first)
     for likelihood, odds in (
         (silent, apart),
-        (Twice(silent.place), apart * np.exp(PIXELS_SAY * PIXELS * len(ARM) * 0.2**2)),
+        (Twice(silent.place), apart * np.exp(LIKELIHOOD_POWER * PIXELS * len(ARM) * 0.2**2)),
     ):
         np.testing.assert_allclose(told(likelihood)[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)

@@ -1,12 +1,12 @@
-"""Climbing on by all pixels: the joint peak of prior, points and layers, and nothing where layers say nothing."""
+"""Dense refinement: the joint mode of prior, points and layers, and no step where layers are uninformative."""
 
 import numpy as np
 import pytest
 from made_up_looks import MadeUpLook
 
 from workbench.core.likelihood import DenseLikelihood, Slope
-from workbench.inference.ekf.dense_refinement import settle
-from workbench.inference.ekf.levenberg_marquardt import tails
+from workbench.inference.ekf.dense_refinement import refine_pose
+from workbench.inference.ekf.levenberg_marquardt import heavy_tailed_prior
 
 D, JOINTS = 5, np.ones(3, dtype=np.bool_)
 WIDE = np.tile([-10.0, 10.0], (D, 1))
@@ -37,7 +37,7 @@ def scene(seed, sharp, unseen=0):
     own = np.linalg.inv(np.linalg.cholesky(covariance)).T @ np.linalg.qr(turned)[0]
     precision = (own * np.repeat([0.01, 100.0], [unseen, D - unseen])) @ own.T
     mean, points, layers = 0.3 * rng.standard_normal((3, D))
-    prior = tails(mean, covariance, np.zeros(D, dtype=np.int64), 1e-300)  # so unlikely that it is Gaussian
+    prior = heavy_tailed_prior(mean, covariance, np.zeros(D, dtype=np.int64), 1e-300)  # so unlikely that it is Gaussian
     frame_likelihood = Image(points, precision, layers, sharp)
     assert isinstance(frame_likelihood, DenseLikelihood)
     alone = np.linalg.inv(covariance) + precision
@@ -48,7 +48,7 @@ def scene(seed, sharp, unseen=0):
 @pytest.mark.parametrize("seed", range(5))
 def test_it_climbs_to_the_peak_of_three_gaussians(seed):
     frame_likelihood, prior, start, alone, _ = scene(seed, 500.0)
-    pose, slope, count = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
+    pose, slope, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
     expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * frame_likelihood.layers)
 
     def below(place):
@@ -63,7 +63,7 @@ def test_it_climbs_to_the_peak_of_three_gaussians(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
     frame_likelihood, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
-    pose, _, count = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
+    pose, _, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
     moved = np.abs(pose - start).max()
     np.testing.assert_allclose(unseen.T @ (pose - start), 0.0, atol=1e-6 * moved)
     assert moved > 0.01
@@ -73,14 +73,14 @@ def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
 def test_it_stays_at_the_peak_of_the_points_where_layers_say_nothing():
     frame_likelihood, prior, start, *_ = scene(0, 0.0)
     np.testing.assert_array_equal(
-        settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)[0], start
+        refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)[0], start
     )
 
 
 def test_it_keeps_within_limits():
     frame_likelihood, prior, start, *_ = scene(1, 500.0)
     limits = np.stack([start - 0.01, start + 0.01], axis=1)
-    pose, _, _ = settle(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), limits, JOINTS)
+    pose, _, _ = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), limits, JOINTS)
     assert (pose >= limits[:, 0]).all()
     assert (pose <= limits[:, 1]).all()
     assert (pose != start).any()
