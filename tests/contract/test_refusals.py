@@ -85,7 +85,7 @@ OUT_OF_RANGE = """
 filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5 | auxiliary flatten=1.5
 gauss_newton share=1.0 flatten=-0.1 steps=0 | partitioned flatten=2.0 | tempered_smc moves=0 ess_threshold=1.0
 annealed layers=0 | restarting share=0.0 n_particles=0 | fixed_lag lag=0 least_ancestors=0
-backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
+backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis blend_time_s=-1.0 look_ahead=-1
 jitter sigma=0.0 keep=1.0
 flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
 implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5

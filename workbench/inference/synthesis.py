@@ -22,7 +22,7 @@ from workbench.motion.models.windows import Windows
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-LIMIT_DEG = 25.0
+JUMP_THRESHOLD_DEG = 25.0
 """What an angle may change by in a frame before it counts as a jump: 1 in 100 frames of recorded runs does more."""
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""
@@ -69,8 +69,8 @@ class Synthesis:
     1 of them at the library's rate; where they are too few, it searches windows that end near the pose, and the first
     step warns. Other priors start from the pose alone.
 
-    smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
-    frame's change of an angle beyond LIMIT_DEG counts as a jump, is held back as an offset and let go bit by bit. The
+    blend_time_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
+    frame's change of an angle beyond JUMP_THRESHOLD_DEG counts as a jump, is held back as an offset and let go bit by bit. The
     prior goes on from its own pose, not from the smoothed one.
 
     look_ahead: frames, of an implicit prior only; 0: none. Windows that fewer recorded frames follow are never drawn.
@@ -90,11 +90,11 @@ class Synthesis:
     finds_start: ClassVar[bool] = False
 
     def __init__(
-        self, prior: Prior, body: Body, info: SequenceInfo | None = None, *, smoothing_s: float = 0.1,
+        self, prior: Prior, body: Body, info: SequenceInfo | None = None, *, blend_time_s: float = 0.1,
         look_ahead: int = 0, foot_contact: bool = True,
     ) -> None:  # fmt: skip
-        self.smoothing_s, self.look_ahead = smoothing_s, look_ahead
-        check("inference", self, smoothing_s=at_least(0), look_ahead=at_least(0))
+        self.blend_time_s, self.look_ahead = blend_time_s, look_ahead
+        check("inference", self, blend_time_s=at_least(0), look_ahead=at_least(0))
         self.prior = _with_followers(prior, look_ahead) if look_ahead else prior
         self.skeleton, self.space, self.foot_contact = body.skeleton, prior.space, foot_contact
         self.info = SequenceInfo("", 0) if info is None else info
@@ -114,7 +114,7 @@ class Synthesis:
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
         start = np.atleast_2d(start)[0]  # the likeliest of several
-        smoother = Smoother(self.smoothing_s, np.radians(LIMIT_DEG))
+        smoother = Smoother(self.blend_time_s, np.radians(JUMP_THRESHOLD_DEG))
         before = start[None] if self.info.pose_history is None else self.info.pose_history
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
         activity = self.info.pose_history_activity if isinstance(self.prior, _Recorded) else None
@@ -171,8 +171,8 @@ class Smoother:
     """Holds the jumps of one motion's angles back as offsets and lets go of them, see `Synthesis`. limit: rad a frame.
     Turns by 2π are no change, so that the angles that come out go on without them."""
 
-    def __init__(self, smoothing_s: float, limit: float) -> None:
-        self.smoothing_s, self.limit = smoothing_s, limit
+    def __init__(self, blend_time_s: float, limit: float) -> None:
+        self.blend_time_s, self.limit = blend_time_s, limit
         self.offset = np.zeros(len(POSE_NAMES) - 3)
         self._last: FloatArray | None = None
         self._shown = np.zeros(len(POSE_NAMES) - 3)
@@ -180,12 +180,12 @@ class Smoother:
     def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
         """Return the next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
         angles = pose[3:]
-        if self._last is None or self.smoothing_s == 0.0:
+        if self._last is None or self.blend_time_s == 0.0:
             self._last = self._shown = angles
             return pose
         change = wrapped(angles - self._last)
         jump = change - change.clip(-self.limit, self.limit)
-        let_go = (1.0 - np.exp(-dt_s / self.smoothing_s)) * self.offset
+        let_go = (1.0 - np.exp(-dt_s / self.blend_time_s)) * self.offset
         self.offset = self.offset - let_go - jump
         self._last, self._shown = angles, self._shown + change - jump - let_go
         return np.concatenate([pose[:3], self._shown])

@@ -82,6 +82,8 @@ _FIXED: dict[str, dict[str, Any]] = {
 
 _KEYS: dict[str, dict[str, str]] = {
     f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
+    "workbench.inference.least_squares.least_squares.LeastSquares": {"most_points": "max_points"},
+    "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
 }
 """Keys of components that have another name today, by target: old and new."""
 _VALUES: dict[str, dict[str, dict[Any, Any]]] = {}

@@ -32,7 +32,7 @@ from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
 CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself
-PLAIN = {"smoothing_s": 0.0, "foot_contact": False}
+PLAIN = {"blend_time_s": 0.0, "foot_contact": False}
 AT = 30  # the frame that motions start from
 
 

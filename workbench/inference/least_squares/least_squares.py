@@ -41,7 +41,7 @@ class LeastSquares:
     prior: its motion model, its smoothness and its density of postures regularise; None: `Smoothness()` alone.
     phase_ends: of a cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem:
     `MotionFit`, `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second.
-    most_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
+    max_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
     n_particles: per step. Raises InputError for numbers out of range, a likelihood without residuals, and a problem
     without its motion model.
 
@@ -59,7 +59,7 @@ class LeastSquares:
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
         phase_ends: tuple[float, float] | None = None, *, problem: Problem | None = None,
-        most_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
+        max_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
     ) -> None:  # fmt: skip
         if not isinstance(likelihood, ResidualLikelihood):
             raise InputError(
@@ -75,8 +75,8 @@ class LeastSquares:
         self.problem: Problem = problem or (SmoothFit() if capabilities.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
-        self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
-        check("inference", self, most_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
+        self.max_points, self.max_iterations, self.n_particles = max_points, max_iterations, n_particles
+        check("inference", self, max_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
@@ -108,7 +108,7 @@ class LeastSquares:
         points. Raises InputError when there is nothing to fit."""
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
-        seen, warnings = observe(frames, self.skeleton, self.most_points, rng, self.observables)
+        seen, warnings = observe(frames, self.skeleton, self.max_points, rng, self.observables)
         if not kinds_seen(seen):
             expected = " or ".join(self.observables.kinds) or "points or keypoints"
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
