@@ -23,7 +23,7 @@ from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.foot_contact import standing_feet
+from workbench.inference.least_squares.foot_contact import detect_foot_contacts
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import views_residual
 from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
@@ -84,7 +84,7 @@ def figures() -> list[Figure]:
 
 def _against_residuals(n_frames: int = 100) -> Figure:
     seen, times_s, poses = scene(n_frames, 1)
-    stand = standing_feet(BODY.skeleton, seen, times_s)
+    stand = detect_foot_contacts(BODY.skeleton, seen, times_s)
     batch = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED)
     residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in seen]
     functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED, stand)

@@ -222,7 +222,7 @@ def test_what_is_out_of_range_is_an_error():
     with pytest.raises(InputError, match="frames_per_style must be above zero"):
         MotionFit(0)
     for problem in (MotionFit(), FrameByFrame(pose_prior=True)):
-        with pytest.raises(InputError, match="expected a motion model"):
+        with pytest.raises(InputError, match="needs a motion model"):
             fitting(problem, model=False)
     with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
         fitting(likelihood=Uniform())

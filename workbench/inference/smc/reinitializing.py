@@ -15,7 +15,7 @@ from workbench.core.checks import INSIDE_UNIT, check
 from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.step import Step
-from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.particle_filter import start_around
 from workbench.inference.smc.target import MoveResult, Particles, Target
@@ -37,7 +37,7 @@ class Restarting(Wrapper):
     The person counts as lost where each of the last PATIENCE frames' log p(frame | frames before) lies more than DROP
     robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them. Then a
     share of the previous frame's particles is drawn from the prior's start distribution: around the poses that detected
-    joints allow in that frame (`start_from_keypoints`), or else half of them around the expected pose and half around
+    joints allow in that frame (`poses_from_keypoints`), or else half of them around the expected pose and half around
     its mirror image. The diagnostic restarted is 1 in such a frame; it can recur every PATIENCE frames.
 
     Bare image motion does not show a loss: a body at rest on a still background predicts the next image well. Neither
@@ -97,7 +97,7 @@ class Restarting(Wrapper):
         if self.body is not None and any(view.keypoints is not None for view in frame.views):
             # where there are too few joints, the sentence of the restart tells where it was from instead
             with suppress(InputError):
-                return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
+                return poses_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
         return np.stack([expected, exchanged(expected)]), "about the last pose and its mirror image"
 
