@@ -31,6 +31,8 @@ from workbench.utils.timing import working_s
 
 MIN_INLIER_FRACTION = 0.3
 """Below this fraction of a frame's points and keypoints near the body, the step has a warning."""
+_BLOCK = 256
+"""Covariances decomposed together, which bounds the memory."""
 
 
 @records_arguments
@@ -169,10 +171,10 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
     """
     log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
-    for t, frame in enumerate(frames):
-        values, vectors = np.linalg.eigh(fit.state_covariance[t])  # not Cholesky: it may be singular to rounding
-        draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
-        poses = fit.poses[t] + draws @ fit.pose_jacobian[t].T
+    for t, (frame, root) in enumerate(zip(frames, _roots(fit.state_covariance), strict=True)):
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ root.T
+        pose = fit.poses[t]
+        poses = pose + draws @ fit.pose_jacobian[t].T
         if fit.discrepancy_root is not None:
             poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
@@ -181,7 +183,14 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
             poses=poses, log_weights=log_weights, ancestors=ancestors,
-            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=np.nan,
+            expected_pose=pose, map_pose=pose, ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
         )  # fmt: skip
+
+
+def _roots(covariances: FloatArray) -> Iterator[FloatArray]:
+    """Yield a root A (D, D), A Aᵀ = covariance, of each of covariances (T, D, D), decomposed in blocks."""
+    for first in range(0, len(covariances), _BLOCK):
+        values, vectors = np.linalg.eigh(covariances[first : first + _BLOCK])  # not Cholesky: may be singular
+        yield from vectors * np.sqrt(values.clip(min=0.0))[:, None, :]
