@@ -94,8 +94,8 @@ def error_correlation(
     if before.size < MIN_PAIRS:
         return 0.0
     limit = OUTLIER_DEVIATIONS * 1.4826 * float(np.median(np.abs(before)))
-    near = (np.abs(before) < limit) & (np.abs(after) < limit)
-    before, after = before[near], after[near]
+    inliers = (np.abs(before) < limit) & (np.abs(after) < limit)
+    before, after = before[inliers], after[inliers]
     rho = float((before * after).sum() / np.sqrt((before**2).sum() * (after**2).sum()))
     return rho if rho > 2.0 / np.sqrt(before.size) else 0.0
 
