@@ -53,17 +53,17 @@ def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, 
     return {path.stem: read(folder / f"{k:03d}" / "run.rrd") for k, path in enumerate(recordings)}
 
 
-def half_width(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
+def half_width(reference: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
     """Return by how much a number may move.
 
     Parameters
     ----------
-    usual
-        Its values (S,) with S seeds in the usual environment.
+    reference
+        Its values (S,) with S seeds in the reference environment.
     others
         Its values (E, S) in E others.
     n_numbers
-        Numbers of the recording that are judged together.
+        Metrics of the recording that are tested together.
     chaotic
         Whether any number of the recording moved by more than rounding.
 
@@ -75,30 +75,30 @@ def half_width(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: b
         the largest difference, as tails are heavy. A number that did not move where others of its run did may move as
         between two seeds.
     """
-    d = (others - usual).ravel()
-    if agreement(np.broadcast_to(usual, others.shape), others) <= Agreement.ROUNDING:
-        return float(np.ptp(usual)) if chaotic else 1e-6 * float(np.abs(usual).max())
+    d = (others - reference).ravel()
+    if agreement(np.broadcast_to(reference, others.shape), others) <= Agreement.ROUNDING:
+        return float(np.ptp(reference)) if chaotic else 1e-6 * float(np.abs(reference).max())
     reach = scipy.stats.t.ppf(1.0 - LEVEL / (2 * n_numbers), d.size) * np.sqrt(1.0 + 1.0 / d.size)
     return max(float(reach * np.sqrt(np.mean(d**2))), MARGIN * float(np.abs(d).max()))
 
 
 def measured(runs: Mapping[tuple[str, int], Mapping[str, Run]], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
-    """Return the tolerances by recording and metric; runs: by environment and seed, "" for the usual environment."""
-    found: dict[str, dict[str, float]] = {}
+    """Return the tolerances by recording and metric; runs: by environment and seed, "" for the reference."""
+    tolerances: dict[str, dict[str, float]] = {}
     places = sorted({place for place, _ in runs if place})
     for recording, first in runs["", seeds[0]].items():
         at = {key: by_name[recording] for key, by_name in runs.items()}
-        usual = {name: np.array([number_of(name, at["", seed]) for seed in seeds]) for name in _names(first)}
+        reference = {name: np.array([number_of(name, at["", seed]) for seed in seeds]) for name in _names(first)}
         others = {
             name: np.array([[number_of(name, at[place, seed]) for seed in seeds] for place in places])
-            for name in usual
+            for name in reference
         }  # fmt: skip
-        same = (agreement(np.broadcast_to(usual[name], others[name].shape), others[name]) for name in usual)
+        same = (agreement(np.broadcast_to(reference[name], others[name].shape), others[name]) for name in reference)
         chaotic = any(each > Agreement.ROUNDING for each in same)
-        sizes = {name: half_width(usual[name], others[name], len(usual), chaotic) for name in usual}
+        sizes = {name: half_width(reference[name], others[name], len(reference), chaotic) for name in reference}
         pairs = [(at["", seed], at[place, seed]) for place in places for seed in seeds]
-        found[recording] = {name: float(f"{size:.2g}") for name, size in (sizes | _figures(pairs)).items()}
-    return found
+        tolerances[recording] = {name: float(f"{size:.2g}") for name, size in (sizes | _figures(pairs)).items()}
+    return tolerances
 
 
 def _names(run: Run) -> list[str]:

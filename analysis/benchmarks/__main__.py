@@ -1,4 +1,4 @@
-"""How fast the workbench is, in one table: each figure beside its bar and its peer.
+"""Benchmarks of the workbench in one table: each figure with its required value and its peer.
 
     python -m analysis.benchmarks [NAME…] [--json FILE] [--compare FILE] [--worse SHARE]
 
@@ -75,23 +75,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="figures written earlier")
     parser.add_argument("--worse", type=float, default=0.25, metavar="SHARE", help="how much worse is too much (0.25)")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        functions = chosen(given.names)
-        kept = read_figures(given.compare) if given.compare else []
+        functions = chosen(options.names)
+        reference = read_figures(options.compare) if options.compare else []
         print(f"{machine()}\n")
         figures = measure(functions)
         print(table(figures))
-        if given.json:
-            write_figures(given.json, figures)
+        if options.json:
+            write_figures(options.json, figures)
     except InputError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return 2
-    if not given.compare:
+    if not options.compare:
         return 0
-    asked = {*given.names, *(figure.name for figure in figures)}
-    worse = differences(figures, [figure for figure in kept if not given.names or figure.name in asked], given.worse)
-    print("\n".join(["", *(worse or [f"no figure is worse than in {given.compare} by over {given.worse:.0%}"])]))
+    asked = {*options.names, *(figure.name for figure in figures)}
+    worse = differences(
+        figures, [figure for figure in reference if not options.names or figure.name in asked], options.worse
+    )
+    print("\n".join(["", *(worse or [f"no figure is worse than in {options.compare} by over {options.worse:.0%}"])]))
     return 1 if worse else 0
 
 

@@ -1,12 +1,12 @@
-"""Paper D's batch fit: its time a frame, and that of `scipy.optimize.least_squares` from the same start.
+"""Paper D's batch fit: its time per frame, and that of `scipy.optimize.least_squares` from the same initial states.
 
 28 frames of 400 points, a style for every frame: roots, phases and coefficients of all frames are the unknowns. With
 the recordings of $WORKBENCH_DATA the body is a recorded skeleton with every joint, as in
 conf/experiment/points_full.yaml; without them it is the person of 25 degrees of freedom, and a generated walk.
-Processor time, which other load on the machine changes little, with one thread of BLAS.
+Processor time, which other load on the machine changes little, with one BLAS thread.
 
-scipy gets the same residuals, made robust one by one, their derivatives as one dense Jacobian, and the same relative
-tolerance of the cost. What it asks for twice is computed once, and it computes no covariances.
+scipy has the same residuals, made robust one by one, their derivatives as one dense Jacobian, and the same relative
+tolerance of the cost. Values that it requests twice are computed once, and it computes no covariances.
 """
 
 import os
@@ -43,7 +43,7 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is fitted. points: (K, 3), m, of each of T frames; times_s: (T,)."""
+    """Data and models of the fit. points: (K, 3), m, of each of T frames; times_s: (T,)."""
 
     what: str
     decoder: MotionDecoder
@@ -52,68 +52,68 @@ class Scene:
     times_s: FloatArray
 
     def residuals(self, every: int = 1) -> list[ResidualFunction]:
-        """Of all frames, of every so many of their points."""
+        """Return the residuals of all frames, of every `every`th point."""
         skeleton = self.decoder.skeleton
-        return [surface_residual(skeleton, self.surface, seen[::every], "distance", SIGMA_M) for seen in self.points]
+        return [surface_residual(skeleton, self.surface, cloud[::every], "distance", SIGMA_M) for cloud in self.points]
 
     def start(self) -> FloatArray:
-        """States (T, D) found in some of the points, as `LeastSquares` finds them."""
+        """Return initial states (T, D) fitted to a subset of the points, as in `LeastSquares`."""
         roots = roots_from_points(self.decoder.skeleton, self.points, self.times_s)
         some = self.residuals(every=max(1, len(self.points[0]) // START_POINTS))
         return find_states(self.decoder, FitData(some, self.times_s, START_LOSS, SMOOTHNESS), roots)
 
     def problem(self) -> FitProblem:
-        """With a style for every frame."""
+        """Return the problem with a style for every frame."""
         return fit_problem(self.decoder, self.data(), frames_per_style=1)
 
     def data(self) -> FitData:
-        """All points."""
+        """Return the residuals of all points."""
         return FitData(self.residuals(), self.times_s, LOSS, SMOOTHNESS)
 
     def fit(self, states: FloatArray) -> Fit:
-        """From points to poses with their covariances, near states (T, D)."""
+        """Return poses with their covariances, searched from states (T, D)."""
         states, covariances, search = fit_motion(self.problem(), states, tolerance=TOLERANCE)
         return fit_of(self.decoder, self.data(), states, covariances, search.iterations, search.costs)
 
 
 def figures() -> list[Figure]:
-    """Milliseconds a frame, and how many times as long scipy takes."""
+    """Return milliseconds a frame, and how many times as long scipy takes."""
     with threadpool_limits(limits=1, user_api="blas"):
         scene = _scene()
         states = scene.start()
         fit = scene.fit(states)
         ours, start = fastest_s([partial(scene.fit, states), scene.start], clock=time.thread_time)
         problem = scene.problem()
-        began = time.thread_time()
-        found = by_scipy(problem, states)
-        theirs = time.thread_time() - began
+        started = time.thread_time()
+        result = by_scipy(problem, states)
+        theirs = time.thread_time() - started
     per_frame = 1e3 / len(states)
-    reached = problem.expand(found.x).cost
-    n_dofs, n_points = len(scene.decoder.rest), round(np.mean([len(seen) for seen in scene.points]))
+    reached = problem.expand(result.x).cost
+    n_dofs, n_points = len(scene.decoder.rest), round(np.mean([len(cloud) for cloud in scene.points]))
     return [
         Figure(
             "batch_ms_per_frame", per_frame * ours, "ms a frame", 30.0, "lower",
-            f"{scene.what}; {len(states)} frames, {n_points} points, {n_dofs} dof, {found.x.size} unknowns, "
+            f"{scene.what}; {len(states)} frames, {n_points} points, {n_dofs} dof, {result.x.size} unknowns, "
             f"{fit.iterations:.0f} iterations; finding the start {per_frame * start:.1f} ms a frame more; one thread",
         ),
         Figure(
             "batch_vs_scipy", theirs / ours, "× faster", 5.0, "higher",
-            f"scipy's least_squares: {theirs:.1f} s, {found.njev} Jacobians, from cost {fit.costs[0]:.1f} to "
+            f"scipy's least_squares: {theirs:.1f} s, {result.njev} Jacobians, from cost {fit.costs[0]:.1f} to "
             f"{reached:.1f}, ours {fit.costs[-1]:.1f}; both to {TOLERANCE:g} of the cost",
         ),
     ]  # fmt: skip
 
 
 def by_scipy(problem: FitProblem, states: FloatArray) -> OptimizeResult:
-    """The same minimum by scipy, from states (T, D)."""
-    asked = Dense(problem)
+    """Return the same minimum by scipy, from states (T, D)."""
+    dense = Dense(problem)
     return least_squares(
-        asked.residuals, problem.unknowns(states), asked.jacobian, ftol=TOLERANCE, xtol=None, gtol=None
+        dense.residuals, problem.unknowns(states), dense.jacobian, ftol=TOLERANCE, xtol=None, gtol=None
     )
 
 
 class Dense:
-    """A problem's cost as ½ |r|², with r (m,) and its derivative (m, n) as dense arrays, kept for the last x."""
+    """A problem's cost as ½ |r|², with r (m,) and its Jacobian (m, n) as dense arrays, cached for the last x."""
 
     def __init__(self, problem: FitProblem) -> None:
         self.problem, self.penalty = problem, problem.penalty.toarray()
@@ -121,29 +121,29 @@ class Dense:
         self.x = np.full(self.penalty.shape[1], np.nan)
 
     def residuals(self, x: FloatArray) -> FloatArray:
-        """r (m,) at x (n,)."""
+        """Return r (m,) at x (n,)."""
         self._evaluate(x)
-        return self.found
+        return self._residuals
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """Its derivative (m, n)."""
+        """Return the Jacobian (m, n) of r."""
         self._evaluate(x)
-        return self.slopes
+        return self._jacobian
 
     def _evaluate(self, x: FloatArray) -> None:
         if np.array_equal(x, self.x):
             return
         states, decoder, columns = x[self.problem.columns], self.problem.decoder, self.problem.columns
-        rows, found, slopes = [], [], decoder.jacobian(states)
+        rows, residuals, decoding = [], [], decoder.jacobian(states)
         for t, pose in enumerate(decoder.poses(states)):
-            misses, by_pose = self.robust[t](pose)
-            block = np.zeros((len(misses), len(x)))
-            block[:, columns[t]] = by_pose @ slopes[t]
+            values, by_pose = self.robust[t](pose)
+            block = np.zeros((len(values), len(x)))
+            block[:, columns[t]] = by_pose @ decoding[t]
             rows.append(block)
-            found.append(misses)
+            residuals.append(values)
         self.x = x.copy()
-        self.found = np.concatenate([*found, self.penalty @ x])
-        self.slopes = np.concatenate([*rows, self.penalty])
+        self._residuals = np.concatenate([*residuals, self.penalty @ x])
+        self._jacobian = np.concatenate([*rows, self.penalty])
 
 
 def _scene() -> Scene:

@@ -1,8 +1,8 @@
-"""Cyclic learning from complete data, beside scikit-fda's functional PCA of the same cycles.
+"""Cyclic learning from complete data, compared with scikit-fda's functional PCA of the same cycles.
 
-Both are given N_SLICES cycles of 19 angles at 64 phases, made of five components that all angles share and noise, and
-find the mean, those components and every cycle as they reconstruct it. scikit-fda knows curves of one angle; it finds
-shared components when the angles' curves stand one after the other, as one long curve.
+Both estimate the mean, five shared components and the reconstruction of N_SLICES cycles of 19 angles at 64 phases,
+which consist of five components of all angles and noise. scikit-fda represents curves of one angle; it estimates shared
+components from the concatenated curves of all angles.
 """
 
 from functools import partial
@@ -27,7 +27,7 @@ def figures() -> list[Figure]:
     slices = _complete(np.random.default_rng(0))
     with threadpool_limits(limits=1, user_api="blas"):
         ours, joint = fastest_s([partial(fpca_paper, slices, Q), partial(_joint, slices.values)])
-        angle = _apart(fpca_paper(slices, Q).components, _joint(slices.values)[0])
+        angle = _subspace_angle(fpca_paper(slices, Q).components, _joint(slices.values)[0])
     return [
         Figure(
             what[0], joint / ours, *what[1:],
@@ -38,7 +38,7 @@ def figures() -> list[Figure]:
 
 
 def _complete(rng: np.random.Generator) -> Slices:
-    """Cycles of smooth curves: a mean, Q ways to vary from cycle to cycle, and noise."""
+    """Return cycles of smooth curves: a mean, Q ways to vary from cycle to cycle, and noise."""
     orders = np.arange(1, 9)
     waves = rng.standard_normal((Q + 1, N_ANGLES, 8)) + 1j * rng.standard_normal((Q + 1, N_ANGLES, 8))
     turns = np.exp(2j * np.pi * np.arange(N_PHASES)[:, None] / N_PHASES * orders) / orders
@@ -51,21 +51,21 @@ def _complete(rng: np.random.Generator) -> Slices:
 
 
 def _joint(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """scikit-fda's components (Q, T, m) and reconstructed cycles (N, T, m), all angles as one curve."""
+    """Return scikit-fda's components (Q, T, m) and reconstructed cycles (N, T, m), all angles as one curve."""
     from skfda import FDataGrid
     from skfda.preprocessing.dim_reduction import FPCA
 
     n, n_phases, m = values.shape
     curves = FDataGrid(values.transpose(0, 2, 1).reshape(n, -1), np.arange(n_phases * m) / n_phases)
     fpca = FPCA(n_components=Q, _weights=np.full(n_phases * m, 1.0 / n_phases))
-    again = fpca.inverse_transform(fpca.fit_transform(curves))
+    reconstructed = fpca.inverse_transform(fpca.fit_transform(curves))
     components, cycles = (
-        found.data_matrix.reshape(-1, m, n_phases).transpose(0, 2, 1) for found in (fpca.components_, again)
+        curves.data_matrix.reshape(-1, m, n_phases).transpose(0, 2, 1) for curves in (fpca.components_, reconstructed)
     )
     return components, cycles
 
 
-def _apart(ours: FloatArray, theirs: FloatArray) -> float:
-    """The sine of the largest angle between what two sets of components (Q, T, m) span."""
-    spans = [np.linalg.qr(part.reshape(Q, -1).T)[0] for part in (ours, theirs)]
+def _subspace_angle(ours: FloatArray, theirs: FloatArray) -> float:
+    """Return the sine of the largest angle between what two sets of components (Q, T, m) span."""
+    spans = [np.linalg.qr(components.reshape(Q, -1).T)[0] for components in (ours, theirs)]
     return float(np.sqrt(max(0.0, 1.0 - np.linalg.svd(spans[0].T @ spans[1], compute_uv=False).min() ** 2)))

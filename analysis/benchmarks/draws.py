@@ -61,12 +61,12 @@ def exact_figures() -> list[Figure]:
     tree, counts = kd_tree(c), np.full(N_PARENTS, N_CHILDREN)
     uniforms, threads = np.random.default_rng(1).random(N_DRAWS), numba.get_num_threads()
     seconds = fastest_s([partial(search, tree, probes, counts, BETA, uniforms)], REPEATS)[0]
-    apart = fidelity(tree, c, probes[:30], BETA, np.random.default_rng(2)).total_variation
+    total_variation = fidelity(tree, c, probes[:30], BETA, np.random.default_rng(2)).total_variation
     return [
         Figure(
             "exact_draw_us", 1e6 * seconds / N_DRAWS, "µs a draw", 5.0, "lower",
             f"{source}, n = {MEDIUM}, {N_PARENTS} parents, β = {BETA}, {threads} threads; "
-            f"total variation to p {apart:.1g}",
+            f"total variation to p {total_variation:.1g}",
         )
     ]  # fmt: skip
 
@@ -74,8 +74,8 @@ def exact_figures() -> list[Figure]:
 def motions() -> tuple[str, Sequence[Motion], Sequence[Motion]]:
     """Return what they are, the library's clips, and clips to take probes from."""
     data, cache = os.environ.get("WORKBENCH_DATA"), os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
-    known = database_motions("recorded" if data else "builtin", data=data, cache=cache)
-    every = [motion.resampled(RATE_HZ) for motion in known]
+    motions = database_motions("recorded" if data else "builtin", data=data, cache=cache)
+    every = [motion.resampled(RATE_HZ) for motion in motions]
     people = [motion for motion in every if data and motion.subject in LEFT_OUT_PEOPLE]
     others = [*people, *[motion for motion in every if not data or motion.subject.startswith("bandai")][::10]]
     library = [motion for motion in every if motion not in others]
@@ -88,10 +88,12 @@ def database(
     """Return the coefficients (n, b) of a library of about `size` windows, and probes (K, b) from other clips."""
     rng = np.random.default_rng(0)
     windows = learn_windows(enlarged(library, size, rng))
-    unknown = learn_windows(others)
-    if len(unknown) < n_probes:
-        unknown = learn_windows(enlarged(others, n_probes, rng))
-    return windows.coefficients, windows.project(unknown.window_rows(rng.choice(len(unknown), n_probes, replace=False)))
+    probe_windows = learn_windows(others)
+    if len(probe_windows) < n_probes:
+        probe_windows = learn_windows(enlarged(others, n_probes, rng))
+    return windows.coefficients, windows.project(
+        probe_windows.window_rows(rng.choice(len(probe_windows), n_probes, replace=False))
+    )
 
 
 def enlarged(library: Sequence[Motion], size: int, rng: np.random.Generator) -> list[Motion]:

@@ -1,4 +1,4 @@
-"""A measured figure beside its bar, as text and as JSON."""
+"""A measured figure with its required value, as text and as JSON."""
 
 import json
 import math
@@ -36,12 +36,12 @@ class Figure:
 
     @property
     def reached(self) -> bool:
-        """Whether the figure is at its bar or better; False where it was not measured."""
+        """Return whether the figure is at its bar or better; False where it was not measured."""
         return self.value <= self.bar if self.better == "lower" else self.value >= self.bar
 
 
 def not_measured(name: str, unit: str, bar: float, better: str, why: str) -> Figure:
-    """The figure's line where something it needs is not there."""
+    """Return the figure's line if a requirement of the measurement is missing."""
     return Figure(name, math.nan, unit, bar, better, f"not measured: {why}")
 
 
@@ -57,7 +57,7 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 def write_figures(path: Path, figures: Sequence[Figure]) -> None:
-    """A JSON list of {name, value, unit, bar, better, reference}; a value that was not measured is null.
+    """Write a JSON list of {name, value, unit, bar, better, reference}; a value that was not measured is null.
 
     Raises InputError when the file cannot be written.
     """
@@ -67,7 +67,8 @@ def write_figures(path: Path, figures: Sequence[Figure]) -> None:
 
 
 def read_figures(path: Path) -> list[Figure]:
-    """What `write_figures` wrote; raises InputError when the file is missing or something else."""
+    """Return the figures of a file written by `write_figures`; raises InputError if it is missing or has another
+    format."""
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
         return [Figure(**row | {"value": math.nan if row["value"] is None else float(row["value"])}) for row in rows]
@@ -75,12 +76,13 @@ def read_figures(path: Path) -> list[Figure]:
         raise InputError(f"{path}: expected a list of benchmark figures in JSON: {error}") from None
 
 
-def differences(found: Sequence[Figure], kept: Sequence[Figure], share: float) -> list[str]:
-    """A sentence for each figure that is more than (1 + share) times worse than the kept one.
+def differences(measured: Sequence[Figure], reference: Sequence[Figure], share: float) -> list[str]:
+    """Return a sentence for each figure that is more than (1 + share) times worse than the reference.
 
-    A figure that was not measured, now or then, or that only one side has, gets a sentence too: it may be any worse.
+    Figures that were not measured, now or in the reference, or that only one side has, have a sentence too, because
+    they may be worse.
     """
-    ours, theirs = ({figure.name: figure for figure in figures} for figures in (found, kept))
+    ours, theirs = ({figure.name: figure for figure in figures} for figures in (measured, reference))
     sentences = []
     for name in sorted(ours.keys() | theirs.keys()):
         if name not in ours or name not in theirs:

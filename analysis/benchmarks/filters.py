@@ -1,9 +1,9 @@
-"""The particle filter's own time a step, and that of the package `particles` with our prior and likelihood in it.
+"""The particle filter's own time per step, and that of the package `particles` with our prior and likelihood in it.
 
-What counts is what a step takes beyond the prior and the likelihood: resampling before every frame, moving particles
-(state and pose) to where their ancestors were, normalising the weights, the effective sample size and the expected
-pose. What the prior and the likelihood take, and what it takes to plug them in, is measured inside each run and left
-out. All in seconds of the processor: the time is short, and what other programs do would show.
+It is the time of a step without the prior and the likelihood: resampling before every frame, copying particles (state
+and pose) from their ancestors, normalising the weights, the effective sample size and the expected pose. The time of
+the prior, the likelihood and their adapters is measured inside each run and subtracted. All in processor seconds,
+because the times are short and other load would show.
 """
 
 import time
@@ -32,7 +32,7 @@ RATE_HZ = 30.0
 
 @dataclass
 class Clock:
-    """Seconds spent in what is plugged in."""
+    """Seconds spent in the plugged-in objects."""
 
     seconds: float = 0.0
 
@@ -44,7 +44,8 @@ class Clock:
 
 
 class Timed:
-    """Another object; the seconds of its methods, and of those of looks and likelihoods it gives, go to a clock."""
+    """Proxy of another object; the seconds of its methods, and of those of the frame likelihoods it returns, go to a
+    clock."""
 
     def __init__(self, inner: object, clock: Clock) -> None:
         self._inner, self._clock = inner, clock
@@ -64,7 +65,7 @@ class Timed:
 
 @dataclass
 class Plugged:
-    """Our prior and likelihood as the other package wants them: particles (N, D + 25) are the state and its pose."""
+    """Adapter of our prior and likelihood to the other package: particles (N, D + 25) are the state and its pose."""
 
     prior: Any
     likelihood: ImageMotion

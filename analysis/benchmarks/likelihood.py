@@ -40,7 +40,7 @@ def kernel_figures() -> list[Figure]:
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
     few = poses[0][:N_REFERENCE], poses[1][:N_REFERENCE]
     places, words = _places(likelihood, poses[1]), packed(grey_levels(now.views[0], BLUR_PX))
-    one, reference, looking = fastest_s(
+    one, reference, lookup_s = fastest_s(
         [
             partial(on_threads, 1, likelihood.prepare(before, now), *poses),
             partial(_by_oracle, likelihood, before, now, *few),
@@ -50,7 +50,7 @@ def kernel_figures() -> list[Figure]:
     )
     reference *= N_PARTICLES / N_REFERENCE
     lookups = 2 * N_PARTICLES * len(likelihood.body.limbs) * N_SAMPLES
-    bare = looking / len(places[0]) * lookups
+    bare = lookup_s / len(places[0]) * lookups
     return [
         Figure(
             "kernel_vs_numpy", reference / one, "× faster", 60.0, "higher",
@@ -92,12 +92,12 @@ def on_threads(
     threads: int, frame_likelihood: FrameLikelihood, poses_before: FloatArray, poses_now: FloatArray
 ) -> FloatArray:
     """Return the log likelihoods on a number of threads; numba is set back to what it was."""
-    usual = numba.get_num_threads()
+    previous = numba.get_num_threads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     try:
         return frame_likelihood.evaluate(poses_before, poses_now).log_prob
     finally:
-        numba.set_num_threads(usual)
+        numba.set_num_threads(previous)
 
 
 def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, Float32Array]:

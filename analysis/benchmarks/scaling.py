@@ -1,4 +1,4 @@
-"""How time and memory grow with the number of particles and the length of a clip, and the exponents of their laws.
+"""Growth of time and memory with the number of particles and the length of a clip, with fitted exponents.
 
     python -m analysis.benchmarks.scaling [NAME…] [--out FOLDER]
 
@@ -64,7 +64,7 @@ class Curve:
 
     @property
     def exponent(self) -> float:
-        """p of value ∝ size^p: the slope of the logarithms by least squares, over the upper half of the sizes.
+        """Return p of value ∝ size^p: the slope of the logarithms by least squares, over the upper half of the sizes.
 
         The lower half shows what a call costs whatever its size.
         """
@@ -131,17 +131,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MEASURES)}; none: all")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="draw the figures here, as PNG")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        if unknown := [name for name in given.names if name not in MEASURES]:
+        if unknown := [name for name in options.names if name not in MEASURES]:
             raise InputError(f"{unknown[0]}: expected one of {', '.join(MEASURES)}")
         print(machine())
         with threadpool_limits(limits=1, user_api="blas"):
-            for name in given.names or MEASURES:
+            for name in options.names or MEASURES:
                 curves = MEASURES[name]()
                 print("", name, *curves, sep="\n", flush=True)
-                if given.out is not None:
-                    write(given.out, name, curves)
+                if options.out is not None:
+                    write(options.out, name, curves)
     except InputError as error:
         print(f"scaling: {error}", file=sys.stderr)
         return 2

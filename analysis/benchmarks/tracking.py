@@ -106,8 +106,8 @@ def run_ms(n_frames: int, folder: Path) -> float:
 def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Parts]:
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"):
-        given = [f"dataset.n_frames={N_FRAMES}", f"inference.n_particles={n_particles}", *overrides]
-        config = compose("config", overrides=given)
+        arguments = [f"dataset.n_frames={N_FRAMES}", f"inference.n_particles={n_particles}", *overrides]
+        config = compose("config", overrides=arguments)
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"):
         warnings.simplefilter("ignore")
@@ -123,9 +123,9 @@ def _once(parts: Parts, config: DictConfig, folder: Path, keep: bool = False) ->
         recorder_of(config, parts, summary) as recorder,
     ):
         warnings.simplefilter("ignore")
-        began = perf_counter()
+        started = perf_counter()
         record(parts, recorder, int(config.seed), summary, quiet=True, evidence=evidence)
-        whole = perf_counter() - began
+        whole = perf_counter() - started
         if evidence is not None:
             evidence.measured()
             recorder.set_result(summary.metrics)

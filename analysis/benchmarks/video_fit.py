@@ -1,9 +1,9 @@
-"""The fit of a whole video to 2-D joints: time a frame by the length of the clip, memory, and its oracle's time.
+"""Fit of a whole video to 2-D joints: time per frame by the length of the clip, memory, and its oracle's time.
 
     python -m analysis.benchmarks.video_fit N_FRAMES N_CAMERAS
 
-fits once and is what the memory is measured of. A generated walker goes round in a circle before one camera, or four,
-which see the joints 4 px off at 30 Hz; a tenth of them is missing. Processor time of one thread, with one of BLAS.
+fits once, for the memory measurement. A generated walker goes round in a circle before one camera, or four, with joint
+errors of 4 px at 30 Hz; a tenth of the joints is missing. Processor time of one thread, with one BLAS thread.
 """
 
 import os
@@ -23,7 +23,7 @@ from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.foot_contact import standing_feet
+from workbench.inference.least_squares.foot_contact import detect_foot_contacts
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import views_residual
 from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
@@ -38,7 +38,7 @@ LONG = 9000
 
 
 def scene(n_frames: int, n_cameras: int, seed: int = 0) -> tuple[list[Observed], FloatArray, FloatArray]:
-    """Return what n_frames show, their times (T,) and the true poses (T, P)."""
+    """Return the observations of n_frames frames, their times (T,) and the true poses (T, P)."""
     rng = np.random.default_rng(seed)
     motion = walker(average_subject(), path="circle", duration_s=n_frames / RATE_HZ + 1.0, rate_hz=RATE_HZ)
     poses = motion.poses[:n_frames]
@@ -47,47 +47,47 @@ def scene(n_frames: int, n_cameras: int, seed: int = 0) -> tuple[list[Observed],
         plain_camera(960, 720, 900.0, place, (0.0, 0.0, 1.0), f"camera{k}")
         for k, place in enumerate(PLACES[:n_cameras])
     ]
-    places, seen = joints(BODY.skeleton, poses), []
-    for positions in places:
+    joint_positions, observations = joints(BODY.skeleton, poses), []
+    for positions in joint_positions:
         views = []
         for camera in cameras:
             pixels = camera.project(positions) + SIGMA_PX * rng.standard_normal((len(positions), 2))
-            shown = np.flatnonzero(rng.random(len(positions)) > MISSING)
-            views.append(Keypoints(shown, np.column_stack([pixels[shown], np.ones(len(shown))]), camera))
-        seen.append(Observed(np.empty((0, 3)), tuple(views)))
-    return seen, np.arange(n_frames) / RATE_HZ, poses
+            visible = np.flatnonzero(rng.random(len(positions)) > MISSING)
+            views.append(Keypoints(visible, np.column_stack([pixels[visible], np.ones(len(visible))]), camera))
+        observations.append(Observed(np.empty((0, 3)), tuple(views)))
+    return observations, np.arange(n_frames) / RATE_HZ, poses
 
 
-def fit(seen: list[Observed], times_s: FloatArray) -> SmoothPoses:
-    """Fit all frames as `inference=least_squares prior=linear` does, from the joints alone."""
-    problem = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED)
-    return fit_smooth(problem, seen, first_poses(BODY.skeleton, seen[0].keypoints, SIGMA_PX), 40)
+def fit(observations: list[Observed], times_s: FloatArray) -> SmoothPoses:
+    """Return the fit of all frames as with `inference=least_squares prior=linear`, from the joints alone."""
+    problem = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED)
+    return fit_smooth(problem, observations, first_poses(BODY.skeleton, observations[0].keypoints, SIGMA_PX), 40)
 
 
 def figures() -> list[Figure]:
     """Measure milliseconds a frame, memory, and one evaluation against that of residual functions."""
-    found = []
+    measured = []
     with threadpool_limits(limits=1, user_api="blas"):
         for n_cameras, bars in ((1, (4.0, 5.0, 5.0)), (4, (2.0, 2.0, 2.0))):
             for n_frames, bar in zip(LENGTHS, bars, strict=True):
-                seen, times_s, poses = scene(n_frames, n_cameras)
-                (seconds,) = fastest_s([partial(fit, seen, times_s)], 3, clock=time.thread_time)
-                off = joints(BODY.skeleton, fit(seen, times_s).poses) - joints(BODY.skeleton, poses)
-                error = 1e3 * float(np.linalg.norm(off - off[:, :1], axis=2)[:, 1:].mean())
-                found.append(Figure(
+                observations, times_s, poses = scene(n_frames, n_cameras)
+                (seconds,) = fastest_s([partial(fit, observations, times_s)], 3, clock=time.thread_time)
+                errors = joints(BODY.skeleton, fit(observations, times_s).poses) - joints(BODY.skeleton, poses)
+                error = 1e3 * float(np.linalg.norm(errors - errors[:, :1], axis=2)[:, 1:].mean())
+                measured.append(Figure(
                     f"video_fit_{n_frames}_{n_cameras}", 1e3 * seconds / n_frames, "ms a frame", bar, "lower",
                     f"{n_frames} frames, {n_cameras} cameras: root-aligned error {error:.0f} mm",
                 ))  # fmt: skip
-        found.append(_against_residuals())
-    return [*found, _memory()]
+        measured.append(_against_residuals())
+    return [*measured, _memory()]
 
 
 def _against_residuals(n_frames: int = 100) -> Figure:
-    seen, times_s, poses = scene(n_frames, 1)
-    stand = standing_feet(BODY.skeleton, seen, times_s)
-    batch = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED)
-    residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in seen]
-    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED, stand)
+    observations, times_s, poses = scene(n_frames, 1)
+    contacts = detect_foot_contacts(BODY.skeleton, observations, times_s)
+    batch = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED)
+    residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in observations]
+    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED, contacts)
     x = poses.ravel()
     ours, theirs = fastest_s([lambda: batch.expand(x), lambda: functions.expand(x)], 5, clock=time.thread_time)
     what = (

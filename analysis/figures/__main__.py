@@ -1,4 +1,4 @@
-"""The papers' figures from recordings, as PNG and PDF.
+"""Draw the papers' figures from recordings, as PNG and PDF.
 
     python -m analysis.figures [NAME…] [--quick] [--runs FOLDER] [--data DATA] [-o FOLDER]
 
@@ -28,7 +28,7 @@ from workbench.utils.errors import InputError
 
 
 def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:
-    """The scripts whose names begin with one of these, or all; raises InputError for one that fits none."""
+    """Return the scripts whose names begin with one of these, or all; raises InputError for one that fits none."""
     every = sorted(path.stem for path in Path(__file__).parent.glob("[abcd]_*.py"))
     for name in names:
         if not any(script.startswith(name) for script in every):
@@ -37,17 +37,17 @@ def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:
     return {script: import_module(f"analysis.figures.{script}") for script in chosen}
 
 
-def save(script: ModuleType, found: Mapping[str, Reading], folder: Path, name: str) -> None:
+def save(script: ModuleType, readings: Mapping[str, Reading], folder: Path, name: str) -> None:
     """Draw a figure of its experiments' readings and write NAME.png and NAME.pdf."""
     with context(STYLE):
-        figure = script.draw(found)
+        figure = script.draw(readings)
         figure.savefig(folder / f"{name}.png")
         figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
 
 
 def make(chosen: Mapping[str, ModuleType], source: Source, folder: Path) -> list[str]:
     """Make these figures; a sentence for each that could not be made."""
-    known, problems = open_sound_runs(source.folder)
+    recordings, problems = open_sound_runs(source.folder)
     for problem in problems:
         print(f"left out: {problem.reason}", file=sys.stderr)
     made: dict[tuple[str, tuple[str, ...]], Reading] = {}
@@ -57,22 +57,22 @@ def make(chosen: Mapping[str, ModuleType], source: Source, folder: Path) -> list
         try:
             for experiment in script.EXPERIMENTS:
                 if (experiment, script.READINGS) not in made:
-                    made[experiment, script.READINGS] = _reading(experiment, script.READINGS, source, known)
+                    made[experiment, script.READINGS] = _reading(experiment, script.READINGS, source, recordings)
             save(script, {name: made[name, script.READINGS] for name in script.EXPERIMENTS}, folder, name)
         except InputError as error:
             failed.append(f"{name}: {error}")
     return failed
 
 
-def _reading(experiment: str, papers: Sequence[str], source: Source, known: Sequence[Run]) -> Reading:
-    """An experiment's recordings and, where both readings are shown, its numbers over seeds."""
-    runs = {paper: recording(experiment, source, known, paper) for paper in papers}
+def _reading(experiment: str, papers: Sequence[str], source: Source, recordings: Sequence[Run]) -> Reading:
+    """Return an experiment's recordings and, where both readings are shown, its numbers over seeds."""
+    runs = {paper: recording(experiment, source, recordings, paper) for paper in papers}
     numbers = {paper: replicates(experiment, paper, source) for paper in papers} if len(papers) > 1 else {}
     return Reading(runs, numbers)
 
 
 def main() -> int:
-    """Exit code 0 when all figures were made, 1 when some could not be, 2 for bad input."""
+    """Return exit code 0 when all figures were made, 1 when some could not be, 2 for bad input."""
     parser = argparse.ArgumentParser(
         prog="python -m analysis.figures", description="The papers' figures from recordings."
     )
@@ -85,11 +85,12 @@ def main() -> int:
     parser.add_argument(
         "-o", dest="folder", type=Path, default=Path("build/figures"), help="for the files (build/figures)"
     )
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        given.runs.mkdir(parents=True, exist_ok=True)
-        given.folder.mkdir(parents=True, exist_ok=True)
-        failed = make(scripts(given.names), Source(given.runs, given.data, given.quick), given.folder)
+        arguments.runs.mkdir(parents=True, exist_ok=True)
+        arguments.folder.mkdir(parents=True, exist_ok=True)
+        source = Source(arguments.runs, arguments.data, arguments.quick)
+        failed = make(scripts(arguments.names), source, arguments.folder)
     except InputError as error:
         print(f"figures: {error}", file=sys.stderr)
         return 2

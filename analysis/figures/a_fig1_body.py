@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import Picture, pictures
 from analysis.figures.readings import OURS, Reading
+from analysis.figures.run_descriptions import setup
 from analysis.figures.style import ON_IMAGE, bare, canvas
-from analysis.figures.told import setup
 from tests.oracles.image_motion import PosedView, hidden_samples, inside_image, limb_patches
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import forward
@@ -44,24 +44,24 @@ MARGIN_PX, FEW = 28.0, 10
 SEEN, UNSEEN = "#FFE9B0", "#4A2C00"
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Particles over an image; the limbs with their axes; patches and points as we place them, and as A does."""
-    run = found["walk_straight"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw particles over an image; the limbs with their axes; patches and points as we place them, and as A does."""
+    run = readings["walk_straight"].ours
     body = person(read_shape(str(run.path), run.properties["shape"]))
     row = len(run.poses[0]) // 2
     (shot,) = pictures(run, [int(run.poses[0][row])])
-    known: Mapping[str, Any] = run.settings.get("likelihood") or {}
-    ours = ImageMotion(body, **{key: known[key] for key in PLACES if key in known})
+    recorded: Mapping[str, Any] = run.settings.get("likelihood") or {}
+    ours = ImageMotion(body, **{key: recorded[key] for key in PLACES if key in recorded})
     cues = (ours, replace(ours, points="drawn", taper=False, occlusion="limb"))
-    seen = [_placed(shot, _camera(run), cue, run.poses[1][row]) for cue in cues]
-    counted = [f"{int(counts.sum())} of {counts.size}" for _, _, counts in seen]
+    placements = [_placed(shot, _camera(run), cue, run.poses[1][row]) for cue in cues]
+    counted = [f"{int(counts.sum())} of {counts.size}" for _, _, counts in placements]
     figure = canvas("Paper A, fig. 1: samples, body, and the points compared", 4.3, _caption(run, shot, ours, counted))
     samples, model, *compared = figure.subplots(1, 4)
     _image(samples, shot)
     some = shot.skeletons["particles"][: FEW * len(shot.skeletons["estimate"])]  # each is as many lines
     samples.add_collection(LineCollection(list(some), colors=ON_IMAGE["particles"], linewidths=0.4))
     _limbs(model, body)
-    for axes, placed in zip(compared, seen, strict=True):
+    for axes, placed in zip(compared, placements, strict=True):
         _image(axes, shot)
         _points(axes, *placed)
     titles = ("(a) samples", "(b) body and axes", "points, ours", "points, as A has them")
@@ -84,7 +84,7 @@ def _caption(run: Run, shot: Picture, cue: ImageMotion, counted: Sequence[str]) 
 
 
 def _image(axes: Axes, shot: Picture) -> None:
-    """The image, cut to the expected pose."""
+    """Draw the image, cut to the expected pose."""
     axes.imshow(shot.image, cmap="gray", vmin=0, vmax=255)
     places = shot.skeletons["estimate"].reshape(-1, 2)
     low, high = places.min(axis=0) - MARGIN_PX, places.max(axis=0) + MARGIN_PX
@@ -96,7 +96,8 @@ def _image(axes: Axes, shot: Picture) -> None:
 def _placed(
     shot: Picture, camera: Camera, cue: ImageMotion, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Patches' outlines (L, 4, 2) and points (L, n, 2), px, at a pose (P,), and which points are compared (L, n)."""
+    """Return patches' outlines (L, 4, 2) and points (L, n, 2), px, at a pose (P,), and which points are compared (L,
+    n)."""
     limbs, grey = cue.compared.limbs, np.zeros(shot.image.shape[:2], dtype=np.float32)
     patches = limb_patches(limbs, PosedView(camera, grey, forward(cue.body.skeleton, pose[None])))
     places = patches.positions(cue.samples)
@@ -106,7 +107,7 @@ def _placed(
 
 
 def _points(axes: Axes, outlines: FloatArray, places: FloatArray, counts: BoolArray) -> None:
-    """Patches, and their points by whether they are compared."""
+    """Draw patches, and their points by whether they are compared."""
     edges = {"facecolors": "none", "edgecolors": ON_IMAGE["estimate"], "linewidths": 0.8}
     axes.add_collection(PolyCollection(list(outlines), **edges))
     for some, colour, size in ((~counts, UNSEEN, 1.2), (counts, SEEN, 1.6)):
@@ -114,18 +115,18 @@ def _points(axes: Axes, outlines: FloatArray, places: FloatArray, counts: BoolAr
 
 
 def _limbs(axes: Axes, body: Body) -> None:
-    """The limbs of a standing person, as the outlines of cones and spheres, and the axes of each."""
+    """Draw the limbs of a standing person, as the outlines of cones and spheres, and the axes of each."""
     pose = np.zeros(len(POSE_NAMES))
     for name, value in STANDING.items():
         pose[POSE_NAMES.index(name)] = value
     frames, limbs = forward(body.skeleton, pose[None]), body.limbs
     turns, origins = frames.rotations[0, limbs.joints], frames.positions[0, limbs.joints]
-    own = turns @ limbs.axes
+    local_axes = turns @ limbs.axes
     for k in range(len(limbs)):
         ends = [origins[k] + turns[k] @ end for end in (limbs.starts[k], limbs.ends[k])]
-        lines = [FRONT.project(line) for line in _outline(ends, own[k], limbs.radii[k], bool(limbs.spheres[k]))]
+        lines = [FRONT.project(line) for line in _outline(ends, local_axes[k], limbs.radii[k], bool(limbs.spheres[k]))]
         axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.5))
-        for along, colour in zip(own[k].T, AXES.values(), strict=True):
+        for along, colour in zip(local_axes[k].T, AXES.values(), strict=True):
             axes.plot(*FRONT.project(np.stack([ends[0], ends[0] + AXES_M * along])).T, color=colour, linewidth=1.0)
     for j, (name, colour) in enumerate(AXES.items()):
         axes.text(0.04 + 0.1 * j, 0.02, name, color=colour, transform=axes.transAxes, fontweight="bold")
@@ -135,9 +136,10 @@ def _limbs(axes: Axes, body: Body) -> None:
     bare(axes)
 
 
-def _outline(ends: Sequence[FloatArray], own: FloatArray, radii: FloatArray, sphere: bool) -> list[FloatArray]:
-    """Lines (n, 3), m, on a limb: three circles on a sphere, else the sections at both ends and four lines between."""
-    x, y, z = own.T
+def _outline(ends: Sequence[FloatArray], local_axes: FloatArray, radii: FloatArray, sphere: bool) -> list[FloatArray]:
+    """Return lines (n, 3), m, on a limb: three circles on a sphere, else the sections at both ends and four lines
+    between."""
+    x, y, z = local_axes.T
     turn = np.linspace(0.0, 2.0 * np.pi, 49)[:, None]
     sections = [(end, x, y, radii[j]) for j, end in enumerate(ends)]
     if sphere:
@@ -148,12 +150,12 @@ def _outline(ends: Sequence[FloatArray], own: FloatArray, radii: FloatArray, sph
 
 
 def _camera(run: Run) -> Camera:
-    """The first camera as it was recorded, of straightened images; raises InputError where there is none."""
-    found = static_values(read_chunks(run.path, ["/world/**"]))
-    paths = sorted(path for path, values in found.items() if "Pinhole:image_from_camera" in values)
+    """Return the first camera as it was recorded, of straightened images; raises InputError where there is none."""
+    values_by_path = static_values(read_chunks(run.path, ["/world/**"]))
+    paths = sorted(path for path, values in values_by_path.items() if "Pinhole:image_from_camera" in values)
     if not paths:
         raise InputError(f"{run.path}: expected a camera, found none")
-    lens, place = found[paths[0]], found[paths[0].removesuffix("/image")]
+    lens, place = values_by_path[paths[0]], values_by_path[paths[0].removesuffix("/image")]
 
     def numbers(values: Mapping[str, Any], key: str) -> FloatArray:
         return np.array(values[key].as_py()[0], dtype=np.float64)

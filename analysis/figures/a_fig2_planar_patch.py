@@ -25,9 +25,10 @@ EDGE_DEG = 85.0
 """Azimuth on the surface, from what faces the camera, up to which points count."""
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A limb's surface and its patch as seen; the patch's error over the limb's angle; and that of a turn it misses."""
-    px_per_m = found["walk_straight"].ours.settings["dataset"]["person_px"] / 1.75
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a limb's surface and its patch as seen; the patch's error over the limb's angle; and that of a turn it
+    misses."""
+    px_per_m = readings["walk_straight"].ours.settings["dataset"]["person_px"] / 1.75
     errors = {
         share: np.array([np.quantile(px_per_m * off_m(alpha), share) for alpha in np.radians(ALPHAS_DEG)])
         for share in (0.5, 0.9)
@@ -58,7 +59,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
 
 
 def projections(alpha: float, u: FloatArray, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where points of a cylinder are seen and where its patch puts them, (..., 2), m at DISTANCE_M.
+    """Return where points of a cylinder are seen and where its patch puts them, (..., 2), m at DISTANCE_M.
 
     u: along the limb, 0..1. azimuth: rad, from the direction that faces the camera. alpha: rad, of the axis with the
     image plane. The camera looks along z. The patch's corners are projected, the points between them interpolated.
@@ -77,7 +78,7 @@ def projections(alpha: float, u: FloatArray, azimuth: FloatArray) -> tuple[Float
 
 
 def off_m(alpha: float) -> FloatArray:
-    """How far the patch is off, m at DISTANCE_M, at points spread evenly over the surface that is seen."""
+    """Return how far the patch is off, m at DISTANCE_M, at points spread evenly over the surface that is seen."""
     edge = np.radians(EDGE_DEG)
     u, azimuth = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(-edge, edge, 41))
     exact, patch = projections(alpha, u, azimuth)
@@ -89,7 +90,7 @@ def _seen(points: FloatArray) -> FloatArray:
 
 
 def _grids(axes: Axes, alpha: float) -> None:
-    """Lines along and around the surface, and the same lines of the patch."""
+    """Draw lines along and around the surface, and the same lines of the patch."""
     u, azimuth = np.meshgrid(np.linspace(0.0, 1.0, 9), np.radians(np.linspace(-EDGE_DEG, EDGE_DEG, 9)))
     for points, colour in zip(projections(alpha, u, azimuth), (TRUTH, ESTIMATE), strict=True):
         axes.plot(*points.transpose(2, 0, 1), color=colour, linewidth=0.9)

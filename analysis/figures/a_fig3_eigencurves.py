@@ -18,9 +18,9 @@ READINGS = OURS
 ANGLE = "left knee flexion"
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Cycles and mean; the first three eigencurves; the variance explained."""
-    run = found["learn_walk"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw cycles and mean; the first three eigencurves; the variance explained."""
+    run = readings["learn_walk"].ours
     result = run.result
     figure = canvas(
         "Paper A, fig. 3: learning a walking model",
@@ -42,7 +42,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
 
 
 def alone(eigencurves: Curves) -> Curves:
-    """λ_k times component k, of the recorded mean + 2 λ_k times component k."""
+    """Return λ_k times component k, of the recorded mean + 2 λ_k times component k."""
     mean = eigencurves.curves["mean"]
     modes = {f"{k}": 0.5 * (curve - mean) for k, curve in enumerate(list(eigencurves.curves.values())[1:], start=1)}
     return Curves(eigencurves.name, eigencurves.x, modes, eigencurves.x_name, eigencurves.y_name)

@@ -25,9 +25,9 @@ ANGLES = {
 }
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """For either reading images above, marginals below."""
-    arm = found["arm_twist"]
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw for either reading images above, marginals below."""
+    arm = readings["arm_twist"]
     bands = "; ".join(
         f"{reading}: {first:.0f}° wide in the first frame and {last:.0f}° in the last"
         for reading, run in arm.runs.items()
@@ -53,7 +53,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
 
 
 def band_deg(run: Run, name: str) -> FloatArray:
-    """The width of a parameter's 5–95 % band in every frame, degrees."""
+    """Return the width of a parameter's 5–95 % band in every frame, degrees."""
     low, high = (run.scalars[f"posterior/parameters/{name}/{end}"].values[:, 0] for end in ("low", "high"))
     width: FloatArray = np.degrees(high - low)
     return width

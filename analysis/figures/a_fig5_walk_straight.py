@@ -1,4 +1,4 @@
-"""Paper A, fig. 5: tracking a person who walks in a straight line.
+"""Paper A, fig. 5: tracking a person on a straight walk.
 
 From walk_straight: 5000 particles under the walking prior.
 """
@@ -14,7 +14,7 @@ EXPERIMENTS = ("walk_straight",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Images above, the expected pose in space below."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw images above, the expected pose in space below."""
     paper = "The paper: 5000 particles, 50 frames, held; arms often poorly estimated; no errors given."
-    return tracked("Paper A, fig. 5: a walk in a straight line", found["walk_straight"], paper)
+    return tracked("Paper A, fig. 5: a walk in a straight line", readings["walk_straight"], paper)

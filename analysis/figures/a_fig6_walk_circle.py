@@ -1,4 +1,4 @@
-"""Paper A, fig. 6: tracking a person who walks on a circle.
+"""Paper A, fig. 6: tracking a person on a circular walk.
 
 From walk_circle: 15 000 particles under a walking prior that was learned from straight walks.
 """
@@ -14,7 +14,7 @@ EXPERIMENTS = ("walk_circle",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Images above, the expected pose in space below."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw images above, the expected pose in space below."""
     paper = "The paper: 15 000 particles; in frame 50 the model starts to drift off, its rotation poorly estimated."
-    return tracked("Paper A, fig. 6: a walk on a circle", found["walk_circle"], paper)
+    return tracked("Paper A, fig. 6: a walk on a circle", readings["walk_circle"], paper)

@@ -15,9 +15,9 @@ EXPERIMENTS = ("period_snr",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The walk whose period was found best, all walks with white noise, and the deviations from hip events."""
-    run = found["period_snr"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the walk whose period was found best, all walks with white noise, and the deviations from hip events."""
+    run = readings["period_snr"].ours
     result = run.result
     figure = canvas(
         "Paper B, fig. 1 left: finding the period",
@@ -28,8 +28,8 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         "peak at 126 samples; white noise about constant.",
     )
     first, second, third = figure.subplots(1, 3)
-    shown = run.figures
-    for axes, drawn in zip((first, second, third), (shown[0], *shown[-2:]), strict=True):
+    figures = run.figures
+    for axes, drawn in zip((first, second, third), (figures[0], *figures[-2:]), strict=True):
         draw_figure(axes, drawn)
         axes.set_title(drawn.name.partition("/")[2])
     return figure

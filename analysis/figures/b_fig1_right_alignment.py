@@ -17,9 +17,9 @@ READINGS = OURS
 ANGLES = ("left hip flexion", "left knee flexion", "left shoulder flexion")
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Three angles before, above, and after, below."""
-    run = found["align_cycles"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw three angles before, above, and after, below."""
+    run = readings["align_cycles"].ours
     result = run.result
     figure = canvas(
         "Paper B, fig. 1 right: aligning walks",

@@ -14,8 +14,8 @@ EXPERIMENTS = ("walk_cyclic",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Images above, the expected pose in space below."""
-    missing = 100 * found["walk_cyclic"].ours.settings["prior"]["missing"]
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw images above, the expected pose in space below."""
+    missing = 100 * readings["walk_cyclic"].ours.settings["prior"]["missing"]
     paper = f"Learned with {missing:.0f} % of the samples missing. The paper: 10 000 particles, held; no errors given."
-    return tracked("Paper B, fig. 2: a walk under the cyclic prior", found["walk_cyclic"], paper)
+    return tracked("Paper B, fig. 2: a walk under the cyclic prior", readings["walk_cyclic"], paper)

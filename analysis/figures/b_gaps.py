@@ -16,9 +16,9 @@ EXPERIMENTS = ("impute_gaps",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Error over the part removed, in blocks and by markers; one angle of one walk with its gaps."""
-    run = found["impute_gaps"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw error over the part removed, in blocks and by markers; one angle of one walk with its gaps."""
+    run = readings["impute_gaps"].ours
     result = run.result
     figure = canvas(
         "Paper B, section 2.2: filling in missing joint angles",

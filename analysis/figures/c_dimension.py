@@ -19,24 +19,24 @@ EXPERIMENTS = ("particles_by_dimension",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Mean log N over d with intervals over seeds, and the line of the paper's two numbers."""
-    run = found["particles_by_dimension"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw mean log N over d with intervals over seeds, and the line of the paper's two numbers."""
+    run = readings["particles_by_dimension"].ours
     result, drawn = run.result, curves_named(run, "particles/needed")
     figure = canvas("Paper C, section 6: particles against dimension", 3.9, _caption(result, _n_seeds(drawn)))
     axes = figure.subplots()
     ends = []
     for (label, curve), colour in zip(drawn.curves.items(), SERIES, strict=False):
-        known = np.isfinite(curve)
+        finite = np.isfinite(curve)
         seeds = np.array([row for name, row in drawn.faint.items() if name.startswith(f"{label}, seed")])
         if len(seeds):
-            low, high = bootstrap_interval(seeds[:, known], np.random.default_rng(0))
-            off = np.abs(np.stack([curve[known] - low, high - curve[known]]))
-            axes.errorbar(drawn.x[known], curve[known], off, color=colour, marker="o", markersize=3.0, capsize=2.0)
+            low, high = bootstrap_interval(seeds[:, finite], np.random.default_rng(0))
+            off = np.abs(np.stack([curve[finite] - low, high - curve[finite]]))
+            axes.errorbar(drawn.x[finite], curve[finite], off, color=colour, marker="o", markersize=3.0, capsize=2.0)
         else:
             axes.plot(drawn.x, curve, color=GREY, linestyle=(0, (4, 3)))
             colour = GREY
-        ends.append((label, colour, float(drawn.x[known][-1]), float(curve[known][-1])))
+        ends.append((label, colour, float(drawn.x[finite][-1]), float(curve[finite][-1])))
     axes.set_xlabel(drawn.x_name)
     axes.set_ylabel(drawn.y_name)
     axes.set_ylim(bottom=0.0)

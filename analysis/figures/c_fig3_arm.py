@@ -1,8 +1,8 @@
-"""Paper C, fig. 3 (a) to (e): draws at four temperatures, and those for an arm that is tracked.
+"""Paper C, fig. 3 (a) to (e): samples at four temperatures, and those for an arm that is tracked.
 
 From temperature, from temperature_arm, whose database is of right arms, and from arm_implicit_waving, which tracks one.
-The exact draws for that clip differ from what followed by 21° at the frame shown, in the angle that is farthest off,
-the median of 50 draws, and for half a second after it by 56° to 77°: nobody else waves like this.
+The exact samples for that clip differ from the true continuation by 21° at the frame shown, in the angle of largest
+error, the median of 50 samples, and in the following half second by 56° to 77°: the database has no such waving.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import particles, scenes
 from analysis.figures.readings import OURS, Reading
-from analysis.figures.studies import AZIMUTH_DEG, ELEVATION_DEG, seen, sticks
+from analysis.figures.run_descriptions import accuracy, setup
+from analysis.figures.studies import AZIMUTH_DEG, ELEVATION_DEG, projected, sticks
 from analysis.figures.style import bare, canvas
-from analysis.figures.told import accuracy, setup
 from workbench.core.study import Sticks
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import TRUTH
@@ -27,10 +27,11 @@ FRAME = 10
 """Of those tracked: that of temperature_arm's draws."""
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """(a) to (d) by the paper's tree; (e) what follows the windows drawn for the arm's true history, and particles."""
-    whole, arm, tracked = (found[name].ours for name in EXPERIMENTS)
-    shown = [*_of(whole, "sign tree"), *_of(arm, "sign tree"), *_of(arm, "our search")]
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw (a) to (d) by the paper's tree; (e) what follows the windows drawn for the arm's true history, and
+    particles."""
+    whole, arm, tracked = (readings[name].ours for name in EXPERIMENTS)
+    draws = [*_of(whole, "sign tree"), *_of(arm, "sign tree"), *_of(arm, "our search")]
     frames = tracked.poses[0]
     frame = int(frames[min(FRAME, len(frames) - 1)])
     n_shown = len(particles(tracked, frame)) // max(1, len(scenes(tracked, [frame])[0].estimate))
@@ -44,9 +45,9 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         "others of its data set are. The paper: (e) is a typical set of particles of its arm sequence, no numbers. Not "
         "the paper's: a rendered arm; its β unknown.",
     )
-    cells = figure.subplots(1, len(shown) + 1)
-    hot = [f"({letter}) β{drawn.name.rpartition('β')[2]}" for letter, drawn in zip("abcd", shown[:-2], strict=False)]
-    for axes, drawn in zip(cells, shown, strict=False):
+    cells = figure.subplots(1, len(draws) + 1)
+    hot = [f"({letter}) β{drawn.name.rpartition('β')[2]}" for letter, drawn in zip("abcd", draws[:-2], strict=False)]
+    for axes, drawn in zip(cells, draws, strict=False):
         sticks(axes, drawn)
     _particles(cells[-1], tracked, frame)
     for axes, title in zip(cells, (*hot, "(e) tree", "(e) exact", "(e) particles"), strict=True):
@@ -55,16 +56,17 @@ def draw(found: Mapping[str, Reading]) -> Figure:
 
 
 def _of(run: Run, search: str) -> Sequence[Sticks]:
-    """The draws by a search."""
+    """Return the draws by a search."""
     return [drawn for drawn in run.figures if isinstance(drawn, Sticks) and search in drawn.name]
 
 
 def _particles(axes: Axes, run: Run, frame: int) -> None:
-    """Particles and the truth, from the side that `sticks` shows the person from."""
+    """Draw particles and the truth, from the side that `sticks` shows the person from."""
     (scene,) = scenes(run, [frame])
     heading = float(run.poses[1][run.poses[0] == frame][0, run.properties["body"]["pose"].index("root_heading")])
     azimuth = np.degrees(heading) + AZIMUTH_DEG
     for lines, colour, width in ((particles(run, frame), "0.4", 0.4), (scene.truth, TRUTH, 1.4)):
-        axes.add_collection(LineCollection(list(seen(lines, azimuth, ELEVATION_DEG)), colors=colour, linewidths=width))
+        flat = list(projected(lines, azimuth, ELEVATION_DEG))
+        axes.add_collection(LineCollection(flat, colors=colour, linewidths=width))
     axes.autoscale_view()
     bare(axes)

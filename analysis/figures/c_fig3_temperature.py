@@ -18,9 +18,9 @@ EXPERIMENTS = ("temperature",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Draws at rising temperatures, a row for each search; fidelity against temperature."""
-    run = found["temperature"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the samples at rising temperatures, a row for each search; fidelity against temperature."""
+    run = readings["temperature"].ours
     result = run.result
     draws = [figure for figure in run.figures if isinstance(figure, Sticks)]
     fidelity = [figure for figure in run.figures if isinstance(figure, Curves)]
@@ -36,8 +36,8 @@ def draw(found: Mapping[str, Reading]) -> Figure:
     for axes, drawn in zip(upper.subplots(2, len(draws) // 2, sharex=True, sharey=True).flat, draws, strict=True):
         sticks(axes, drawn)
         axes.set_title(drawn.name.partition("/")[2])
-    for axes, shown in zip(lower.subplots(1, len(fidelity)), fidelity, strict=True):
-        marks = dict(zip(["prior"], shown.marks.values(), strict=False))  # whose longer name would cross curves
-        draw_curves(axes, replace(shown, marks=marks), marks_at=0.72)
-        axes.set_title(shown.name.partition("/")[2])
+    for axes, curves in zip(lower.subplots(1, len(fidelity)), fidelity, strict=True):
+        marks = dict(zip(["prior"], curves.marks.values(), strict=False))  # whose longer name would cross curves
+        draw_curves(axes, replace(curves, marks=marks), marks_at=0.72)
+        axes.set_title(curves.name.partition("/")[2])
     return figure

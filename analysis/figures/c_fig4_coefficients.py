@@ -16,10 +16,10 @@ EXPERIMENTS = ("coefficient_histograms",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row for each search, a column for each coefficient."""
-    run = found["coefficient_histograms"].ours
-    shown = [figure for figure in run.figures if isinstance(figure, Bars)]
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row for each search, a column for each coefficient."""
+    run = readings["coefficient_histograms"].ours
+    histograms = [figure for figure in run.figures if isinstance(figure, Bars)]
     figure = canvas(
         "Paper C, fig. 4: coefficients of the windows drawn for one probe",
         3.9,
@@ -27,7 +27,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         f"often from the Gaussian itself would give {run.result['tv_sampling']:.2f}). The paper's histograms, of the "
         "sign tree, follow the Gaussian roughly; no numbers given.",
     )
-    for axes, histogram in zip(figure.subplots(2, len(shown) // 2).flat, shown, strict=True):
+    for axes, histogram in zip(figure.subplots(2, len(histograms) // 2).flat, histograms, strict=True):
         draw_bars(axes, histogram)
         search, _, coefficient = histogram.name.partition("/")[2].rpartition(", ")
         metric = f"tv_{coefficient}_{'sign_tree' if search == 'sign tree' else 'search'}"

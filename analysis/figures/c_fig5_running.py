@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import scenes
 from analysis.figures.readings import BOTH, Reading
-from analysis.figures.studies import seen
+from analysis.figures.studies import projected
 from analysis.figures.style import bare, canvas, rows
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES
@@ -23,14 +23,15 @@ EVERY = 3
 TRAILS = {"left_wrist": SERIES[1], "right_wrist": SERIES[0]}
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """For either reading every third pose in grey and the paths of both wrists, from the runner's right-hand side."""
-    made = found["synthesize_run"]
-    told = "; ".join(f"{reading}: {_told(run)}" for reading, run in made.runs.items())
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw for either reading every third pose in grey and the paths of both wrists, from the runner's right-hand
+    side."""
+    made = readings["synthesize_run"]
+    runs = "; ".join(f"{reading}: {_description(run)}" for reading, run in made.runs.items())
     figure = canvas(
         "Paper C, fig. 5: running, made up",
         1.6 * len(made.runs) + 1.0,
-        f"Grey: every third pose; orange and blue: left and right wrist. {told} of the frames are drawn from clips of "
+        f"Grey: every third pose; orange and blue: left and right wrist. {runs} of the frames are drawn from clips of "
         "the same activity. As the paper writes it there is no smoothing, look-ahead or contact with the ground; β is "
         "ours. The paper: 2 s at 30 Hz; feet planted regularly. Not C's in either row: the database, CMU's and "
         "Bandai's without the clip that it starts from; place and heading enter it as increments in the body's own "
@@ -42,7 +43,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
     return figure
 
 
-def _told(run: Run) -> str:
+def _description(run: Run) -> str:
     way = np.ptp(run.joints.positions[:, 0], axis=0)[:2]
     seconds = (len(run.joints.frames) - 1) / run.settings["dataset"]["rate_hz"]
     share = 100 * run.result["same_activity"]
@@ -54,9 +55,9 @@ def _motion(axes: Axes, run: Run) -> None:
     heading = places[-1, 0, :2] - places[0, 0, :2]
     azimuth = float(np.degrees(np.arctan2(-heading[0], heading[1])))  # to the right of the way
     for scene in scenes(run, [int(frame) for frame in run.joints.frames[::EVERY]]):
-        lines = list(seen(scene.estimate, azimuth, 8.0))
+        lines = list(projected(scene.estimate, azimuth, 8.0))
         axes.add_collection(LineCollection(lines, colors="0.6", linewidths=0.8))
     for name, colour in TRAILS.items():
-        axes.plot(*seen(places[:, run.joints.names.index(name)], azimuth, 8.0).T, color=colour, linewidth=1.4)
+        axes.plot(*projected(places[:, run.joints.names.index(name)], azimuth, 8.0).T, color=colour, linewidth=1.4)
     axes.autoscale_view()
     bare(axes)

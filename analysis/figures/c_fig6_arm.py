@@ -15,8 +15,8 @@ READINGS = BOTH
 NAMES = ("(a) implicit prior", "(b) constant velocity", "constant velocity, more particles")
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row of images each, and all errors over frames."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row of images each, and all errors over frames."""
     paper = "The paper: 300 particles suffice with the implicit prior, constant velocity needs 3000."
-    rows = {name: found[experiment] for name, experiment in zip(NAMES, EXPERIMENTS, strict=True)}
+    rows = {name: readings[experiment] for name, experiment in zip(NAMES, EXPERIMENTS, strict=True)}
     return compared("Paper C, fig. 6: an arm, 300 particles", rows, paper)

@@ -14,8 +14,8 @@ EXPERIMENTS = ("body_implicit", "body_smooth")
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row of images each, and both errors over frames."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row of images each, and both errors over frames."""
     paper = "The paper: 300 particles track 30 frames with the implicit prior and do not with constant velocity."
-    rows = {"(a) implicit prior": found["body_implicit"], "(b) constant velocity": found["body_smooth"]}
+    rows = {"(a) implicit prior": readings["body_implicit"], "(b) constant velocity": readings["body_smooth"]}
     return compared("Paper C, fig. 7: a walker, 300 particles", rows, paper)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import activities, scenes
 from analysis.figures.readings import OURS, Reading
-from analysis.figures.studies import seen
+from analysis.figures.studies import projected
 from analysis.figures.style import bare, canvas, rows
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import FAINT, SERIES
@@ -32,12 +32,13 @@ MADE = {
 }
 EXPERIMENTS = tuple(MADE)
 READINGS = OURS
-N_SHOWN, APART_M, MOST_CHANGES = 11, 0.85, 4
+N_SHOWN, SPACING_M, MOST_CHANGES = 11, 0.85, 4
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row of poses each, from the right-hand side, moved apart evenly, with speed and the activity drawn from."""
-    runs = {name: found[name].ours for name in EXPERIMENTS}
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row of poses each, from the right-hand side, moved apart evenly, with speed and the activity drawn
+    from."""
+    runs = {name: readings[name].ours for name in EXPERIMENTS}
     betas = ", ".join(sorted({f"{run.settings['prior']['beta']:g}" for run in runs.values()}))
     figure = canvas(
         "Paper C, section 5: other motions made up, and changes between them",
@@ -49,7 +50,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         "a motion's kind is controlled by its start, that β controls the probability of changing it, and that smooth "
         "changes need a larger database. Not the paper's: smoothing, look-ahead, contact with the ground.",
     )
-    parts = rows(figure, [1.0] * len(runs), [f"{MADE[name]}: {_told(run)}" for name, run in runs.items()])
+    parts = rows(figure, [1.0] * len(runs), [f"{MADE[name]}: {_description(run)}" for name, run in runs.items()])
     names = dict.fromkeys(name for run in runs.values() for name in _drawn(run).values())
     colours = {name: SERIES[k % len(SERIES)] for k, name in enumerate(names)}
     for part, run in zip(parts, runs.values(), strict=True):
@@ -58,12 +59,12 @@ def draw(found: Mapping[str, Reading]) -> Figure:
 
 
 def _drawn(run: Run) -> Mapping[int, str]:
-    """The activity drawn from in every frame; none where it was not recorded."""
+    """Return the activity drawn from in every frame; none where it was not recorded."""
     return activities(run).get("estimate", {})
 
 
-def _told(run: Run) -> str:
-    """Speeds of the first and last half second, and the activities drawn from, in order, with their frames."""
+def _description(run: Run) -> str:
+    """Return speeds of the first and last half second, and the activities drawn from, in order, with their frames."""
     ways = np.linalg.norm(np.diff(run.joints.positions[:, 0, :2], axis=0), axis=1)
     speeds = ways * run.settings["dataset"]["rate_hz"]
     n = max(1, min(15, len(speeds) // 2))
@@ -77,14 +78,14 @@ def _told(run: Run) -> str:
 
 
 def _motion(axes: Axes, run: Run, colours: Mapping[str, str]) -> None:
-    """Poses in a row, each about its pelvis, at its own height."""
-    frames, places, drawn = run.joints.frames, run.joints.positions, _drawn(run)
+    """Draw poses in a row, each about its pelvis, at its own height."""
+    frames, positions, drawn = run.joints.frames, run.joints.positions, _drawn(run)
     rows_shown = np.unique(np.linspace(0, len(frames) - 1, N_SHOWN).round().astype(int))
-    way = places[-1, 0, :2] - places[0, 0, :2]
+    way = positions[-1, 0, :2] - positions[0, 0, :2]
     azimuth = float(np.degrees(np.arctan2(-way[0], way[1])))
     for k, scene in enumerate(scenes(run, [int(frames[row]) for row in rows_shown])):
-        middle = np.array([*places[rows_shown[k], 0, :2], 0.0])
-        lines = seen(scene.estimate - middle, azimuth, 0.0) + np.array([APART_M * k, 0.0])
+        middle = np.array([*positions[rows_shown[k], 0, :2], 0.0])
+        lines = projected(scene.estimate - middle, azimuth, 0.0) + np.array([SPACING_M * k, 0.0])
         axes.add_collection(
             LineCollection(list(lines), colors=colours.get(drawn.get(scene.frame, ""), "0.4"), linewidths=1.2)
         )

@@ -17,9 +17,9 @@ EXPERIMENTS = ("tree_balance",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Leaves by size, in leaves and in entries; what every level leaves to search, and how it splits."""
-    run = found["tree_balance"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw leaves by size, in leaves and in entries; what every level leaves to search, and how it splits."""
+    run = readings["tree_balance"].ours
     result = run.result
     figure = canvas(
         "Paper C, section 4.1: leaves and balance of the sign tree",

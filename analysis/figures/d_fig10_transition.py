@@ -1,6 +1,7 @@
 """Paper D, fig. 10: a walk that becomes a run.
 
-From points_transition: two clips spliced, neither learned from; the activity is told frame by frame.
+From points_transition: two concatenated clips that are not in the training data; the activity is estimated frame by
+frame.
 """
 
 from collections.abc import Mapping
@@ -17,15 +18,17 @@ EXPERIMENTS = ("points_transition",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """For either reading the fit in frames from the first to the last; the activity told and the true one."""
-    both = found["points_transition"]
-    told = ", ".join(f"{reading} {100 * run.result['activity_accuracy']:.0f} %" for reading, run in both.runs.items())
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw for either reading the fit in frames from the first to the last, with the estimated and the true
+    activity."""
+    both = readings["points_transition"]
+    accuracies = {reading: run.result["activity_accuracy"] for reading, run in both.runs.items()}
+    shares = ", ".join(f"{reading} {100 * accuracy:.0f} %" for reading, accuracy in accuracies.items())
     figure = canvas(
         "Paper D, fig. 10: from walking to running",
         2.5 * len(both.runs) + 1.6,
-        f"Black: observed points; blue: true skeleton; solid: fit. {words({'': both})} The activity is told right in "
-        f"{told} of the frames. The paper: four frames of walking, three of transition, then running; it tells no "
+        f"Black: observed points; blue: true skeleton; solid: fit. {words({'': both})} The activity is correct in "
+        f"{shares} of the frames. The paper: four frames of walking, three of transition, then running; it gives no "
         f"activities. {DEVIATIONS['D']}",
     )
     titles = [line for reading in both.runs for line in (both.row(reading), "")]

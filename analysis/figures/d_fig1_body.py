@@ -16,9 +16,9 @@ READINGS = OURS
 N_SIDES = 6
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The surface fitted in one frame and its skeleton, from several sides."""
-    run = found["points_walk_steady"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the surface fitted in one frame and its skeleton, from several sides."""
+    run = readings["points_walk_steady"].ours
     (frame,) = evenly(run, 1)
     figure = canvas(
         "Paper D, fig. 1: the body",

@@ -16,9 +16,9 @@ EXPERIMENTS = ("learn_walk_run",)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The examples' first two coefficients, of the whole body and of the legs; the variance explained."""
-    run = found["learn_walk_run"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the examples' first two coefficients, of the whole body and of the legs; the variance explained."""
+    run = readings["learn_walk_run"].ours
     result = run.result
     figure = canvas(
         "Paper D, fig. 1: a motion model of walking and running",

@@ -9,17 +9,18 @@ from matplotlib.figure import Figure
 
 from analysis.figures.panels import evenly, points
 from analysis.figures.readings import OURS, Reading
+from analysis.figures.run_descriptions import setup
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import setup
 
 EXPERIMENTS = ("points_run_steady",)
 READINGS = OURS
 VIEWS_DEG = {"from where they were seen": 0.0, "from the side": 90.0}
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row from the front, where the points look dense, and one from the side, which shows how they err in depth."""
-    run = found["points_run_steady"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row from the front, where the points look dense, and one from the side, which shows how they err in
+    depth."""
+    run = readings["points_run_steady"].ours
     figure = canvas(
         "Paper D, fig. 2: noisy points of one side of the body",
         3.9,

@@ -14,7 +14,7 @@ EXPERIMENTS = ("points_no_model",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The fit in frames from the first to the last."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the fit in frames from the first to the last."""
     paper = "The paper: both legs are attracted to the same points; no errors given."
-    return fitted("Paper D, fig. 3: no motion model", found["points_no_model"], paper)
+    return fitted("Paper D, fig. 3: no motion model", readings["points_no_model"], paper)

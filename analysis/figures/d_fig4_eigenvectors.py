@@ -17,9 +17,9 @@ READINGS = OURS
 ANGLE = "eigenvectors/left knee flexion"
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Eigenvectors on the left, derivatives on the right."""
-    run = found["learn_walk_run"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw eigenvectors on the left, derivatives on the right."""
+    run = readings["learn_walk_run"].ours
     caption = (
         f"Each scaled by its standard deviation over {run.result['n_examples']:.0f} cycles. The paper draws five, in "
         "no stated unit."

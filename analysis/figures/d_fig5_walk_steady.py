@@ -14,7 +14,7 @@ EXPERIMENTS = ("points_walk_steady",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The fit in frames from the first to the last."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the fit in frames from the first to the last."""
     paper = "The paper: the legs are correctly positioned; no errors given."
-    return fitted("Paper D, fig. 5: a walk in one style", found["points_walk_steady"], paper)
+    return fitted("Paper D, fig. 5: a walk in one style", readings["points_walk_steady"], paper)

@@ -10,23 +10,23 @@ from matplotlib.figure import Figure
 from analysis.figures.frames import flexions
 from analysis.figures.panels import flexion
 from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.run_descriptions import legs
 from analysis.figures.sequences import words
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import legs
 
 EXPERIMENTS = ("points_walk_steady",)
 READINGS = BOTH
 JOINTS = ("right_hip", "left_hip", "right_knee", "left_knee")
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """A row for either reading: hips, then knees, each right leg first."""
-    walk = found["points_walk_steady"]
-    told = "; ".join(f"{reading}: {legs(run)}" for reading, run in walk.runs.items())
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw a row for either reading: hips, then knees, each right leg first."""
+    walk = readings["points_walk_steady"]
+    descriptions = "; ".join(f"{reading}: {legs(run)}" for reading, run in walk.runs.items())
     figure = canvas(
         "Paper D, fig. 6: flexion of hips and knees",
         1.7 * len(walk.runs) + 1.7,
-        f"Orange: fit; blue, thick: truth. {words({'': walk})} Flexion, {told}. The paper: “very close” to the "
+        f"Orange: fit; blue, thick: truth. {words({'': walk})} Flexion, {descriptions}. The paper: “very close” to the "
         f"gyroscopes, even though the left leg is mostly hidden; no errors given. {DEVIATIONS['D']}",
     )
     parts = rows(figure, [1.0] * len(walk.runs), [walk.row(reading) for reading in walk.runs])

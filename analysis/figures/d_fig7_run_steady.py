@@ -14,7 +14,7 @@ EXPERIMENTS = ("points_run_steady",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The fit in frames from the first to the last."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the fit in frames from the first to the last."""
     paper = "The paper: the legs are right but for the left one in the first frame."
-    return fitted("Paper D, fig. 7: a run in one style", found["points_run_steady"], paper)
+    return fitted("Paper D, fig. 7: a run in one style", readings["points_run_steady"], paper)

@@ -14,7 +14,7 @@ EXPERIMENTS = ("points_run_variable",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The fit in frames from the first to the last."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the fit in frames from the first to the last."""
     paper = "The paper: the legs are right in the whole sequence."
-    return fitted("Paper D, fig. 8: a run, style varying", found["points_run_variable"], paper)
+    return fitted("Paper D, fig. 8: a run, style varying", readings["points_run_variable"], paper)

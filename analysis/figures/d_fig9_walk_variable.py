@@ -14,7 +14,7 @@ EXPERIMENTS = ("points_walk_variable",)
 READINGS = BOTH
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """The fit in frames from the first to the last."""
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw the fit in frames from the first to the last."""
     paper = "The paper: 18 frames, the legs are right; no errors given."
-    return fitted("Paper D, fig. 9: a walk, style varying", found["points_walk_variable"], paper)
+    return fitted("Paper D, fig. 9: a walk, style varying", readings["points_walk_variable"], paper)

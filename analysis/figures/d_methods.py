@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from analysis.figures.readings import OURS, Reading
+from analysis.figures.run_descriptions import setup
 from analysis.figures.style import canvas
-from analysis.figures.told import setup
 from workbench.recording.study.drawing import ESTIMATE
 
 NAMES = {
@@ -22,9 +22,9 @@ EXPERIMENTS = tuple(NAMES)
 READINGS = OURS
 
 
-def draw(found: Mapping[str, Reading]) -> Figure:
-    """Errors in space and of the knees, and milliseconds a frame, a row for each method."""
-    first = found["points_walk_steady"].ours
+def draw(readings: Mapping[str, Reading]) -> Figure:
+    """Draw errors in space and of the knees, and milliseconds a frame, a row for each method."""
+    first = readings["points_walk_steady"].ours
     figure = canvas(
         "Paper D, section 4: fitting and filtering the same points",
         2.6,
@@ -32,11 +32,11 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         "fitting to cost less than filtering (section 4.4) and suggests to combine both (section 1).",
     )
     columns = figure.subplots(1, 3, sharey=True)
-    shown = [found[experiment].ours for experiment in NAMES]
+    runs = [readings[experiment].ours for experiment in NAMES]
     values = {
-        "joints off by (mm)": [run.result["error_abs_mm"] for run in shown],
-        "knees off by (degrees)": [run.result["knee_deg"] for run in shown],
-        "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in shown],
+        "joints off by (mm)": [run.result["error_abs_mm"] for run in runs],
+        "knees off by (degrees)": [run.result["knee_deg"] for run in runs],
+        "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in runs],
     }
     for axes, (name, row) in zip(columns, values.items(), strict=True):
         axes.barh(list(NAMES.values()), row, color=ESTIMATE, height=0.6)

@@ -1,4 +1,4 @@
-"""What a recording shows of single frames, for figures: images with skeletons over them, bodies and points in space."""
+"""Single frames of a recording for figures: images with skeletons, bodies and points in space."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _SKELETONS = OVERLAYS[:3]  # the others are points
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What the first camera saw in a frame. image: (height, width) grey or (height, width, 3) RGB, straightened.
+    """First camera's image in a frame, undistorted, (height, width) grey or (height, width, 3) RGB.
 
     skeletons: "particles", "estimate", "truth", each as lines (n, k, 2), pixels of the image; n may be 0.
     """
@@ -32,9 +32,9 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A frame in the world, m. estimate, truth: skeletons as lines (n, k, 3). points: those observed, (K, 3).
+    """A frame in the world, m. estimate, truth: skeletons as lines (n, k, 3). points: observed, (K, 3).
 
-    vertices, triangles: (V, 3) and (T, 3), the surface of the expected pose. What was not recorded is empty.
+    vertices, triangles: (V, 3) and (T, 3), the surface of the expected pose. Unrecorded parts are empty.
     """
 
     frame: int
@@ -47,14 +47,14 @@ class Scene:
 
 def pictures(run: Run, frames: Sequence[int]) -> list[Picture]:
     """Return the images of these frames; raises InputError where one of them has none."""
-    found = cells(run.path, ["/world/**"], frames)
-    cameras = sorted(path for path, components in found.items() if "EncodedImage:blob" in components)
+    columns = cells(run.path, ["/world/**"], frames)
+    cameras = sorted(path for path, components in columns.items() if "EncodedImage:blob" in components)
     if not cameras:
         raise InputError(f"{run.path}: expected images of frames {list(frames)}, found none")
-    jpegs = found[cameras[0]]["EncodedImage:blob"]
+    jpegs = columns[cameras[0]]["EncodedImage:blob"]
     if missing := [frame for frame in frames if frame not in jpegs]:
         raise InputError(f"{run.path}: no image of frame {missing[0]}")
-    lines = {name: found.get(f"{cameras[0]}/{name}", {}).get("LineStrips2D:strips", {}) for name in _SKELETONS}
+    lines = {name: columns.get(f"{cameras[0]}/{name}", {}).get("LineStrips2D:strips", {}) for name in _SKELETONS}
     return [
         Picture(frame, _decoded(jpegs[frame]), {name: _lines(rows.get(frame), 2) for name, rows in lines.items()})
         for frame in frames
@@ -63,12 +63,12 @@ def pictures(run: Run, frames: Sequence[int]) -> list[Picture]:
 
 def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
     """Return these frames in the world; raises InputError where one was not recorded."""
-    found = cells(run.path, ["/world/**"], frames)
-    skeletons = {path: found.get(f"{path}/skeleton", {}).get("LineStrips3D:strips", {}) for path in (ESTIMATE, TRUTH)}
+    columns = cells(run.path, ["/world/**"], frames)
+    skeletons = {path: columns.get(f"{path}/skeleton", {}).get("LineStrips3D:strips", {}) for path in (ESTIMATE, TRUTH)}
     if missing := [frame for frame in frames if frame not in skeletons[ESTIMATE]]:
         raise InputError(f"{run.path}: no frame {missing[0]}")
-    points = found.get(POINTS, {}).get("Points3D:positions", {})
-    mesh = found.get(f"{ESTIMATE}/surface", {})
+    points = columns.get(POINTS, {}).get("Points3D:positions", {})
+    mesh = columns.get(f"{ESTIMATE}/surface", {})
     vertices, triangles = mesh.get("Mesh3D:vertex_positions", {}), mesh.get("Mesh3D:triangle_indices", {})
     return [
         Scene(
@@ -85,28 +85,30 @@ def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
 
 def particles(run: Run, frame: int) -> FloatArray:
     """Return the skeletons of the particles shown in a frame as lines (n, k, 3), m; n may be 0."""
-    found = cells(run.path, [f"/{PARTICLES}"], [frame]).get(PARTICLES, {})
-    return _lines(found.get("LineStrips3D:strips", {}).get(frame), 3)
+    columns = cells(run.path, [f"/{PARTICLES}"], [frame]).get(PARTICLES, {})
+    return _lines(columns.get("LineStrips3D:strips", {}).get(frame), 3)
 
 
 def flexions(run: Run) -> dict[str, dict[str, Curve]]:
-    """Collect by hip or knee, such as left_hip, then "estimate" and, where it is known, "truth": degrees over frames.
+    """Return by hip or knee, such as left_hip, then "estimate" and, if available, "truth": degrees over frames.
 
     Empty for a run that was not fitted to points.
     """
-    found: dict[str, dict[str, Curve]] = {}
+    by_joint: dict[str, dict[str, Curve]] = {}
     for path, curve in curves(read_chunks(run.path, [f"/{FLEXION}/**"])).items():
         _, name, row = path.split("/")
-        found.setdefault(name, {})[row] = curve
-    return found
+        by_joint.setdefault(name, {})[row] = curve
+    return by_joint
 
 
 def activities(run: Run) -> dict[str, dict[int, str]]:
-    """Tell the activity in every frame, as told ("estimate") and as it was ("truth"), where they are known."""
-    found = cells(run.path, [f"/{ACTIVITY}/**"])
-    states = {path.removeprefix(f"{ACTIVITY}/"): rows.get("StateChange:state") for path, rows in found.items()}
+    """Return the activity in every frame, estimated ("estimate") and true ("truth"), if available."""
+    columns = cells(run.path, [f"/{ACTIVITY}/**"])
+    by_row = {path.removeprefix(f"{ACTIVITY}/"): rows.get("StateChange:state") for path, rows in columns.items()}
     return {
-        row: {frame: str(value.as_py()[0]) for frame, value in told.items()} for row, told in states.items() if told
+        row: {frame: str(value.as_py()[0]) for frame, value in states.items()}
+        for row, states in by_row.items()
+        if states
     }
 
 

@@ -1,4 +1,4 @@
-"""The people whom an experiment is run over, and its numbers over them."""
+"""People over whom an experiment is run, and its results over them."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,20 +15,20 @@ from workbench.motion.sources import find_motion
 from workbench.utils.errors import InputError
 
 LISTS: Mapping[tuple[str, ...], str] = {("walk",): "report", ("run",): "report_run", ("walk", "run"): "report_walk_run"}
-"""Whom an experiment goes through that shows these activities, by a name below `clips` in the configuration."""
+"""List below `clips` in the configuration, by the activities of an experiment."""
 FULL = "report_full"
 """The list for a motion file's own skeleton with every joint."""
 METRICS = {"error_abs_mm": "mm", "error_rel_mm": "mm", "error_px": "px", "knee_deg": "°", "coverage_90": ""}
-"""What the table tells, where a run has it, and its unit."""
+"""Metrics of the table with their units, if a run has them."""
 
 Clips = tuple[str, ...]
 Run = Mapping[str, float]
 
 
 def report_clips(config: DictConfig) -> list[Clips]:
-    """Tell the clips to report of an experiment, one or more in turn for each person, by the activities it shows.
+    """Return the clips to report of an experiment, one or more in turn for each person, by the activities it shows.
 
-    Raises InputError for one that shows somebody generated, on a circle or doing what no list is of.
+    Raises InputError for a generated person, a walk on a circle, and activities without a list.
     """
     dataset: Any = config.dataset or {}
     names = motion_names(dataset.get("motion") or [])
@@ -41,9 +41,9 @@ def report_clips(config: DictConfig) -> list[Clips]:
     return [tuple(motion_names(each)) for each in OmegaConf.to_container(listed)]  # type: ignore[union-attr]
 
 
-def shown(config: DictConfig, clips: Clips) -> list[str]:
-    """Tell the overrides that show a person's clips instead, for fewer frames, or from an earlier one on, where a clip
-    is too short for the experiment's. Clips that take turns overlap."""
+def clip_overrides(config: DictConfig, clips: Clips) -> list[str]:
+    """Return the overrides that show a person's clips instead, for fewer frames, or from an earlier one on, where a
+    clip is shorter than the experiment's. Consecutive clips overlap."""
     dataset, n = config.dataset, len(clips)
     overlap = math.ceil(0.5 * BLEND_S * dataset.rate_hz) if n > 1 else 0
     there = [len(_motion(config, clip)) - overlap for clip in clips]
@@ -64,23 +64,23 @@ def _motion(config: DictConfig, name: str) -> Any:
 
 @dataclass(frozen=True)
 class OverPeople:
-    """The metrics of one experiment's runs: of each person, seed by seed."""
+    """Metrics of one experiment's runs: of each person, seed by seed."""
 
     runs: Mapping[Clips, Sequence[Run]]
 
     @property
     def held(self) -> tuple[int, int]:
-        """How many runs held the person to the end, of how many."""
+        """Return the number of runs that tracked the person to the end, and of all."""
         every = [run["held"] for runs in self.runs.values() for run in runs]
         return round(sum(every)), len(every)
 
     def spread(self, metric: str) -> tuple[float, float]:
-        """Mean over people of their means over seeds, and the standard deviation of these; NaN for one person."""
+        """Return the mean over people of their means over seeds, and their standard deviation; NaN for one person."""
         means = [float(np.mean([run[metric] for run in runs])) for runs in self.runs.values()]
         return float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else float("nan")
 
-    def told(self, metric: str) -> str:
-        """That mean and deviation in words; nothing for a metric that the runs have not."""
+    def described(self, metric: str) -> str:
+        """Return that mean and deviation in words; empty for a metric that the runs do not have."""
         if any(metric not in run for runs in self.runs.values() for run in runs):
             return ""
         mean, deviation = self.spread(metric)
@@ -89,11 +89,12 @@ class OverPeople:
         return f"{mean:.{digits}f} ± {deviation:.{digits}f}{unit}"
 
 
-def table(found: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:
-    """Lines of a table in Markdown: experiment and paper, how many people, runs held, means and deviations."""
+def table(results: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:
+    """Yield the lines of a Markdown table: experiment and paper, number of people, tracked runs, means and
+    deviations."""
     yield f"| experiment | | people | held | {' | '.join(METRICS)} |"
     yield f"| --- | --- | --- | --- |{' --- |' * len(METRICS)}"
-    for (experiment, paper), each in found.items():
+    for (experiment, paper), each in results.items():
         held, n = each.held
-        cells = " | ".join(each.told(metric) for metric in METRICS)
+        cells = " | ".join(each.described(metric) for metric in METRICS)
         yield f"| {experiment} | {paper} | {len(each.runs)} | {held} of {n} | {cells} |"

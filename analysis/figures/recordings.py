@@ -1,4 +1,4 @@
-"""The recordings that figures are drawn from: the newest that were made as they should be, or new ones."""
+"""The recordings that figures are drawn from: the newest with the required configuration, or new ones."""
 
 import subprocess
 import sys
@@ -50,17 +50,17 @@ QUICK: Mapping[str, Sequence[str]] = {
     ),
     "points_transition": ("dataset.n_frames=28", *_FEW_POINTS),
 }  # fmt: skip
-"""What makes an experiment small; one that is not named is small as it is."""
+"""Overrides of a small run; experiments not listed are small."""
 
 RECORDED: Mapping[str, Sequence[str]] = {
     "walk_straight": ("dataset.motion='35_02'", "prior.motions=cmu"),
     "walk_prior_only": ("dataset.motion='35_02'", "prior.motions=cmu"),
     "walk_cyclic": ("dataset.motion='35_02'",),
 }
-"""What puts a recorded walk, of somebody not learned from, in the place of a generated one, as in the papers."""
+"""Overrides that replace a generated walk by a recorded one of a held-out subject, as in the papers."""
 
 AS_IT_STANDS = {("walk_prior_only", "literal")}
-"""Readings that no recorded walk takes the place of: the paper's is on a circle."""
+"""Readings without a recorded walk: the paper's is on a circle."""
 
 _WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
 GENERATED: Mapping[str, Sequence[str]] = {
@@ -80,7 +80,7 @@ GENERATED: Mapping[str, Sequence[str]] = {
     "tree_balance": ("prior.motions=builtin",),
     "coefficient_histograms": ("prior.motions=builtin",),
 }
-"""What lets an experiment that needs recorded motion do with generated people. For trying out, not for the paper."""
+"""Overrides that replace recorded motion by generated people; for trials, not for the papers' figures."""
 
 VARIANTS: Mapping[str, tuple[str, ...]] = {
     "arm_implicit": ("arm_smooth_300", "prior=implicit"),
@@ -110,7 +110,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
         "prior.activities=[run]",
     ),
 }  # fmt: skip
-"""Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
+"""Names of experiments with additional overrides: the experiment, and the overrides."""
 
 _NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "assumptions", "clips", "paper")
 _PLACES = ("data", "cache")
@@ -118,18 +118,18 @@ _PLACES = ("data", "cache")
 
 @dataclass(frozen=True)
 class Source:
-    """folder: where runs are found and made. data: recorded motion, None for generated people. quick: small runs do."""
+    """folder: with recordings, old and new. data: recorded motion, None for generated people. quick: accept small
+    runs."""
 
     folder: Path
     data: str | None
     quick: bool
 
     def variants(self, experiment: str, paper: str = "ours") -> list[list[str]]:
-        """The overrides that may have made a recording, the best first; the last is what a new run is made with.
+        """Return the overrides that may have made a recording, the best first; the last is that of a new run.
 
-        paper: "literal" for the experiment as its paper writes it.
-
-        Raises InputError for an experiment that needs recorded motion where there is none, unless small runs do.
+        paper: "literal" for the experiment as its paper writes it. Raises InputError for an experiment that needs
+        recorded motion without `data`, unless small runs are accepted.
         """
         recorded = RECORDED.get(experiment, ()) if (experiment, paper) not in AS_IT_STANDS else ()
         data = [] if self.data is None else [f"paths.data={self.data}", *recorded]
@@ -146,31 +146,29 @@ class Source:
 
 
 def chosen(experiment: str) -> list[str]:
-    """Name the experiment, and the choice where it is one of VARIANTS, as the command line does."""
+    """Return the overrides that choose the experiment, or one of VARIANTS."""
     name, *choice = VARIANTS.get(experiment, (experiment,))
     return [f"experiment={name}", *choice]
 
 
-def recording(experiment: str, source: Source, known: Sequence[Run], paper: str = "ours") -> Run:
-    """The newest complete run among `info` with the experiment's configuration, or else a new one.
+def recording(experiment: str, source: Source, recordings: Sequence[Run], paper: str = "ours") -> Run:
+    """Return the newest complete run among `recordings` with the experiment's configuration, or else a new one.
 
-    paper: see `Source.variants`.
-
-    Raises InputError when it cannot be made.
+    paper: see `Source.variants`. Raises InputError when it cannot be made.
     """
     name = VARIANTS.get(experiment, (experiment,))[0]
-    candidates = [run for run in known if run.status == "complete" and run.provenance.get("experiment") == name]
+    candidates = [run for run in recordings if run.status == "complete" and run.provenance.get("experiment") == name]
     candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
     for overrides in source.variants(experiment, paper) if candidates else ():
-        wanted = what_matters(_composed(experiment, overrides))
+        settings = what_matters(_composed(experiment, overrides))
         for run in candidates:
-            if what_matters(run.settings) == wanted:
+            if what_matters(run.settings) == settings:
                 return run
     return _made(experiment, source, paper)
 
 
 def what_matters(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration without what tells one run from another that shows the same: seed, places, threads, recorder."""
+    """Return a configuration without the keys that do not affect the content: seed, paths, threads, recorder."""
     return {key: _without_places(value) for key, value in settings.items() if key not in _NO_MATTER}
 
 
@@ -181,15 +179,15 @@ def _without_places(value: Any) -> Any:
 
 
 def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
-    """The configuration that `workbench` would run, which it prints."""
+    """Return the configuration that `workbench` would run and prints."""
     done = subprocess.run(
         [*_command(experiment, overrides), "--cfg", "job", "--resolve"], capture_output=True, text=True, check=False
     )
     if done.returncode:
-        told = done.stderr.strip().splitlines() or [f"no configuration, exit code {done.returncode}"]
-        raise InputError(f"{experiment}: {told[-1]}")
-    found: dict[str, Any] = yaml.safe_load(done.stdout)
-    return found
+        errors = done.stderr.strip().splitlines() or [f"no configuration, exit code {done.returncode}"]
+        raise InputError(f"{experiment}: {errors[-1]}")
+    settings: dict[str, Any] = yaml.safe_load(done.stdout)
+    return settings
 
 
 def _made(experiment: str, source: Source, paper: str) -> Run:

@@ -1,44 +1,45 @@
-"""What a tracker loses by each thing it is told wrong, one at a time: a table over people and seeds.
+"""Sensitivity of a tracker to each wrong assumption: a table over people and seeds.
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and start (`dataset.exact=true`), but for what the row says.
-FILE keeps every run, so that a table that was cut off goes on, see `kept_runs`.
+Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.exact=true`), except for the row's
+perturbation. FILE caches every run, so that an interrupted table can be resumed, see `cached_runs`.
 """
 
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, spread
+from analysis.figures.cached_runs import Numbers, Run, every_run, numbers_of, spread
 
 EXACT = "dataset.exact=true"
 ROWS: Mapping[str, Sequence[str]] = {
     "nothing": (EXACT,),
-    "all below, as usual": (),
+    "all below, default": (),
     "bones 3 %, girths 10 %": (EXACT, "dataset.departures={lengths: 0.03, radii: 0.1}"),
     "profile of the limbs, neck, feet": (EXACT, "dataset.departures={profile: 1.0}"),
     "clothes 5 mm": (EXACT, "dataset.departures={clothes_m: 0.005}"),
     "camera 0.2 %, 0.1°": (EXACT, "dataset.departures={camera: 0.002, camera_deg: 0.1}"),
     "start 3 cm, 0.05 rad": (EXACT, "dataset.departures={start_m: 0.03, start_rad: 0.05}"),
     "camera 1 %, 1°": (EXACT, "dataset.departures={camera: 0.01, camera_deg: 1.0}"),
-    "body told 0.95 of it": (EXACT, "body.scale=0.95"),
-    "body told 0.98 of it": (EXACT, "body.scale=0.98"),
-    "body told 1.02 of it": (EXACT, "body.scale=1.02"),
-    "body told 1.05 of it": (EXACT, "body.scale=1.05"),
+    "body scaled by 0.95": (EXACT, "body.scale=0.95"),
+    "body scaled by 0.98": (EXACT, "body.scale=0.98"),
+    "body scaled by 1.02": (EXACT, "body.scale=1.02"),
+    "body scaled by 1.05": (EXACT, "body.scale=1.05"),
     "seen from 45° instead of 90°": (EXACT, "dataset.view_deg=45"),
     "seen head-on": (EXACT, "dataset.view_deg=180"),
 }
 PEOPLE = ("35_02", "38_02", "39_02")
-"""Clips of three people whom the prior of walk_best is not learned from."""
+"""Clips of three people who are not in the training data of walk_best's prior."""
 MEASURED = ("error_abs_mm", "error_px", "held")
 
 
-def table(found: Mapping[Run, Numbers]) -> str:
-    """Markdown: means over people of their means over seeds, ± the deviation between people and that between seeds."""
-    lines = ["| told wrong | error_abs_mm | error_px | held |", "| --- | --- | --- | --- |"]
-    for row in dict.fromkeys(run.row for run in found):
-        runs = {run: numbers for run, numbers in found.items() if run.row == row}
+def table(numbers_by_run: Mapping[Run, Numbers]) -> str:
+    """Return a Markdown table: means over people of their means over seeds, ± the standard deviation between people,
+    and that between seeds."""
+    lines = ["| perturbation | error_abs_mm | error_px | held |", "| --- | --- | --- | --- |"]
+    for row in dict.fromkeys(run.row for run in numbers_by_run):
+        runs = {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
         cells = [spread(runs, "error_abs_mm", ".0f"), spread(runs, "error_px", ".1f")]
         held = sum(numbers["held"] for numbers in runs.values())
         lines.append(f"| {row} | {' | '.join(cells)} | {held:.0f}/{len(runs)} |")

@@ -1,4 +1,4 @@
-"""The layouts that the papers share: frames in a row, as the paper writes the experiment and as ours."""
+"""Layouts shared by the papers: frames in a row, as the paper writes the experiment and as ours."""
 
 from collections.abc import Mapping
 
@@ -6,8 +6,8 @@ from matplotlib.figure import Figure, SubFigure
 
 from analysis.figures.panels import bodies, evenly, images, over_frames, skeletons
 from analysis.figures.readings import DEVIATIONS, Reading
+from analysis.figures.run_descriptions import accuracy, legs, setup
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import accuracy, legs, setup
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES
 
@@ -19,56 +19,57 @@ INTERVALS = "Intervals: 95 %, bootstrap over seeds, {}."
 """Of a recorded motion every seed shows the same person; a generated walker is drawn by the seed."""
 
 
-def tracked(title: str, found: Reading, paper: str) -> Figure:
-    """For either reading images with the posterior's skeletons and the expected pose in space; both errors."""
-    figure = canvas(title, 3.6 * len(found.runs) + 2.4, f"{KEY} {words({'': found})} {paper} {DEVIATIONS[title[6]]}")
-    titles = [line for reading in found.runs for line in (found.row(reading), "expected pose in space")]
-    parts = rows(figure, [2.0, 1.6] * len(found.runs) + [1.2], [*titles, ""])
-    for above, below, run in zip(parts[0::2], parts[1::2], found.runs.values(), strict=False):
+def tracked(title: str, readings: Reading, paper: str) -> Figure:
+    """Draw for either reading images with the posterior's skeletons, the expected pose in space, and both errors."""
+    caption = f"{KEY} {words({'': readings})} {paper} {DEVIATIONS[title[6]]}"
+    figure = canvas(title, 3.6 * len(readings.runs) + 2.4, caption)
+    titles = [line for reading in readings.runs for line in (readings.row(reading), "expected pose in space")]
+    parts = rows(figure, [2.0, 1.6] * len(readings.runs) + [1.2], [*titles, ""])
+    for above, below, run in zip(parts[0::2], parts[1::2], readings.runs.values(), strict=False):
         frames = evenly(run, N_FRAMES)
         images(above.subplots(1, len(frames)), run, frames)
         skeletons(below.subplots(1, len(frames)), run, frames)
-    _errors(parts[-1], found.runs)
+    _errors(parts[-1], readings.runs)
     return figure
 
 
-def compared(title: str, found: Mapping[str, Reading], paper: str) -> Figure:
-    """A row of images for either reading of each experiment, named by its key, and their errors over frames."""
-    n_rows = sum(len(each.runs) for each in found.values())
-    figure = canvas(title, 1.7 * n_rows + 2.9, f"{KEY} {words(found)} {paper} {DEVIATIONS[title[6]]}")
-    titles = [each.row(reading, label) for label, each in found.items() for reading in each.runs]
+def compared(title: str, readings: Mapping[str, Reading], paper: str) -> Figure:
+    """Draw a row of images for either reading of each experiment, named by its key, and their errors over frames."""
+    n_rows = sum(len(each.runs) for each in readings.values())
+    figure = canvas(title, 1.7 * n_rows + 2.9, f"{KEY} {words(readings)} {paper} {DEVIATIONS[title[6]]}")
+    titles = [each.row(reading, label) for label, each in readings.items() for reading in each.runs]
     parts = rows(figure, [1.7] * n_rows + [1.3], [*titles, ""])
-    runs = [run for each in found.values() for run in each.runs.values()]
+    runs = [run for each in readings.values() for run in each.runs.values()]
     for part, run in zip(parts, runs, strict=False):
         frames = evenly(run, N_FRAMES)
         images(part.subplots(1, len(frames)), run, frames)
-    each_run = zip(((label, reading) for label, each in found.items() for reading in each.runs), runs, strict=True)
+    each_run = zip(((label, reading) for label, each in readings.items() for reading in each.runs), runs, strict=True)
     _errors(parts[-1], {f"{label}, {reading}": run for (label, reading), run in each_run})
     return figure
 
 
-def fitted(title: str, found: Reading, paper: str, n_frames: int = 7) -> Figure:
-    """The surface fitted to points, in frames from the first to the last, a row for either reading."""
+def fitted(title: str, readings: Reading, paper: str, n_frames: int = 7) -> Figure:
+    """Draw the surface fitted to points, in frames from the first to the last, a row for either reading."""
     key = "Black: observed points; blue: true skeleton; solid: fit."
-    angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in found.runs.items())
-    caption = f"{key} {words({'': found})} Flexion, {angles}. {paper} {DEVIATIONS[title[6]]}"
-    figure = canvas(title, 1.7 * len(found.runs) + 1.3, caption)
-    parts = rows(figure, [1.0] * len(found.runs), [found.row(reading) for reading in found.runs])
-    for part, run in zip(parts, found.runs.values(), strict=True):
+    angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in readings.runs.items())
+    caption = f"{key} {words({'': readings})} Flexion, {angles}. {paper} {DEVIATIONS[title[6]]}"
+    figure = canvas(title, 1.7 * len(readings.runs) + 1.3, caption)
+    parts = rows(figure, [1.0] * len(readings.runs), [readings.row(reading) for reading in readings.runs])
+    for part, run in zip(parts, readings.runs.values(), strict=True):
         frames = evenly(run, n_frames)
         bodies(part.subplots(1, len(frames)), run, frames)
     return figure
 
 
-def words(found: Mapping[str, Reading]) -> str:
-    """What the recordings shown are of and their numbers, and what the intervals of the rows are."""
-    shown = [
+def words(readings: Mapping[str, Reading]) -> str:
+    """Return a description of the recordings with their results, and of the intervals in the rows."""
+    descriptions = [
         f"{f'{label}, {reading}' if label else reading}: {setup(run)}; {accuracy(run)}"
-        for label, each in found.items()
+        for label, each in readings.items()
         for reading, run in each.runs.items()
     ]
-    who = {ANOTHER if _drawn(run) else SAME for each in found.values() for run in each.runs.values()}
-    return f"Shown: {'. '.join(shown)}. {INTERVALS.format(' or '.join(sorted(who, reverse=True)))}"
+    sources = {ANOTHER if _drawn(run) else SAME for each in readings.values() for run in each.runs.values()}
+    return f"Shown: {'. '.join(descriptions)}. {INTERVALS.format(' or '.join(sorted(sources, reverse=True)))}"
 
 
 def _drawn(run: Run) -> bool:

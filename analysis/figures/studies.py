@@ -1,4 +1,4 @@
-"""Find what studies record by its name, and draw stick figures from the side."""
+"""Figures of studies by name, and stick figures in side view."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +15,7 @@ AZIMUTH_DEG, ELEVATION_DEG = -60.0, 8.0  # from where stick figures are seen
 
 
 def figure_named(run: Run, name: str) -> Figure:
-    """A study's figure by its name; raises InputError when the recording has no such figure."""
+    """Return a study's figure by its name; raises InputError when the recording has no such figure."""
     for figure in run.figures:
         if figure.name == name:
             return figure
@@ -23,29 +23,30 @@ def figure_named(run: Run, name: str) -> Figure:
 
 
 def curves_named(run: Run, name: str) -> Curves:
-    """A study's curves by their name; raises InputError as `figure_named`, and for another kind of figure."""
-    found = figure_named(run, name)
-    if not isinstance(found, Curves):
-        raise InputError(f"{run.path}: {name}: expected curves, found {type(found).__name__}")
-    return found
+    """Return a study's curves by their name; raises InputError as `figure_named`, and for another kind of figure."""
+    figure = figure_named(run, name)
+    if not isinstance(figure, Curves):
+        raise InputError(f"{run.path}: {name}: expected curves, found {type(figure).__name__}")
+    return figure
 
 
 def sticks(axes: Axes, figure: Sticks) -> None:
-    """Stick figures and their trails, from the side; those of shade 1 are what the others compare with."""
-    flat = seen(figure.positions, AZIMUTH_DEG, ELEVATION_DEG)
+    """Draw stick figures and their trails, from the side; those of shade 1 are the reference."""
+    flat = projected(figure.positions, AZIMUTH_DEG, ELEVATION_DEG)
     bones = np.flatnonzero(figure.parents >= 0)
     for pose, shade in zip(flat, figure.shades, strict=True):
         lines = np.stack([pose[bones], pose[figure.parents[bones]]], axis=1)
         colour, width = (TRUTH, 1.4) if shade == 1.0 else ((0.2 + 0.6 * float(shade),) * 3, 0.7)
         axes.add_collection(LineCollection(list(lines), colors=[colour], linewidths=width))
     for k, trail in enumerate(figure.trails.values()):
-        axes.plot(*seen(trail, AZIMUTH_DEG, ELEVATION_DEG).T, color=SERIES[k % len(SERIES)], linewidth=1.1)
+        axes.plot(*projected(trail, AZIMUTH_DEG, ELEVATION_DEG).T, color=SERIES[k % len(SERIES)], linewidth=1.1)
     axes.autoscale_view()
     bare(axes)
 
 
-def seen(points: FloatArray, azimuth_deg: float, elevation_deg: float) -> FloatArray:
-    """World points (..., 3), m, as somebody far away at that azimuth and elevation sees them: (..., 2), m, y up."""
+def projected(points: FloatArray, azimuth_deg: float, elevation_deg: float) -> FloatArray:
+    """Return the orthographic projection (..., 2), m, y up, of world points (..., 3), m, towards that azimuth and
+    elevation."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     away = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])

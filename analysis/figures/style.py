@@ -1,4 +1,4 @@
-"""Lay out the papers' figures: a width, a title, a caption, rows."""
+"""Layout of the papers' figures: width, title, caption, rows."""
 
 import textwrap
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ ON_IMAGE = {"particles": "#E8A6FF", "estimate": "#FF9F1C", "truth": "#40C4FF"}
 
 
 def canvas(title: str, height_in: float, caption: str) -> Figure:
-    """An empty figure of the usual width with a title; the caption says our numbers, and the paper's beside them."""
+    """Return an empty figure of the standard width with a title; the caption compares our results with the paper's."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     figure.suptitle(title, x=0.008, ha="left", fontsize=9.5, fontweight="bold")
     figure.supxlabel(textwrap.fill(caption, 120), x=0.008, ha="left", fontsize=7.5, color=INK, linespacing=1.35)
@@ -23,7 +23,7 @@ def canvas(title: str, height_in: float, caption: str) -> Figure:
 
 
 def rows(figure: Figure, heights: Sequence[float], titles: Sequence[str]) -> list[SubFigure]:
-    """The figure cut into rows, each with its title."""
+    """Return the figure's rows, each with its title."""
     parts: list[SubFigure] = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
     for part, title in zip(parts, titles, strict=True):
         part.suptitle(title, x=0.008, ha="left", fontsize=8.5)
@@ -31,6 +31,6 @@ def rows(figure: Figure, heights: Sequence[float], titles: Sequence[str]) -> lis
 
 
 def bare(axes: Axes) -> None:
-    """Nothing but what is drawn: no axes, equal units."""
+    """Remove the axes and set equal units."""
     axes.set_axis_off()
     axes.set_aspect("equal")

@@ -1,4 +1,4 @@
-"""Runs of which nothing is kept but their numbers."""
+"""Runs without a recording; only their metrics are returned."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from workbench.utils.errors import InputError
 
 
 def composed(overrides: Sequence[str]) -> DictConfig:
-    """Compose the configuration that `workbench` would run; raises InputError for overrides that it refuses."""
+    """Return the configuration that `workbench` would run; raises InputError for invalid overrides."""
     prepare_hydra()
     try:
         with initialize_config_module("workbench.conf", version_base="1.3"):
@@ -25,7 +25,7 @@ def composed(overrides: Sequence[str]) -> DictConfig:
 
 
 def finished(config: DictConfig, experiment: str) -> Summary:
-    """Track as a configuration says, on one BLAS thread as `workbench` does, and sum up; raises InputError likewise."""
+    """Return the summary of a configuration's run, on one BLAS thread as in `workbench`; raises InputError likewise."""
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=Path("none"))
     with threadpool_limits(limits=1, user_api="blas"):
         parts = assemble(config)

@@ -1,10 +1,10 @@
-"""How much a likelihood should weigh: held-out scores on the people parameters are chosen by, a table for each number.
+"""Calibration of likelihood weights by proper scores on validation people: a table for each parameter.
 
     python -m analysis.figures.weights --data DATA [-o FILE] [--only images] [--people 35_02 …] [--seeds 1]
 
-What neighbouring pixels, limbs and frames are off by they share, so that a plain product of their probabilities is far
-too sure. Of the people of clips.choose, nobody of whom is learned from, the proper scores of the poses tell how much
-they count: the least log score is marked. FILE keeps every run, see `kept_runs`.
+Errors of neighbouring pixels, limbs and frames are correlated, so that a plain product of their probabilities is
+overconfident. The proper scores of the poses of the people of clips.choose, who are not in the training data, determine
+the weight: the lowest log score is marked. FILE caches every run, see `cached_runs`.
 """
 
 import argparse
@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, people, spread
+from analysis.figures.cached_runs import Numbers, Run, every_run, numbers_of, people, spread
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A number to choose. override: of the experiment, with {0} in its place. values: to try. others: overrides."""
+    """A parameter to choose. override: of the experiment, with {0} for the value. values: candidates. others:
+    overrides."""
 
     experiment: str
     override: str
@@ -47,24 +48,23 @@ SCORES = {
 
 
 def rows_of(choice: Choice) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Experiment and overrides for every value, by the value."""
+    """Return experiment and overrides for every value, by the value."""
     return {f"{x:g}": (choice.experiment, (*choice.others, choice.override.format(x))) for x in choice.values}
 
 
-def table(title: str, found: Mapping[Run, Numbers]) -> str:
-    """Markdown: means over people of their means over seeds, ± the deviation between people, and that between seeds;
-    the value with the least mean log score in bold."""
+def table(title: str, numbers_by_run: Mapping[Run, Numbers]) -> str:
+    """Return a Markdown table: means over people of their means over seeds, ± the standard deviation between people,
+    and that between seeds; the value of lowest mean log score in bold."""
     lines = [f"| {title} | {' | '.join(SCORES)} |", "|" + " --- |" * (len(SCORES) + 1)]
-    of_row = {row: {run: numbers for run, numbers in found.items() if run.row == row} for row in _rows(found)}
+    of_row = {
+        row: {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
+        for row in dict.fromkeys(run.row for run in numbers_by_run)
+    }
     mean = {row: np.mean([numbers["log_score"] for numbers in runs.values()]) for row, runs in of_row.items()}
     for row, runs in of_row.items():
         cells = [spread(runs, *score) for score in SCORES.items()]
         lines.append(f"| {f'**{row}**' if row == min(mean, key=mean.__getitem__) else row} | {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def _rows(found: Mapping[Run, Numbers]) -> list[str]:
-    return list(dict.fromkeys(run.row for run in found))
 
 
 def main() -> int:

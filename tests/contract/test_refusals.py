@@ -87,7 +87,7 @@ auxiliary first_stage_power=1.5
 gauss_newton proposal_fraction=1.0 curvature_weight=-0.1 n_newton_steps=0 | partitioned intermediate_power=2.0
 tempered_smc n_mcmc_steps=0 ess_threshold=1.0 | annealed layers=0
 reinitializing reinitialized_fraction=0.0 n_particles=0 | fixed_lag lag=0 min_effective_ancestors=0
-backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
+backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis blend_time_s=-1.0 look_ahead=-1
 jitter sigma=0.0 keep=1.0
 flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
 implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5

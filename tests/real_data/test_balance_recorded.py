@@ -7,9 +7,9 @@ from workbench.body.kinematics import joints
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
-from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.initialization.limb_lengths import of_keypoints
-from workbench.inference.least_squares.foot_contact import ANKLES, standing_feet, standing_height
+from workbench.inference.least_squares.foot_contact import ANKLES, detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
@@ -66,11 +66,11 @@ def test_one_camera_finds_the_floor_of_the_man_by_his_feet(data):
     fitting = LeastSquares(body, KeypointLikelihood(body, sigma_px=1.0, loss="huber"), problem=SmoothFit())
     frames = list(dataset.frames())
     fit, seen, _ = fitting.fit_frames(frames, None, np.random.default_rng(0))
-    stand = standing_feet(body.skeleton, seen, np.array([frame.time_s for frame in frames]))
+    stand = detect_foot_contacts(body.skeleton, seen, np.array([frame.time_s for frame in frames]))
     ankles = [body.skeleton.joint(name) for name in ANKLES]
     truth = np.array([frame.truth.joints for frame in frames])
     assert stand[:, 0].mean() > 0.3  # he stands on the left foot, until he steps off
-    height = standing_height(body.skeleton, fit.poses, stand)
+    height = median_foot_height(body.skeleton, fit.poses, stand)
     assert height == pytest.approx(np.median(truth[:, ankles, 2][stand]), abs=0.06)
     errors = 1e3 * np.linalg.norm(joints(body.skeleton, fit.poses) - truth, axis=2)
     assert errors[:, 1:].mean() < 90.0
@@ -84,7 +84,7 @@ def test_the_man_is_found_in_the_first_frame(data, which):
     dataset = seen_by(data, which, n_frames=37)
     clip = FrameCache(dataset)
     shown, skeleton = list(clip), of_keypoints(clip).skeleton
-    apart = joints(skeleton, start_from_keypoints(skeleton, shown)[:1])[0, 1:] - shown[0].truth.joints[1:]
+    apart = joints(skeleton, poses_from_keypoints(skeleton, shown)[:1])[0, 1:] - shown[0].truth.joints[1:]
     if len(which) == len(NAMES):
         assert 1e3 * np.linalg.norm(apart, axis=1).mean() < 60.0  # what is promised of it
     # one camera sees across: there the same holds; depth by people's size and habits only, to a tenth of it
@@ -103,5 +103,5 @@ def test_the_woman_is_found_by_the_marks_of_her_first_frame(data):
     skeleton = of_keypoints(FrameCache(video)).skeleton
     (frame,) = video.frames()
     (view,) = frame.views
-    found = view.camera.project(joints(skeleton, start_from_keypoints(skeleton, [frame])[:1])[0])
+    found = view.camera.project(joints(skeleton, poses_from_keypoints(skeleton, [frame])[:1])[0])
     assert np.nanmean(np.linalg.norm(found - view.keypoints[:, :2], axis=1)) < 8.0  # what is promised of it

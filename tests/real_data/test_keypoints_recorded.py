@@ -8,7 +8,7 @@ from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.datasets import person
 from workbench.datasets.video import Video
-from workbench.inference.initialization.poses import start_from_marks
+from workbench.inference.initialization.poses import fit_annotations
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
@@ -38,7 +38,7 @@ def video(data, **parameters):
 def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
     dataset = video(data, start_last=last)
     (camera,) = dataset.info.cameras
-    fit = start_from_marks(prior.capabilities.motion, woman.skeleton, camera, dataset.info.initial_annotations)
+    fit = fit_annotations(prior.capabilities.motion, woman.skeleton, camera, dataset.info.initial_annotations)
     first = dataset.info.initial_annotations.keypoints[0]
     apart = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
     # visible joints are marked to 4 px, hidden ones to 6–10; a steady style over five frames adds its share

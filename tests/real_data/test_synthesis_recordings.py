@@ -41,7 +41,7 @@ def jumps_and_activity(data, prior, **options):
 
 def test_cold_exact_draws_run_on_and_the_neutral_sign_tree_does_not(data, windows):
     cold = jumps_and_activity(data, Implicit(windows, beta=0.01, **STILL), look_ahead=3)
-    plain = {"smoothing_s": 0.0, "foot_contact": False}
+    plain = {"blend_time_s": 0.0, "foot_contact": False}
     neutral = Implicit(windows, search="sign_tree", beta=1.0, prediction="copy", **STILL)
     jumps, same = jumps_and_activity(data, neutral, **plain)
     recorded = load_motion(data / "bandai" / "dataset-2" / f"{CLIP}.bvh").poses

@@ -1,11 +1,11 @@
-"""What least squares minimises: whitened residuals of a pose, under robust losses.
+"""Whitened residuals of a pose and robust losses, the cost function of least squares.
 
-A residual function takes a pose (P,) to whitened residuals (K,), dimensionless, and their derivative (K, P). Whatever
-it has to look up for that pose, such as the part of the body that each point belongs to, it looks up anew.
+A residual function maps a pose (P,) to whitened residuals (K,), dimensionless, and their Jacobian (K, P). It recomputes
+pose-dependent associations, such as the body part of each point, at every call.
 
-A robust loss takes z = residual / scale, (K,), to ρ(z) and the weight ρ'(z) / z, both (K,), for iteratively reweighted
-least squares (Holland & Welsch 1977). Near zero all are ½ z² with weight 1, so that they differ only in how they treat
-what is far off. Paper D has the squared loss alone.
+A robust loss maps z = residual / scale, (K,), to ρ(z) and the weight ρ'(z) / z, both (K,), for iteratively reweighted
+least squares (Holland & Welsch 1977). All losses are ½ z² with weight 1 near zero and differ only for large residuals.
+Paper D uses the squared loss alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,20 +28,20 @@ RobustLoss: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def squared(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z²: one far point outweighs everything else."""
+    """Return ρ = ½ z²; a single outlier dominates the cost."""
     return 0.5 * z * z, np.ones_like(z)
 
 
 def huber(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
+    """Return ρ = ½ z² up to |z| = 1, |z| − ½ beyond; the influence of an outlier is bounded (Huber 1964)."""
     size = np.abs(z)
     return np.where(size <= 1.0, 0.5 * z * z, size - 0.5), 1.0 / np.maximum(size, 1.0)
 
 
 def geman_mcclure(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
-    kept = 1.0 / (1.0 + z * z)
-    return 0.5 * (1.0 - kept), kept * kept
+    """Return ρ = ½ z² / (1 + z²); redescending, outliers have no influence (Geman & McClure 1987)."""
+    reciprocal = 1.0 / (1.0 + z * z)
+    return 0.5 * (1.0 - reciprocal), reciprocal * reciprocal
 
 
 LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
@@ -51,8 +51,17 @@ LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Loss:
-    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations. Raises
-    InputError for another name and a scale that is not positive."""
+    """A robust loss of whitened residuals.
+
+    Parameters
+    ----------
+    name : one of LOSSES.
+    scale : residual at which the loss departs from ½ r², in standard deviations.
+
+    Raises
+    ------
+    InputError : an unknown name, or a scale that is not positive.
+    """
 
     name: str
     scale: float
@@ -64,12 +73,12 @@ class Loss:
             raise InputError(f"loss: scale must be above zero, found {self.scale}")
 
     def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
+        """Return ρ and weights (K,) of residuals (K,); ρ is ½ r² near zero for every scale."""
         rho, weights = LOSSES[self.name](residuals / self.scale)
         return self.scale**2 * rho, weights
 
-    def wider(self, factor: float) -> "Loss":
-        """Return this loss on a scale `factor` times as large."""
+    def widened(self, factor: float) -> "Loss":
+        """Return this loss with its scale multiplied by `factor`."""
         return replace(self, scale=factor * self.scale)
 
 
@@ -78,8 +87,8 @@ SQUARED = Loss("squared", 1.0)
 
 @runtime_checkable
 class ResidualLikelihood(Protocol):
-    """A likelihood that also says which residuals, under which loss, least squares minimises in its place. observables:
-    what it looks at, and how exactly it takes that."""
+    """A likelihood that provides residuals and a loss for least squares. observables: the observations it uses and
+    their standard deviations."""
 
     @property
     def observables(self) -> Observables: ...
@@ -87,105 +96,114 @@ class ResidualLikelihood(Protocol):
     def residual_loss(self) -> Loss: ...
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """Return the residuals of one frame; none where it shows nothing that the likelihood looks at."""
+        """Return the residual function of one frame; without residuals if the frame has no observations for it."""
 
 
 @runtime_checkable
 class KeypointResiduals(ResidualLikelihood, Protocol):
-    """A likelihood whose residuals of keypoints are (projected joint − keypoint) · whitening, as `keypoint_residual`:
-    fits then take those of all frames at once."""
+    """A likelihood with keypoint residuals (projected joint − keypoint) · whitening, as in `keypoint_residual`; fits
+    then evaluate all frames in one kernel."""
 
     def whitening(self, weights: FloatArray) -> FloatArray:
-        """Return one over the deviations (M,), 1/px, of keypoints with weights (M,)."""
+        """Return the inverse standard deviations (M,), 1/px, of keypoints with weights (M,)."""
 
 
 def robust(residual: ResidualFunction, loss: Loss) -> ResidualFunction:
-    """Make half its square the loss, so that others beside it keep theirs: √(2 ρ), and its derivative."""
+    """Return the residual √(2 ρ), whose half square is the loss, with its Jacobian; stacked residuals can then have
+    different losses."""
 
     def robustified(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = residual(pose)
-        rho, weights = loss(misses)
+        values, jacobian = residual(pose)
+        rho, weights = loss(values)
         size = np.sqrt(2.0 * rho)
-        factor = np.divide(weights * np.abs(misses), size, out=np.ones_like(size), where=size > 0.0)
-        return np.sign(misses) * size, factor[:, None] * slopes
+        factor = np.divide(weights * np.abs(values), size, out=np.ones_like(size), where=size > 0.0)
+        return np.sign(values) * size, factor[:, None] * jacobian
 
     return robustified
 
 
 def scaled(residual: ResidualFunction, factor: float) -> ResidualFunction:
-    """Multiply its residuals and their derivative by a factor."""
+    """Return the residual and its Jacobian multiplied by a factor."""
 
     def multiplied(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = residual(pose)
-        return factor * misses, factor * slopes
+        values, jacobian = residual(pose)
+        return factor * values, factor * jacobian
 
     return multiplied
 
 
 def stacked(residuals: Sequence[ResidualFunction]) -> ResidualFunction:
-    """Put the residuals of all of them together, in order."""
+    """Return the concatenation of several residual functions, in order."""
     if len(residuals) < 2:
-        return residuals[0] if residuals else nothing
+        return residuals[0] if residuals else no_residuals
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = zip(*(part(pose) for part in residuals), strict=True)
-        return np.concatenate(misses), np.concatenate(slopes)
+        values, jacobians = zip(*(function(pose) for function in residuals), strict=True)
+        return np.concatenate(values), np.concatenate(jacobians)
 
     return residual
 
 
-def nothing(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return no residuals."""
+def no_residuals(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return empty residuals (0,) and their Jacobian (0, P)."""
     return np.empty(0), np.empty((0, len(pose)))
 
 
 def surface_residual(
     skeleton: Skeleton, surface: Surface, points: FloatArray, kind: Kind, sigma: float
 ) -> ResidualFunction:
-    """Measure how far points (K, 3), m, are off the surface, over `sigma`: m for kind "distance", the field's unit for
-    "field".
+    """Return the residual of points (K, 3), m, from the body surface.
 
-    Every point belongs to the part of the body that is nearest in the pose asked for (paper D, eq. 5, 6), so that the
-    cost is the distance to the nearest part, and a step that is accepted never raises it.
+    Each point is associated with the nearest body part in the evaluated pose (paper D, eq. 5, 6), so that the cost is
+    the distance to the nearest part and never increases in an accepted step.
+
+    Parameters
+    ----------
+    sigma : standard deviation, m for kind "distance", the field's unit for "field".
     """
     if not len(points):
-        return nothing
+        return no_residuals
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = nearest_residual_jacobian(skeleton, surface, pose, points, kind)
-        misses /= sigma
-        slopes *= 1.0 / sigma
-        return misses, slopes
+        values, jacobian = nearest_residual_jacobian(skeleton, surface, pose, points, kind)
+        values /= sigma
+        jacobian *= 1.0 / sigma
+        return values, jacobian
 
     return residual
 
 
 def keypoint_residual(
-    skeleton: Skeleton, camera: Camera, joints: IntArray, marks: FloatArray, sigma_px: float
+    skeleton: Skeleton, camera: Camera, joints: IntArray, keypoints: FloatArray, sigma_px: float
 ) -> ResidualFunction:
-    """Measure how far joints (K,) are off the pixels where they were marked or detected, marks (K, 3) [u px, v px,
-    weight 0..1]; 2 K residuals.
+    """Return the reprojection residual of joints, 2 K values.
 
-    The standard deviation is sigma_px over the root of the weight. A joint behind the camera counts as 1000 deviations
-    away. The derivative leaves the lens' distortion out, the residual does not.
+    The Jacobian neglects lens distortion, the residual includes it.
+
+    Parameters
+    ----------
+    joints : (K,) joint indices.
+    keypoints : (K, 3) annotated or detected [u px, v px, weight 0..1].
+    sigma_px : standard deviation of a keypoint of weight 1, px; it is sigma_px / √weight in general. The residual of a
+        joint behind the camera is 1000 standard deviations.
     """
-    if not len(marks):
-        return nothing
-    whitening = np.sqrt(marks[:, 2:]) / sigma_px
+    if not len(keypoints):
+        return no_residuals
+    whitening = np.sqrt(keypoints[:, 2:]) / sigma_px
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = forward(skeleton, pose[None]).positions[0, joints]
-        apart = np.nan_to_num((camera.project(points) - marks[:, :2]) * whitening, nan=1e3)
-        slopes = projection_jacobian(camera, points) @ joint_jacobian(skeleton, pose[None])[0, joints]
-        return apart.ravel(), (slopes * whitening[:, :, None]).reshape(apart.size, -1)
+        errors = np.nan_to_num((camera.project(points) - keypoints[:, :2]) * whitening, nan=1e3)
+        jacobian = projection_jacobian(camera, points) @ joint_jacobian(skeleton, pose[None])[0, joints]
+        return errors.ravel(), (jacobian * whitening[:, :, None]).reshape(errors.size, -1)
 
     return residual
 
 
 def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
-    """Differentiate the pixels of world points (n, 3) by the points, (n, 2, 3), px/m, without the lens' distortion."""
+    """Return the Jacobian (n, 2, 3), px/m, of the projection of world points (n, 3), without lens distortion."""
     x, y, z = camera.to_camera(points).T
     zero = np.zeros_like(z)
     focal_x, focal_y = camera.matrix[0, 0], camera.matrix[1, 1]
-    seen = np.array([[focal_x / z, zero, -focal_x * x / z**2], [zero, focal_y / z, -focal_y * y / z**2]])
-    return seen.transpose(2, 0, 1) @ camera.rotation
+    jacobian = np.array([[focal_x / z, zero, -focal_x * x / z**2], [zero, focal_y / z, -focal_y * y / z**2]])
+    return jacobian.transpose(2, 0, 1) @ camera.rotation

@@ -30,6 +30,11 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[fl
     method="inverted_cdf" takes 1.7 times as long and, where a sum of even weights rounds, gives the next value.
     """
     columns = np.ascontiguousarray(values.T)
+    if len(weights) and (weights == weights[0]).all():  # the same ranks in all columns: a partition does
+        shares = np.cumsum(weights)
+        shares /= shares[-1]
+        rows = [min(int((shares < level - 1e-12).sum()), len(values) - 1) for level in levels]
+        return np.partition(columns, rows, axis=1)[:, rows].T
     order = np.argsort(columns, axis=1)  # not the stable sort, which takes four times as long
     reached = np.cumsum(weights[order], axis=1)
     reached /= reached[:, -1:]

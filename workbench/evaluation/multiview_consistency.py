@@ -44,7 +44,7 @@ def meeting(views: Sequence[View]) -> tuple[dict[tuple[str, str], float], FloatA
 def nearest(seen: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
     """Return the places (J, 3), m, nearest in the mean square to the cameras' rays to marks (J, 2), px, NaN for none;
     NaN where fewer than two cameras see a joint or their rays are parallel."""
-    if not seen:
+    if len(seen) < 2:
         return np.full((len(JOINT_NAMES), 3), np.nan)
     rays = np.stack([camera.directions(camera.undistorted(marks)) for camera, marks in seen])
     return nearest_points(rays, np.stack([camera.position for camera, _ in seen]))

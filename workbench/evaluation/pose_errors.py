@@ -50,15 +50,18 @@ def step_errors(
     if truth is None:
         return {}
     skeleton, measured = body.skeleton, moved_joints(body.skeleton, moving)
-    estimates = joints(skeleton, np.stack([step.expected_pose, step.map_pose]))
+    poses = {"": step.expected_pose} | ({} if step.map_pose is step.expected_pose else {"_map": step.map_pose})
+    estimates = joints(skeleton, np.stack([*poses.values()]))
     errors: dict[str, float] = {}
-    for suffix, estimate in zip(("", "_map"), estimates, strict=True):
+    for suffix, estimate in zip(poses, estimates, strict=True):
         if truth.joints is not None:
             in_space = joint_errors(measured, estimate, truth.joints)
             errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in _OF_MAX_WEIGHT}
         pixels = _pixel_error(step.frame, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
+    if len(poses) == 1:
+        errors |= {f"{name}_map": errors[name] for name in (*_OF_MAX_WEIGHT, "error_px") if name in errors}
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
         views = zip(cameras, true_cameras(step.frame), strict=True)

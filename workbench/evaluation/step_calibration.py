@@ -1,6 +1,7 @@
 """One step's posterior against the truth: coverage, ranks, proper scores, and the error that it states of itself."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -98,13 +99,19 @@ def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[st
     of _LEVELS, and within the widest by group."""
     inside = covered(shares, _LEVELS)
     rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(_LEVELS, inside, strict=True)}
-    for group, words in GROUPS.items():
-        belongs = np.array([any(word in name for word in words) for name in names])
+    for group, belongs in _members(tuple(names)).items():
         if belongs.any():
             rates[f"coverage_90{suffix}_{group}"] = inside[-1, belongs].mean()
     return {name: float(share) for name, share in rates.items()}
 
 
+@lru_cache
+def _members(names: tuple[str, ...]) -> dict[str, BoolArray]:
+    """Return by group of GROUPS which of the names belong to it, (D,)."""
+    return {g: np.array([any(word in name for word in words) for name in names]) for g, words in GROUPS.items()}
+
+
+@lru_cache
 def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
     """Name the joints of the groups of `step_calibration.GROUPS`; the root is the first joint."""
     own = {g: [k for k, n in enumerate(skeleton.names) if any(w in n for w in words)] for g, words in GROUPS.items()}

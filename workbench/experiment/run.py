@@ -248,7 +248,7 @@ def record(
                 log.warning(sentence)
             shown = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
             sure = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
-            bar.set_postfix_str(", ".join([*shown, *sure]))
+            bar.set_postfix_str(", ".join([*shown, *sure]), refresh=False)  # shown by the update
             bar.update()
             if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # before, one frame decides
                 summary.stopped = f"{stop} in frame {step.frame.index}"

@@ -23,7 +23,7 @@ from workbench.evaluation.step_calibration import group_errors, pose_ranks, stat
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
-from workbench.inference.initialization.poses import start_poses
+from workbench.inference.initialization.poses import initial_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import rng_streams
@@ -81,7 +81,7 @@ def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManage
     with stage("start"):
         start = None
         if info.initial_pose is not None or info.initial_annotations is not None or not inference.finds_start:
-            start, sentence = start_poses(prior, body, clip)
+            start, sentence = initial_poses(prior, body, clip)
             if sentence:
                 log.info(sentence)
     return Parts(clip, body, prior, inference, start)

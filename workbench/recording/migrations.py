@@ -111,6 +111,8 @@ _KEYS: dict[str, dict[str, str]] = {
     "workbench.studies.learning_activities.LearnWalkRun": {"leave_out": "exclude", "most_per_clip": "max_per_clip"},
     "workbench.studies.walk_cycles.PeriodSnr": {"missing": "missing_fraction"},
     f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
+    "workbench.inference.least_squares.least_squares.LeastSquares": {"most_points": "max_points"},
+    "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
 }  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
 _VALUES: dict[str, dict[str, dict[Any, Any]]] = {}

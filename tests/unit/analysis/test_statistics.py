@@ -6,7 +6,7 @@ import yaml
 from compositions import composed
 from scipy import stats
 
-from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
+from analysis.figures import cached_runs, held_out_calibration, pairs, people, replicates, sensitivity, weights
 from analysis.figures.recordings import Source
 from workbench.datasets.synthetic import Synthetic
 from workbench.experiment.config.requirements import first_conflict
@@ -58,14 +58,14 @@ def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return {"error_px": float(len(made))}
 
-    monkeypatch.setattr(kept_runs, "measured", run_of)
-    runs, out = kept_runs.every_run(ROWS, ["a", "b"], 2, ["dataset.n_frames=3"]), tmp_path / "kept" / "runs.jsonl"
+    monkeypatch.setattr(cached_runs, "measured", run_of)
+    runs, out = cached_runs.every_run(ROWS, ["a", "b"], 2, ["dataset.n_frames=3"]), tmp_path / "kept" / "runs.jsonl"
     with pytest.raises(KeyboardInterrupt):
-        kept_runs.numbers_of(runs, out, ["error_px"])
-    numbers = kept_runs.numbers_of(runs, out, ["error_px"])
+        cached_runs.numbers_of(runs, out, ["error_px"])
+    numbers = cached_runs.numbers_of(runs, out, ["error_px"])
     assert len(made) == len(runs) + 1 == len(set(runs)) + 1  # the interrupted one is made again
     assert list(numbers) == runs
-    assert numbers == kept_runs.read_kept(out)
+    assert numbers == cached_runs.read_cached(out)
 
 
 def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path):
@@ -86,7 +86,7 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
 
 @pytest.mark.slow
 def test_every_row_of_a_table_can_be_run():
-    for row, (experiment, overrides) in left_out.ROWS.items():
+    for row, (experiment, overrides) in held_out_calibration.ROWS.items():
         config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
         assert first_conflict(config, {}) is None
         assert "02" in config.learn.leave_out

@@ -8,7 +8,7 @@ from workbench.body.kinematics import joints
 from workbench.core.observations import observe
 from workbench.core.residual import SQUARED, Loss
 from workbench.inference.least_squares.single_frame import FitData
-from workbench.inference.least_squares.systematic_errors import effective_share, error_correlation
+from workbench.inference.least_squares.systematic_errors import effective_fraction, error_correlation
 
 SIGMA_PX = 3.0
 ROBUST = Loss("geman_mcclure", 1.5)
@@ -50,15 +50,15 @@ def test_the_share_is_that_of_a_mean():
     """Var of the mean of n numbers of an autoregression is Σ_st ρ^|s − t| / n², of m independent ones 1 / m."""
     n, rho = 1000, 0.7
     lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    assert effective_share(rho) == pytest.approx(n / (rho**lags).sum(), rel=1e-2)
-    assert effective_share(0.0) == 1.0
+    assert effective_fraction(rho) == pytest.approx(n / (rho**lags).sum(), rel=1e-2)
+    assert effective_fraction(0.0) == 1.0
 
 
 @pytest.mark.parametrize("loss", [SQUARED, ROBUST])
 def test_a_share_of_the_residuals_is_that_share_of_the_cost(loss):
     misses, slopes = np.array([0.1, -2.0, 5.0]), np.arange(6.0).reshape(3, 2)
     whole = FitData([lambda pose: (misses, slopes)], np.zeros(1), loss)
-    part = whole.weighing(0.2)
+    part = whole.downweighted(0.2)
     (few, flat), (cost, weights) = part.residuals[0](np.zeros(2)), loss(misses)
     part_cost, part_weights = part.loss(few)
     np.testing.assert_allclose(part_cost, 0.2 * cost)

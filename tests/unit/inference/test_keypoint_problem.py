@@ -11,13 +11,13 @@ from workbench.body.kinematics import joints
 from workbench.core.observations import Observed
 from workbench.core.prior import Smoothness
 from workbench.core.residual import LOSSES, SQUARED, Loss, stacked
-from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem, reaching
-from workbench.inference.least_squares.limb_flips import LIMBS, turn_limbs
+from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem, reach_targets
+from workbench.inference.least_squares.limb_flips import LIMBS, flip_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import joint_residual, limit_residual, views_residual
 from workbench.inference.least_squares.single_frame import PoseDecoder, fit_frame
 from workbench.inference.least_squares.solver import minimise
-from workbench.inference.least_squares.systematic_errors import told_doubt
+from workbench.inference.least_squares.systematic_errors import default_length_uncertainty
 
 SKELETON = BODY.skeleton
 SIGMA_PX = 3.0
@@ -56,7 +56,7 @@ def test_one_evaluation_is_that_of_the_residuals(n_frames, loss):
 def test_one_evaluation_is_that_of_the_residuals_with_whatever_is_known(cameras, ground_m, drawn):
     batch, functions, poses = both(8, cameras, ground_m=ground_m)
     usual = some_postures(poses) if drawn else None
-    agree(replace(batch, usual=usual), replace(functions, usual=usual), poses)
+    agree(replace(batch, pose_prior=usual), replace(functions, pose_prior=usual), poses)
 
 
 def test_a_joint_behind_the_camera_counts_as_it_does_in_the_residuals():
@@ -71,7 +71,7 @@ def agree(batch, functions, poses):
     np.testing.assert_allclose(found.gradient, exact.gradient, rtol=0.0, atol=1e-12 * np.abs(exact.gradient).max())
     whole = exact.normal.dense()
     np.testing.assert_allclose(found.normal.dense(), whole, rtol=0.0, atol=1e-12 * np.abs(whole).max())
-    np.testing.assert_allclose(found.trust, exact.trust, rtol=1e-11, atol=1e-20)
+    np.testing.assert_allclose(found.damping_diagonal, exact.damping_diagonal, rtol=1e-11, atol=1e-20)
 
 
 def test_a_window_is_part_of_the_whole_and_its_cost_changes_as_the_whole_does():
@@ -90,7 +90,7 @@ def test_a_window_is_part_of_the_whole_and_its_cost_changes_as_the_whole_does():
 
 def test_poses_are_followed_as_by_the_residuals():
     batch, functions, poses = both(10)
-    np.testing.assert_allclose(batch.followed(poses[0]), functions.followed(poses[0]), atol=1e-9)
+    np.testing.assert_allclose(batch.fit_sequentially(poses[0]), functions.fit_sequentially(poses[0]), atol=1e-9)
 
 
 def test_a_limb_reaches_as_far_as_by_the_residuals():
@@ -103,17 +103,17 @@ def test_a_limb_reaches_as_far_as_by_the_residuals():
         near = stacked([joint_residual(SKELETON, limb[1:], aims[t], 0.03), limit_residual(SKELETON, 0.05)])
         decoder = PoseDecoder(SKELETON)
         exact[t] = fit_frame(decoder, near, SQUARED, pose, free=own, max_iterations=8, tolerance=1e-2).x
-    np.testing.assert_allclose(reaching(SKELETON, poses, limb, aims, 0.03), exact, atol=1e-7)
+    np.testing.assert_allclose(reach_targets(SKELETON, poses, limb, aims, 0.03), exact, atol=1e-7)
 
 
 def test_wrong_lengths_mislead_a_fit_as_finite_differences_say():
     batch, _, poses = both(5, loss="squared", ground_m=None)
-    batch = replace(batch, stand=np.zeros((5, 2), dtype=bool))
-    cause = told_doubt(SKELETON).sum(axis=2, keepdims=True)
+    batch = replace(batch, foot_contacts=np.zeros((5, 2), dtype=bool))
+    cause = default_length_uncertainty(SKELETON).sum(axis=2, keepdims=True)
     longer = replace(SKELETON, offsets=SKELETON.offsets + 1e-4 * cause[..., 0])
     here = minimise(batch.expand, poses.ravel(), max_iterations=200, tolerance=1e-14)
     there = minimise(replace(batch, skeleton=longer).expand, here.x, max_iterations=200, tolerance=1e-16)
-    found = batch.misled(here.quadratic.normal.factor(), here.x.reshape(poses.shape), cause)[..., 0]
+    found = batch.bias_sensitivity(here.quadratic.normal.factor(), here.x.reshape(poses.shape), cause)[..., 0]
     moved = (there.x - here.x).reshape(poses.shape) / 1e-4
     assert np.linalg.norm(found + moved) < 0.25 * np.linalg.norm(moved)  # balance, which shifts too, is left out
 
@@ -133,8 +133,8 @@ def test_a_limb_turned_over_in_some_frames_is_turned_back():
     rays = places[:, 0] - CAMERAS[0].position
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     places[:, 1] -= 2.0 * ((places[:, 1] - places[:, 0]) * rays).sum(axis=1)[:, None] * rays
-    wrong[own] = reaching(SKELETON, wrong[own], limb, places, 0.03)
+    wrong[own] = reach_targets(SKELETON, wrong[own], limb, places, 0.03)
     stuck = minimise(problem.expand, wrong.ravel())
-    searched = turn_limbs(problem, CAMERAS[0], stuck.x.reshape(poses.shape))
+    searched = flip_limbs(problem, CAMERAS[0], stuck.x.reshape(poses.shape))
     assert stuck.costs[-1] > right.costs[-1] + 5.0
     assert minimise(problem.expand, searched.ravel()).costs[-1] < right.costs[-1] + 0.5

@@ -15,7 +15,7 @@ from workbench.inference.least_squares.least_squares import steps
 from workbench.inference.least_squares.motion_fit import fit_from, fit_sequence
 from workbench.inference.least_squares.residuals import joint_residual
 from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.systematic_errors import Shared
+from workbench.inference.least_squares.systematic_errors import SharedErrors
 
 ROBUST = Loss("geman_mcclure", 3.0)
 
@@ -80,7 +80,7 @@ def test_particles_are_drawn_from_the_posterior():
 def test_what_the_model_misses_is_in_the_poses_and_not_in_the_states():
     fit, _, times = sequence()
     missed = Discrepancy(WALKER.dof_names[6:8], np.array([[0.1], [0.05]]), np.array([0.1, 0.2]), np.zeros(2), 3)
-    wider = fit.missing(np.repeat(missed.root(WALKER.dof_names)[None], len(times), axis=0))
+    wider = fit.with_discrepancy(np.repeat(missed.root(WALKER.dof_names)[None], len(times), axis=0))
     added = wider.covariance[4] - fit.covariance[4]
     np.testing.assert_allclose(added[6:8, 6:8], missed.covariance, atol=1e-15)
     assert np.count_nonzero(added) == 4
@@ -103,11 +103,11 @@ def test_what_a_fit_makes_of_a_person_unlike_the_model_is_foreseen(frames_per_st
 
     def fitted(poses, missed=None):
         seen = [joint_residual(WALKER, EVERY_JOINT, points, 1e-5) for points in joints(WALKER, poses)]
-        return fit_from(decoder(), FitData(seen, times, SQUARED), frames_per_style, states, 40, missed=missed)
+        return fit_from(decoder(), FitData(seen, times, SQUARED), frames_per_style, states, 40, discrepancy=missed)
 
     model, person = fitted(poses, unlike), fitted(poses + unlike[:, 0])
     off = person.poses - (poses + unlike[:, 0]) - (model.poses - poses)
-    np.testing.assert_allclose(off, -model.missed[:, :, 0], atol=2e-6)  # first order: 2 % of it
+    np.testing.assert_allclose(off, -model.discrepancy_root[:, :, 0], atol=2e-6)  # first order: 2 % of it
     assert np.abs(off[:, :6]).max() > 1e-5
 
 
@@ -116,7 +116,7 @@ def test_what_a_fit_makes_of_a_person_unlike_the_model_is_foreseen(frames_per_st
 def test_what_a_fit_makes_of_points_displaced_together_is_foreseen(frames_per_style, displaced):
     times, states = walk(10)
     poses, parts = decoder().poses(states), np.repeat(EVERY_JOINT, 3)  # a joint's three residuals are a part
-    shared = Shared(1e-4, [lambda pose: parts] * 10, len(EVERY_JOINT))
+    shared = SharedErrors(1e-4, [lambda pose: parts] * 10, len(EVERY_JOINT))
 
     def fitted(moved_m, shared=None):
         places = joints(WALKER, poses)
@@ -126,7 +126,7 @@ def test_what_a_fit_makes_of_points_displaced_together_is_foreseen(frames_per_st
 
     still, moved = fitted(0.0, shared), fitted(1e-4)
     part = len(EVERY_JOINT) if displaced is None else displaced
-    foreseen = still.missed.reshape(10, 10, -1, 3)[:, :, part, 1]
+    foreseen = still.discrepancy_root.reshape(10, 10, -1, 3)[:, :, part, 1]
     off = still.poses - moved.poses
     assert np.linalg.norm(off - foreseen) < 0.1 * np.linalg.norm(foreseen)  # first order, and where the search ends
     assert np.abs(foreseen).max() > 1e-5

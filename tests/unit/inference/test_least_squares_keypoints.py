@@ -151,7 +151,7 @@ def test_what_cannot_be_used_is_an_error():
     few[:, 3:] = np.nan
     with pytest.raises(InputError, match="expected 4 keypoints in some frame to start from"):
         run(frames(times, few))
-    with pytest.raises(InputError, match="none of 3 frames shows enough to start from; give the phases"):
+    with pytest.raises(InputError, match="none of 3 frames has enough observations to start from; set the phases"):
         run(frames(times, few), poses[0])
     with pytest.raises(InputError, match="expected keypoints to fit, found none in 2 frames"):
         run(frames(times[:2], [NOTHING, None]))

@@ -211,18 +211,18 @@ def test_a_product_with_a_term_without_residuals_is_refused():
 
 def test_points_that_the_likelihood_does_not_look_at_are_not_fitted():
     shown = frames(truth()[:2])
-    inference = fitting(FrameByFrame(), KeypointLikelihood(BODY), most_points=1)
+    inference = fitting(FrameByFrame(), KeypointLikelihood(BODY), max_points=1)
     with pytest.raises(InputError, match="expected keypoints to fit, found none in 2 frames"):
         run(inference, shown, truth()[0])
 
 
 def test_what_is_out_of_range_is_an_error():
-    with pytest.raises(InputError, match="most_points must be positive"):
-        fitting(most_points=0)
+    with pytest.raises(InputError, match="max_points must be positive"):
+        fitting(max_points=0)
     with pytest.raises(InputError, match="frames_per_style must be above zero"):
         MotionFit(0)
     for problem in (MotionFit(), FrameByFrame(pose_prior=True)):
-        with pytest.raises(InputError, match="expected a motion model"):
+        with pytest.raises(InputError, match="needs a motion model"):
             fitting(problem, model=False)
     with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
         fitting(likelihood=Uniform())

@@ -7,17 +7,18 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, streams
 from view_scenes import CAMERAS, frames, observed, swinging
 
-from workbench.inference.initialization.limb_lengths import HEIGHT_SIGMA, measure
+from workbench.inference.initialization.limb_lengths import HEIGHT_SIGMA, fit_lengths
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.systematic_errors import TOLD_SIGMA, told_doubt
+from workbench.inference.least_squares.systematic_errors import DEFAULT_LENGTH_SIGMA, default_length_uncertainty
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton
 
 
 def test_told_bones_are_off_by_a_part_of_their_length_both_sides_alike():
-    doubt = told_doubt(SKELETON)
-    assert np.allclose(np.linalg.norm(doubt, axis=(1, 2)), TOLD_SIGMA * np.linalg.norm(SKELETON.offsets, axis=1))
+    doubt = default_length_uncertainty(SKELETON)
+    expected = DEFAULT_LENGTH_SIGMA * np.linalg.norm(SKELETON.offsets, axis=1)
+    assert np.allclose(np.linalg.norm(doubt, axis=(1, 2)), expected)
     left, right = doubt[SKELETON.joint("left_knee")], doubt[SKELETON.joint("right_knee")]
     assert np.flatnonzero(np.abs(left).sum(axis=0)).tolist() == np.flatnonzero(np.abs(right).sum(axis=0)).tolist()
 
@@ -61,7 +62,7 @@ def test_a_measured_size_is_as_sure_as_what_is_known_of_it():
 
     def sigma(cameras, height_m):
         seen = observed(SKELETON, frames(SKELETON, times, poses, CAMERAS[:cameras]))
-        doubt = measure([frame.keypoints for frame in seen], height_m).doubt
+        doubt = fit_lengths([frame.keypoints for frame in seen], height_m).length_uncertainty
         return np.linalg.norm(doubt[knee, 2] + doubt[ankle, 2]) / legs
 
     unknown = sigma(1, None)
@@ -71,6 +72,6 @@ def test_a_measured_size_is_as_sure_as_what_is_known_of_it():
 
 
 def test_a_body_of_another_size_is_as_unsure_of_itself():
-    body = replace(BODY, length_doubt=told_doubt(SKELETON))
+    body = replace(BODY, length_doubt=default_length_uncertainty(SKELETON))
     assert np.allclose(body.scaled(2.0).length_doubt, 2.0 * body.length_doubt)
     assert BODY.scaled(2.0).length_doubt is None

@@ -157,7 +157,7 @@ def test_without_regularisation_a_frame_that_shows_nothing_is_as_uncertain_as_ca
 def test_no_observation_at_all_is_an_error():
     fitted, states = problem(1)
     empty = replace(fitted, residuals=[lambda pose: (np.empty(0), np.empty((0, 10)))] * T)
-    with pytest.raises(InputError, match="does not determine the motion"):
+    with pytest.raises(InputError, match="do not determine the motion"):
         fit_motion(empty, states)
 
 

@@ -6,15 +6,15 @@ from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
 from workbench.core.pose_prior import PosePrior
-from workbench.inference.least_squares.limb_flips import FLIP_SIGMA_M, LIMBS, stretches, turned
+from workbench.inference.least_squares.limb_flips import FLIP_SIGMA_M, LIMBS, flip_intervals, flipped
 from workbench.inference.least_squares.residuals import (
     balance_residual,
     centre_of_mass,
     gaussian_residual,
     ground_residual,
-    usual_residual,
+    nominal_pose_residual,
 )
-from workbench.inference.least_squares.smooth_fit import nearest_postures
+from workbench.inference.least_squares.smooth_fit import pose_prior_gaussians
 
 SKELETON = BODY.skeleton
 STANDING = np.zeros(25)
@@ -23,13 +23,15 @@ LEFT_LEG = [SKELETON.dof(f"left_{name}") for name in ("hip_flexion", "hip_abduct
 
 
 WIDE = np.eye(21) + 0.5
-POSTURES = PosePrior(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), WIDE]))
+POSE_PRIOR_POWER = PosePrior(
+    np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), WIDE])
+)
 """Two: one that is narrow, and one whose angles go together."""
 
 
 def posture_residual(pose, covariance, power):
     """How far poses are off POSTURES, to a power, of which `pose` with this covariance may be."""
-    means, precisions = nearest_postures(POSTURES, pose[None], covariance[None], power)
+    means, precisions = pose_prior_gaussians(POSE_PRIOR_POWER, pose[None], covariance[None], power)
     return gaussian_residual(means[0], precisions[0])
 
 
@@ -42,7 +44,7 @@ def posed(**angles):
 
 @pytest.mark.parametrize(
     "residual", [
-        usual_residual(SKELETON), balance_residual(SKELETON), ground_residual(SKELETON, 0.1),
+        nominal_pose_residual(SKELETON), balance_residual(SKELETON), ground_residual(SKELETON, 0.1),
         posture_residual(STANDING, 0.01 * np.eye(25), 0.3),
     ], ids=["usual", "balance", "ground", "postures"],
 )  # fmt: skip
@@ -98,16 +100,16 @@ def test_flips_look_the_same_and_are_at_the_other_depth():
     bent = {"left_hip_flexion": 0.5, "left_knee_flexion": 0.9, "right_hip_flexion": 0.5, "right_knee_flexion": 0.9}
     arms = {"left_elbow_flexion": 0.8, "right_elbow_flexion": 0.8}
     poses = np.repeat(posed(root_heading=-0.6, **bent, **arms)[None], 4, axis=0)
-    whole = stretches(SKELETON, CAMERA, poses)
+    whole = flip_intervals(SKELETON, CAMERA, poses)
     assert [(stretch.first, stretch.last) for stretch in whole] == 4 * [(0, 4)]  # as none lies across the view
-    flipped = []
+    ends = []
     for limb, stretch in zip(LIMBS, whole, strict=True):
         middle, end = (SKELETON.joint(name) for name in limb[1:])
-        over = turned(SKELETON, CAMERA, poses, stretch.limb)
+        over = flipped(SKELETON, CAMERA, poses, stretch.limb)
         before, after = (joints(SKELETON, some)[0] for some in (poses, over))
         across = np.linalg.norm(CAMERA.project(after) - CAMERA.project(before), axis=1)[end]
         depths = [CAMERA.to_camera(places)[[middle, end], 2] for places in (before, after)]
         if across * PX_M < FLIP_SIGMA_M:
             assert np.diff(depths[1]) * np.diff(depths[0]) < 0.0
-            flipped.append(limb[2])
-    assert {"left_wrist", "right_wrist"} <= set(flipped)  # the body's limits forbid some of the others
+            ends.append(limb[2])
+    assert {"left_wrist", "right_wrist"} <= set(ends)  # the body's limits forbid some of the others

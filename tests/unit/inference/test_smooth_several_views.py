@@ -15,7 +15,7 @@ from workbench.body.skeleton import person_skeleton
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness
 from workbench.core.residual import Loss, robust
-from workbench.inference.initialization.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
+from workbench.inference.initialization.limb_lengths import LENGTHS, fit_lengths, of_keypoints, shape_of
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.residual_problem import ResidualProblem
@@ -136,7 +136,7 @@ def test_two_cameras_measure_a_person_of_unknown_height():
     other = person(shape_of(OTHER)).skeleton
     times, poses = swinging(other, 8, rate_hz=7.0)
     seen = [one.keypoints for one in observed(other, frames(other, times, poses))]
-    measured = measure(seen, keypoint_sigma=0.002)
+    measured = fit_lengths(seen, keypoint_sigma=0.002)
     # the pixels are without noise; of a deviation of 4 mm eight frames and two cameras leave 1 mm to the priors
     np.testing.assert_allclose(person_skeleton(measured.shape).offsets, other.offsets, atol=0.002)
     assert measured.error_px < 0.5

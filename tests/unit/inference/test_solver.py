@@ -17,7 +17,7 @@ def random_system(n_band, n_border, width, seed):
     values = rng.standard_normal(len(i)) + np.where(i == j, 4.0 * n, 0.0)
     dense = np.zeros((n, n))
     dense[i, j] = dense[j, i] = values
-    return pattern.fill(pattern.place(i, j), values), dense, rng
+    return pattern.assemble(pattern.flat_index(i, j), values), dense, rng
 
 
 PATTERNS = [(12, 0, 3), (12, 0, 11), (20, 5, 6), (9, 2, 0), (1, 3, 0)]
@@ -49,7 +49,7 @@ def test_entries_given_twice_add_and_the_upper_triangle_is_not_counted():
     pattern = Pattern(3, 1, 1)
     i, j = np.indices((2, 2)) + 1
     values = np.array([[2.0, 0.5], [0.5, 3.0]])
-    matrix = pattern.fill(np.stack([pattern.place(i, j)] * 2), np.stack([values] * 2)).dense()
+    matrix = pattern.assemble(np.stack([pattern.flat_index(i, j)] * 2), np.stack([values] * 2)).dense()
     np.testing.assert_array_equal(matrix[1:3, 1:3], 2.0 * values)
     assert matrix.sum() == 2.0 * values.sum()
 
@@ -61,4 +61,4 @@ def test_a_matrix_that_is_not_positive_definite_is_an_error():
         values = np.ones(6)
         values[wrong] = -1.0
         with pytest.raises(np.linalg.LinAlgError):
-            pattern.fill(pattern.place(diagonal, diagonal), values).factor()
+            pattern.assemble(pattern.flat_index(diagonal, diagonal), values).factor()

@@ -11,11 +11,11 @@ from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.core.residual import SQUARED
 from workbench.inference.least_squares.foot_contact import (
-    LEAST_S,
+    MIN_CONTACT_S,
+    detect_foot_contacts,
+    foot_contact_constraints,
     image_speeds,
-    standing_feet,
-    standing_height,
-    ties_of_feet,
+    median_foot_height,
 )
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.residual_problem import ResidualProblem
@@ -42,10 +42,10 @@ def lifting(n_frames=30):
 @pytest.mark.parametrize("cameras", [CAMERAS, CAMERAS[:1]], ids=["two", "one"])
 def test_the_foot_that_stands_is_told_from_the_one_that_swings(cameras):
     times, poses = lifting()
-    stand = standing_feet(SKELETON, observed(SKELETON, frames(SKELETON, times, poses, cameras, 1.0)), times)
+    stand = detect_foot_contacts(SKELETON, observed(SKELETON, frames(SKELETON, times, poses, cameras, 1.0)), times)
     assert stand[:, 0].all()
-    assert not stand[:, 1].any()  # nor where it turns round, for less than LEAST_S
-    assert LEAST_S > 2.0 * 0.1
+    assert not stand[:, 1].any()  # nor where it turns round, for less than MIN_CONTACT_S
+    assert MIN_CONTACT_S > 2.0 * 0.1
 
 
 def test_a_foot_that_a_camera_sees_move_or_nobody_sees_does_not_stand():
@@ -55,10 +55,10 @@ def test_a_foot_that_a_camera_sees_move_or_nobody_sees_does_not_stand():
         replace(view, marks=view.marks + np.array([20.0 * t, 0.0, 0.0])) for view in frame.keypoints
     )) for t, frame in enumerate(side)]  # fmt: skip
     both = [replace(a, keypoints=a.keypoints + b.keypoints) for a, b in zip(front, swung, strict=True)]
-    assert standing_feet(SKELETON, front, times)[:, 0].all()
-    assert not standing_feet(SKELETON, both, times).any()
+    assert detect_foot_contacts(SKELETON, front, times)[:, 0].all()
+    assert not detect_foot_contacts(SKELETON, both, times).any()
     unseen = [replace(frame, keypoints=()) for frame in front]
-    assert not standing_feet(SKELETON, unseen, times).any()
+    assert not detect_foot_contacts(SKELETON, unseen, times).any()
 
 
 def test_speeds_in_the_image_bridge_gaps_and_trembling():
@@ -73,7 +73,7 @@ def test_speeds_in_the_image_bridge_gaps_and_trembling():
 def test_ties_are_the_derivatives_they_say():
     times, poses = lifting(4)
     stand = np.array([[True, False], [True, True], [False, True], [False, True]])
-    ties = ties_of_feet(SKELETON, stand, times)
+    ties = foot_contact_constraints(SKELETON, stand, times)
     assert [t for t, _ in ties] == [0, 1, 2]  # left, then right twice
     both = poses[1:3].ravel() + 0.01 * np.random.default_rng(0).standard_normal(50)
     misses, slopes = ties[1][1](both)
@@ -108,8 +108,8 @@ def test_one_camera_finds_the_floor_by_the_feet():
     shown = frames(SKELETON, times, poses, CAMERAS[:1], 1.0)
     fitting = LeastSquares(BODY, KeypointLikelihood(BODY, sigma_px=2.0, loss="huber"), n_particles=2)
     fit, seen, _ = fitting.fit_frames(shown, None, streams()["start"])
-    stand = standing_feet(SKELETON, seen, times)
-    height = standing_height(SKELETON, fit.poses, stand)
+    stand = detect_foot_contacts(SKELETON, seen, times)
+    height = median_foot_height(SKELETON, fit.poses, stand)
     assert height == pytest.approx(joints(SKELETON, poses)[0, LEFT, 2], abs=0.08)
     ankles = joints(SKELETON, fit.poses)[:, LEFT]
     assert np.ptp(ankles, axis=0).max() < 0.04  # it stays where it is, in depth, too

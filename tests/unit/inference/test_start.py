@@ -14,13 +14,13 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames
 from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import PriorCapabilities
-from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.initialization.poses import (
+    fit_annotations,
+    initial_poses,
     placed_costs,
-    start_from_examples,
-    start_from_marks,
-    start_poses,
-    usable_marks,
+    poses_from_examples,
+    usable_annotations,
 )
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
@@ -64,14 +64,14 @@ def examples():
 def test_a_pose_that_the_prior_knows_comes_before_all_others():
     own, given = np.full(25, 1.0), np.full(25, 2.0)
     for known in ({"initial_pose": given}, {}):
-        poses, said = start_poses(prior(first_pose=lambda: own, motion=SineModel()), BODY, clip(**known))
+        poses, said = initial_poses(prior(first_pose=lambda: own, motion=SineModel()), BODY, clip(**known))
         assert (poses is own, said) == (True, "")
 
 
 def test_nothing_to_start_from_is_refused():
     for capabilities in ({}, {"motion": SineModel()}, {"examples": examples}):
-        with pytest.raises(InputError, match=r"no starting pose: mark joints .*dataset.start=given"):
-            start_poses(prior(**capabilities), BODY, clip())
+        with pytest.raises(InputError, match=r"no initial pose: annotate joints .*dataset.start=given"):
+            initial_poses(prior(**capabilities), BODY, clip())
 
 
 # Marked joints, by a cyclic motion.
@@ -79,7 +79,7 @@ def test_nothing_to_start_from_is_refused():
 
 def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
     times, _, truth = walk(1, heading=2.8)
-    pose, _ = start_poses(
+    pose, _ = initial_poses(
         prior(motion=SineModel(), examples=examples), BODY, clip(initial_annotations=marked(times, truth))
     )
     assert pose.shape == (25,)
@@ -91,8 +91,8 @@ def test_marks_of_several_frames_tell_the_pace_of_the_phase():
     times, _, truth = walk(11, heading=2.8, rate_hz=0.95)
     few = [0, 3, 10]
     shown = clip(initial_annotations=marked(times[few], truth[few]), scale=0.5)
-    pose, said = start_poses(prior(motion=SineModel()), BODY, shown)
-    fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.info.initial_annotations)
+    pose, said = initial_poses(prior(motion=SineModel()), BODY, shown)
+    fit = fit_annotations(SineModel(), SKELETON, CAMERA, shown.info.initial_annotations)
     assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
     assert np.array_equal(pose, fit.pose)
     assert f"{fit.rate_hz:.2f} cycles/s" in said
@@ -111,7 +111,7 @@ def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
     rows = np.column_stack([camera.project(joints(SKELETON, truth[None]))[0], np.ones(15)])
     rows[4] = np.nan  # one of them was not marked
     shown = clip(cameras=(camera,), initial_annotations=AnnotatedFrames(np.zeros(1), rows[None]))
-    poses, said = start_poses(prior(examples=lambda: known), BODY, shown)
+    poses, said = initial_poses(prior(examples=lambda: known), BODY, shown)
     assert apart_px(poses, truth, camera)[0] < 2.0
     assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
     assert 1 <= len(poses) <= 8
@@ -123,21 +123,21 @@ def test_examples_that_fit_about_as_well_are_all_kept_and_differ():
     known = examples()
     truth = known[30].copy()
     truth[:4] = [0.3, 0.2, 0.95, 2.0]
-    (seen,) = usable_marks(SKELETON, CAMERA, marked([0.0], truth[None], sigma_px=4.0))
-    poses = start_from_examples(known, SKELETON, seen)
+    (seen,) = usable_annotations(SKELETON, CAMERA, marked([0.0], truth[None], sigma_px=4.0))
+    poses = poses_from_examples(known, SKELETON, seen)
     places = joints(SKELETON, poses)
     apart = np.linalg.norm(places[:, None] - places, axis=3).mean(axis=2)
     assert len(poses) > 1
     assert apart[~np.eye(len(poses), dtype=bool)].min() > 0.03  # APART_M
     assert apart_px(poses, truth).max() < 15.0
-    assert np.all(poses[0] == start_from_examples(known[::-1], SKELETON, seen)[0])  # whatever their order
+    assert np.all(poses[0] == poses_from_examples(known[::-1], SKELETON, seen)[0])  # whatever their order
 
 
 def test_the_linear_fit_is_exact_where_the_marks_are():
     pose = examples()[20]
     truth, heading = pose.copy(), 0.7
     truth[:4], pose[:4] = [0.3, 0.2, 0.95, heading], 0.0
-    (seen,) = usable_marks(SKELETON, CAMERA, marked([0.0], truth[None]))
+    (seen,) = usable_annotations(SKELETON, CAMERA, marked([0.0], truth[None]))
     other = examples()[33]
     other[:4] = 0.0
     costs, roots = placed_costs(seen, joints(SKELETON, np.stack([pose, other]))[:, seen.joints], heading, 4.0)
@@ -155,11 +155,11 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
     if several:
         times[-1] = 2.0  # too late to say anything about the first frame
         truth[-1] = 0.0
-    poses, said = start_poses(prior(), BODY, clip(initial_annotations=marked(times, truth, sigma_px=1.0)))
+    poses, said = initial_poses(prior(), BODY, clip(initial_annotations=marked(times, truth, sigma_px=1.0)))
     assert apart_px(poses[:1], truth[0]) < 5.0
     low, high = SKELETON.limits.T
     assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
-    assert "of the poses that they allow" in said
+    assert "of the consistent poses" in said
 
 
 def test_too_few_marks_are_refused():
@@ -168,7 +168,7 @@ def test_too_few_marks_are_refused():
     shown = clip(initial_annotations=AnnotatedFrames(np.zeros(1), rows))
     for capabilities in ({"motion": SineModel()}, {"examples": examples}, {}):
         with pytest.raises(InputError, match="found 3"):
-            start_poses(prior(**capabilities), BODY, shown)
+            initial_poses(prior(**capabilities), BODY, shown)
 
 
 # Detected joints.
@@ -185,9 +185,9 @@ def test_detected_joints_come_before_what_a_prior_offers_and_no_frame_more_is_de
 
     known = SequenceInfo("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
     offers = prior(motion=SineModel(), examples=examples)
-    poses, said = start_poses(offers, BODY, FrameCache(SimpleNamespace(info=known, frames=played)))
-    assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
-    assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
+    poses, said = initial_poses(offers, BODY, FrameCache(SimpleNamespace(info=known, frames=played)))
+    assert np.array_equal(poses, poses_from_keypoints(SKELETON, shown))
+    assert said == f"initial pose fitted to keypoints: {len(poses)} consistent poses"
     assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there
     assert decoded == list(range(9))  # half a second, and the frame that is later
 
@@ -197,13 +197,13 @@ def test_detected_joints_that_are_missing_in_the_first_frame_are_said():
     shown = frames(SKELETON, times, truth)
     shown[0] = replace(shown[0], views=())
     with pytest.raises(InputError, match="expected keypoints in the first frame to start from"):
-        start_poses(prior(), BODY, clip(shown, has_keypoints=True))
+        initial_poses(prior(), BODY, clip(shown, has_keypoints=True))
 
 
 def test_one_camera_leaves_several_and_one_is_right():
     times, poses = swinging(SKELETON)
     poses[:, 3] = np.pi / 2.0  # away from the camera, whose picture of the person bent over backwards is as good
-    found = start_from_keypoints(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1], sigma_px=2.0))
+    found = poses_from_keypoints(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1], sigma_px=2.0))
     errors = [errors_mm(SKELETON, pose[None], poses[:1]) for pose in found]
     assert min(errors) < 60.0  # as a start has to be
     assert len(found) <= 3

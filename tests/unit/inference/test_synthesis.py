@@ -16,10 +16,10 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.inference import synthesis
 from workbench.inference.synthesis import (
+    GROUND_RATE,
     PLANTED_SPEED,
-    SETTLE,
     FootContact,
-    Smoother,
+    JumpBlending,
     Synthesis,
     ankle_positions,
     jump_deg,
@@ -32,7 +32,7 @@ from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
 CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself
-PLAIN = {"smoothing_s": 0.0, "foot_contact": False}
+PLAIN = {"blend_time_s": 0.0, "foot_contact": False}
 AT = 30  # the frame that motions start from
 
 
@@ -111,7 +111,7 @@ def test_without_a_start_or_an_activity_there_is_nothing_to_compare_with(windows
     inference = Synthesis(
         Implicit(windows), person(motions[0].shape), replace(until(motions[0]), pose_history_activity=None), **PLAIN
     )
-    with pytest.raises(InputError, match="start"):
+    with pytest.raises(InputError, match="initial pose"):
         list(inference.run(frames(2), None, streams()))
     steps = list(inference.run(frames(3), motions[0].poses[AT], streams()))
     assert all("same_activity" not in step.diagnostics for step in steps)
@@ -223,9 +223,9 @@ def poses_of(angle):
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0))
 def test_no_angle_changes_by_more_than_the_limit_and_what_is_let_go(seed, size):
     poses = size * np.random.default_rng(seed).standard_normal((30, len(POSE_NAMES)))
-    smoother, shown, offset = Smoother(TAU, LIMIT), None, np.zeros(len(POSE_NAMES) - 3)
+    smoother, shown, offset = JumpBlending(TAU, LIMIT), None, np.zeros(len(POSE_NAMES) - 3)
     for pose in poses:
-        now = smoother.follow(pose, DT)
+        now = smoother.update(pose, DT)
         if shown is not None:
             assert (np.abs(now - shown)[3:] <= LIMIT + LET_GO * np.abs(offset) + 1e-9).all()
         turns = (now[3:] - smoother.offset - pose[3:]) / (2.0 * np.pi)
@@ -236,28 +236,28 @@ def test_no_angle_changes_by_more_than_the_limit_and_what_is_let_go(seed, size):
 
 def test_a_jump_is_let_go_exponentially():
     jump = 2.0
-    smoother = Smoother(TAU, LIMIT)
-    shown = np.array([smoother.follow(pose, DT)[10] for pose in poses_of([0.0] + [jump] * 40)])
+    smoother = JumpBlending(TAU, LIMIT)
+    shown = np.array([smoother.update(pose, DT)[10] for pose in poses_of([0.0] + [jump] * 40)])
     left = (jump - LIMIT) * np.exp(-DT / TAU * np.arange(40))
     assert shown[1:] == pytest.approx(jump - left)
 
 
 def test_motion_within_the_limit_passes_unchanged():
     poses = poses_of(np.cumsum(np.random.default_rng(0).uniform(-LIMIT, LIMIT, 60)))
-    smoother = Smoother(TAU, LIMIT)
-    assert np.array([smoother.follow(pose, DT) for pose in poses]) == pytest.approx(poses)
+    smoother = JumpBlending(TAU, LIMIT)
+    assert np.array([smoother.update(pose, DT) for pose in poses]) == pytest.approx(poses)
 
 
 def test_a_whole_turn_is_no_jump():
-    smoother = Smoother(TAU, LIMIT)
-    shown = [smoother.follow(pose, DT)[10] for pose in poses_of([0.1, 0.2, 0.3 + 2.0 * np.pi, 0.4])]
+    smoother = JumpBlending(TAU, LIMIT)
+    shown = [smoother.update(pose, DT)[10] for pose in poses_of([0.1, 0.2, 0.3 + 2.0 * np.pi, 0.4])]
     assert shown == pytest.approx([0.1, 0.2, 0.3, 0.4])
 
 
 def test_without_smoothing_jumps_stay():
     poses = poses_of([0.0, 3.0, -3.0])
-    smoother = Smoother(0.0, LIMIT)
-    assert (np.array([smoother.follow(pose, DT) for pose in poses]) == poses).all()
+    smoother = JumpBlending(0.0, LIMIT)
+    assert (np.array([smoother.update(pose, DT) for pose in poses]) == poses).all()
 
 
 @pytest.fixture(scope="module")
@@ -269,7 +269,7 @@ def follow(skeleton, poses, ground_m):
     """The shifted poses (F, P), and which ankle is planted in each frame, -1 for none."""
     contact, shifted, planted = FootContact(skeleton, ground_m), [], []
     for pose in poses:
-        shifted.append(contact.follow(pose, DT))
+        shifted.append(contact.update(pose, DT))
         planted.append(-1 if contact.planted is None else contact.planted)
     return np.array(shifted), np.array(planted)
 
@@ -301,7 +301,7 @@ def test_a_standing_foot_settles_on_the_ground():
     assert planted[0] == -1  # a first pose has no speed
     assert (planted[1:] >= 0).all()
     above = ankle_positions(skeleton, shifted)[:, 0, 2] - (height - 0.08)
-    assert above == pytest.approx(0.08 * (1.0 - SETTLE) ** np.arange(6))
+    assert above == pytest.approx(0.08 * (1.0 - GROUND_RATE) ** np.arange(6))
 
 
 def test_a_body_in_flight_and_a_slow_foot_high_up_are_left_alone():

@@ -61,7 +61,7 @@ def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
     [
         ("inference.n_particles", MOST_COUNT + 1), ("dataset.n_frames", 10**9), ("seed", 10**400),
         ("a.n_points", 10**8), ("dataset.focal_px", 1e308), ("dataset.focal_px", -1e308), ("dataset.person_px", np.inf),
-        ("likelihood.sigma", np.nan), ("prior.sigma", 1e10), ("inference.most_points", 10**10),
+        ("likelihood.sigma", np.nan), ("prior.sigma", 1e10), ("inference.max_points", 10**10),
         ("dataset.n_frames", 0), ("inference.n_particles", -3), ("likelihood.terms.a.n_particles", 0),
         pytest.param("seed", 1 << 20_000, id="more digits than Python writes"),
     ],

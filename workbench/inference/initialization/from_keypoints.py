@@ -1,4 +1,4 @@
-"""Poses in the first frames, and a whole body's motion, from detected joints, without anything set by hand."""
+"""Initial poses, and a whole body's motion, fitted to detected joints without manual initialization."""
 
 import logging
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,7 @@ from workbench.core.prior import RECORDED, REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
 from workbench.inference.least_squares.smooth_fit import (
-    FAR_LOSS,
+    SEARCH_LOSS,
     candidates,
     first_poses,
     fit_smooth,
@@ -26,56 +26,65 @@ from workbench.utils.errors import InputError
 log = logging.getLogger(__name__)
 
 START_S = 0.5
-"""Time whose frames are looked at, every 14th of a second: what a frame alone leaves open, the way it goes on may
-tell."""
+"""Time over which frames are used, every 14th of a second: subsequent frames resolve ambiguities of a single one."""
 START_SIGMA = 0.012
-"""Of a detected joint, in heights of the person in the image: 2 cm, as detectors and their idea of a joint allow."""
-LIKELY = 10.0
-"""Hypotheses whose cost is higher by more than this, in nats, are given up."""
+"""Standard deviation of a detected joint, in heights of the person in the image: 2 cm, errors of detection and of the
+joint's definition."""
+MAX_COST_GAP = 10.0
+"""Nats: hypotheses with a higher cost than the best one by this are rejected."""
 
 LOSS = Loss("huber", 1.5)
-"""Joints are told apart: none belongs to something else."""
+"""Not redescending, because joints are labelled."""
 MAX_ITERATIONS = 40
 NO_IMAGE = np.zeros((1, 1), dtype=np.uint8)
-"""In place of images that nothing looks at: all frames of a video are large."""
+"""Placeholder for unused images, because all frames of a video take much memory."""
 
 
-def start_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatArray:
-    """Find poses (n ≥ 1, P) in the first frame, the likeliest first, by all views' keypoints of the first half second.
-    Each is a minimum of `smooth_fit` from another pose of the first frame. Raises InputError where that shows too
-    few."""
-    taken: list[Frame] = []
+def poses_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatArray:
+    """Return poses (n ≥ 1, P) in the first frame, the likeliest first, fitted to all views' keypoints of the first half
+    second.
+
+    Each is a minimum of `smooth_fit` from another pose of the first frame. Raises InputError if the first frame has too
+    few keypoints.
+    """
+    selected: list[Frame] = []
     for frame in frames:
-        if taken and frame.time_s - taken[0].time_s > START_S:
+        if selected and frame.time_s - selected[0].time_s > START_S:
             break
-        if not taken or frame.time_s - taken[-1].time_s > 0.99 / REFERENCE_RATE_HZ:
-            taken.append(frame)
-    seen, _ = observe(taken, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
-    if not seen or not enough_keypoints(seen[0]):
+        if not selected or frame.time_s - selected[-1].time_s > 0.99 / REFERENCE_RATE_HZ:
+            selected.append(frame)
+    observations, _ = observe(
+        selected, skeleton, 1, np.random.default_rng(0)
+    )  # which draws nothing, as there are no points
+    if not observations or not enough_keypoints(observations[0]):
         raise InputError("dataset: expected keypoints in the first frame to start from, found too few")
-    times_s = np.array([frame.time_s for frame in taken])
-    return allowed_poses(skeleton, [frame.keypoints for frame in seen], times_s)
+    times_s = np.array([frame.time_s for frame in selected])
+    return consistent_poses(skeleton, [frame.keypoints for frame in observations], times_s)
 
 
-def allowed_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], times_s: FloatArray) -> FloatArray:
-    """Find poses (n ≥ 1, P) in the first of some frames at times (F,), s, that the keypoints of all of them allow, the
-    likeliest first: smooth motions within the body's limits, each from another pose of the first frame."""
-    sigma_px = START_SIGMA * person_px(seen[0])
-    observed = [Observed(np.empty((0, 3)), tuple(views)) for views in seen]
-    problem = keypoint_problem(skeleton, observed, times_s, sigma_px, FAR_LOSS, smoothness=Smoothness())
-    fits = candidates(problem, first_poses(skeleton, seen[0], sigma_px), max_iterations=20)
-    return np.array([poses[0] for poses, cost in fits if cost < fits[0][1] + LIKELY])
+def consistent_poses(
+    skeleton: Skeleton, views_of_frames: Sequence[Sequence[Keypoints]], times_s: FloatArray
+) -> FloatArray:
+    """Return poses (n ≥ 1, P) in the first of F frames at times (F,), s, that agree with the keypoints of all of them,
+    the likeliest first: smooth motions within the body's limits, each from another pose of the first frame."""
+    sigma_px = START_SIGMA * person_px(views_of_frames[0])
+    frames = [Observed(np.empty((0, 3)), tuple(views)) for views in views_of_frames]
+    problem = keypoint_problem(skeleton, frames, times_s, sigma_px, SEARCH_LOSS, smoothness=Smoothness())
+    fits = candidates(problem, first_poses(skeleton, views_of_frames[0], sigma_px), max_iterations=20)
+    return np.array([poses[0] for poses, cost in fits if cost < fits[0][1] + MAX_COST_GAP])
 
 
 def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Trajectory:
-    """Fit a whole body's motion to the keypoints of all views and frames, smooth and within limits, see `fit_smooth`.
-    Raises InputError where no frame shows enough keypoints to start from."""
-    blind = [replace(frame, views=tuple(replace(view, image=NO_IMAGE) for view in frame.views)) for frame in frames]
-    seen, _ = observe(blind, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
-    first, times_s = first_keypoints(seen), np.array([frame.time_s for frame in blind])
+    """Return a whole body's motion fitted to the keypoints of all views and frames, smooth and within limits, see
+    `fit_smooth`. Raises InputError if no frame has enough keypoints to start from."""
+    stripped = [replace(frame, views=tuple(replace(view, image=NO_IMAGE) for view in frame.views)) for frame in frames]
+    observations, _ = observe(
+        stripped, skeleton, 1, np.random.default_rng(0)
+    )  # which draws nothing, as there are no points
+    first, times_s = first_keypoints(observations), np.array([frame.time_s for frame in stripped])
     sigma_px = START_SIGMA * person_px(first)
-    problem = keypoint_problem(skeleton, seen, times_s, sigma_px, LOSS, smoothness=RECORDED)
-    poses = fit_smooth(problem, seen, first_poses(skeleton, first, sigma_px), MAX_ITERATIONS).poses
-    n_cameras = len({keypoints.camera.name for frame in seen for keypoints in frame.keypoints})
-    log.info("the whole body's motion fitted to the keypoints of %d cameras", n_cameras)
+    problem = keypoint_problem(skeleton, observations, times_s, sigma_px, LOSS, smoothness=RECORDED)
+    poses = fit_smooth(problem, observations, first_poses(skeleton, first, sigma_px), MAX_ITERATIONS).poses
+    n_cameras = len({keypoints.camera.name for frame in observations for keypoints in frame.keypoints})
+    log.info("whole-body motion fitted to the keypoints of %d cameras", n_cameras)
     return Trajectory(times_s - times_s[0], poses)

@@ -1,6 +1,6 @@
-"""All frames' poses from 2-D joints under a smoothness prior, evaluated by one kernel: the fit of a video.
+"""Smooth poses of all frames from 2-D joints alone, the fit of a video, evaluated by compiled kernels.
 
-It is the problem of `smooth_fit.smooth_problem` for frames of which nothing but keypoints is seen.
+It is the problem of `residual_problem` for frames whose only observations are keypoints.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,23 +22,23 @@ from workbench.inference.least_squares.residuals import (
     BALANCE_SIGMA_M,
     GROUND_SIGMA_M,
     centre_of_mass,
-    posture_prior,
+    nominal_pose_prior,
 )
 from workbench.inference.least_squares.solver import Arrowhead, Factor, Pattern, Quadratic
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 LIMIT_SIGMA_RAD = 0.05
 FOLLOW_SIGMA = 0.5
-"""m and rad at PACE_HZ: how far from the frame before a pose is looked for at first."""
+"""m and rad at REFERENCE_RATE_HZ: standard deviation of a pose from the previous one in the sequential fit."""
 _LOSSES = {"squared": kernels.SQUARED, "huber": kernels.HUBER, "geman_mcclure": kernels.GEMAN_MCCLURE}
-_HELD = 1e12
-"""One over the variance, 1/rad², of what is not free."""
+_FIXED_PRECISION = 1e12
+"""Precision, 1/rad², of fixed parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeypointArrays:
-    """Keypoints of T frames. first: (T + 1,) the first of each frame. joints, cameras: (K,). pixels: (K, 2), px.
-    whitening: (K,) one over deviations, 1/px. rows: (C, 23), `Camera.row` of each camera."""
+    """Keypoints of T frames. first: (T + 1,) index of each frame's first one. joints, cameras: (K,). pixels: (K, 2),
+    px. whitening: (K,) inverse standard deviations, 1/px. rows: (C, 23), `Camera.row` of each camera."""
 
     first: IntArray
     joints: IntArray
@@ -48,201 +48,213 @@ class KeypointArrays:
     rows: FloatArray
 
     @staticmethod
-    def of(seen: Sequence[Observed], whitening: Callable[[FloatArray], FloatArray]) -> "KeypointArrays":
-        """Gather the keypoints of T frames. whitening: takes weights (M,) to one over deviations (M,), 1/px."""
-        views = [view for frame in seen for view in frame.keypoints]
+    def of(observations: Sequence[Observed], whitening: Callable[[FloatArray], FloatArray]) -> "KeypointArrays":
+        """Return the keypoints of T frames. whitening: maps weights (M,) to inverse standard deviations (M,), 1/px."""
+        views = [view for frame in observations for view in frame.keypoints]
         rows = {id(view.camera): view.camera.row for view in views}
         number, sizes = {camera: k for k, camera in enumerate(rows)}, [len(view.joints) for view in views]
-        marks = np.concatenate([np.empty((0, 3)), *(view.marks for view in views)])
-        ends = np.cumsum([sum(len(view.joints) for view in frame.keypoints) for frame in seen])
+        keypoints = np.concatenate([np.empty((0, 3)), *(view.marks for view in views)])
+        ends = np.cumsum([sum(len(view.joints) for view in frame.keypoints) for frame in observations])
         return KeypointArrays(
             first=np.concatenate([[0], ends]).astype(np.int64),
             joints=np.concatenate([np.empty(0, np.int64), *(view.joints for view in views)]),
             cameras=np.repeat(np.array([number[id(view.camera)] for view in views], dtype=np.int64), sizes),
-            pixels=np.ascontiguousarray(marks[:, :2]),
-            whitening=np.ascontiguousarray(whitening(marks[:, 2])),
+            pixels=np.ascontiguousarray(keypoints[:, :2]),
+            whitening=np.ascontiguousarray(whitening(keypoints[:, 2])),
             rows=np.array([*rows.values()]).reshape(-1, 23),
         )
 
-    def some(self, frames: IntArray) -> "KeypointArrays":
-        """Return the keypoints of the frames of these indices."""
-        own = [np.arange(self.first[t], self.first[t + 1]) for t in frames]
-        k = np.concatenate([np.empty(0, np.int64), *own])
-        first = np.concatenate([[0], np.cumsum([len(each) for each in own])]).astype(np.int64)
+    def select_frames(self, frames: IntArray) -> "KeypointArrays":
+        """Return the keypoints of the frames with these indices."""
+        indices = [np.arange(self.first[t], self.first[t + 1]) for t in frames]
+        k = np.concatenate([np.empty(0, np.int64), *indices])
+        first = np.concatenate([[0], np.cumsum([len(frame) for frame in indices])]).astype(np.int64)
         return KeypointArrays(first, self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k], self.rows)
 
     @property
     def arrays(self) -> tuple[IntArray | FloatArray, ...]:
-        """Return what kernels take."""
+        """Return the arrays in the kernels' order."""
         return self.first, self.joints, self.cameras, self.pixels, self.whitening, self.rows
 
 
 @dataclass(frozen=True, eq=False)
 class KeypointProblem:
-    """F = Σ_t Σ_k ρ(r_tk) + limits + habits + smoothness over the poses of T frames, see `smooth_fit.bounded`.
+    """F = Σ_t Σ_k ρ(r_tk) + limits + pose prior + smoothness over the poses of T frames, see `smooth_fit.fit_smooth`.
 
-    marks: keypoints, under `loss`. times_s: (T,), rising. stand: (T, 2) which ankles stand. ground_m: height of a
-    standing person's ankles, m, None where it is not known. usual: means (T, P) and precisions (T, P, P) of the
-    postures that poses are drawn to, None for each angle's usual values.
+    keypoints: under `loss`. times_s: (T,), increasing. foot_contacts: (T, 2) of ANKLES. ground_m: height of a standing
+    person's ankles, m, None if unknown. pose_prior: Gaussians of the poses, means (T, P) and precisions (T, P, P); None
+    for the nominal values of each angle.
     """
 
     skeleton: Skeleton
-    marks: KeypointArrays
+    keypoints: KeypointArrays
     times_s: FloatArray
     loss: Loss
     smoothness: Smoothness
-    stand: BoolArray
+    foot_contacts: BoolArray
     ground_m: float | None = None
-    usual: tuple[FloatArray, FloatArray] | None = None
+    pose_prior: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def n_frames(self) -> int:
         """Return T."""
         return len(self.times_s)
 
-    def some(self, frames: IntArray) -> "KeypointProblem":
-        """Return the problem of the frames of these indices."""
-        return replace(self, marks=self.marks.some(frames), times_s=self.times_s[frames], stand=self.stand[frames])
+    def select_frames(self, frames: IntArray) -> "KeypointProblem":
+        """Return the problem of the frames with these indices."""
+        keypoints, contacts = self.keypoints.select_frames(frames), self.foot_contacts[frames]
+        return replace(self, keypoints=keypoints, times_s=self.times_s[frames], foot_contacts=contacts)
 
     def expand(self, x: FloatArray) -> Quadratic:
         """Return the cost at poses x (T P,) and its Gauss–Newton model."""
         return self.expand_frames(x.reshape(self.n_frames, -1), 0, self.n_frames)
 
     def expand_frames(self, poses: FloatArray, first: int, last: int) -> Quadratic:
-        """Return the cost, and its model in the frames from `first` to before `last`, at poses (T, P).
+        """Return the cost and its model in the frames [first, last) at poses (T, P).
 
-        Of the other frames it has what changes with these.
+        The cost includes the terms of other frames that depend on these.
         """
-        n_dofs, low, high = poses.shape[1], max(first - 1, 0), min(last + 1, self.n_frames)
-        here, own = self._evaluated(poses, low, high), slice(first - low, last - low)
-        trust = np.diagonal(here.blocks[own], axis1=1, axis2=2).ravel()
-        bent, pull = self._bent(poses, first, last)
+        n_dofs, begin, end = poses.shape[1], max(first - 1, 0), min(last + 1, self.n_frames)
+        evaluation, window = self._evaluate(poses, begin, end), slice(first - begin, last - begin)
+        damping_diagonal = np.diagonal(evaluation.blocks[window], axis1=1, axis2=2).ravel()
+        cost, gradient = self._smoothness_cost(poses, first, last)
         cells = np.empty(((last - first) * n_dofs, 2 * n_dofs + 1)).T  # column by column, as LAPACK takes it
-        kernels.fill_band(here.blocks[own], here.between[own], self._bends[first:last], self._weights, cells)
+        band, weights = self._smoothness_band[first:last], self._smoothness_weights
+        kernels.fill_band(evaluation.blocks[window], evaluation.couplings[window], band, weights, cells)
         pattern = Pattern(n_band=cells.shape[1], n_border=0, width=2 * n_dofs)
-        return Quadratic(here.cost + bent, (here.gradients[own] + pull).ravel(), Arrowhead(pattern, cells), trust)
+        gradient += evaluation.gradients[window]
+        return Quadratic(evaluation.cost + cost, gradient.ravel(), Arrowhead(pattern, cells), damping_diagonal)
 
     def cost_of_frames(self, poses: FloatArray, first: int, last: int) -> float:
-        """Return the cost as `expand_frames` does."""
-        here = self._evaluated(poses, max(first - 1, 0), min(last + 1, self.n_frames))
-        return here.cost + self._bent(poses, first, last)[0]
+        """Return the cost of `expand_frames`."""
+        evaluation = self._evaluate(poses, max(first - 1, 0), min(last + 1, self.n_frames))
+        return evaluation.cost + self._smoothness_cost(poses, first, last)[0]
 
-    def followed(self, start: FloatArray) -> FloatArray:
-        """Return poses (T, P), each fitted near the one before, the first near `start` (P,)."""
+    def fit_sequentially(self, start: FloatArray) -> FloatArray:
+        """Return poses (T, P), each fitted near the previous one, the first near `start` (P,)."""
         poses = np.empty((self.n_frames, len(start)))
         poses[0] = start
         gaps = np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / REFERENCE_RATE_HZ)
-        pulls = np.repeat(1.0 / (FOLLOW_SIGMA**2 * REFERENCE_RATE_HZ * gaps)[:, None], len(start), axis=1)
-        kernels.fit_frames(poses, True, pulls, self._terms, 20, 1e-3, np.empty(len(poses)))
+        precisions = np.repeat(1.0 / (FOLLOW_SIGMA**2 * REFERENCE_RATE_HZ * gaps)[:, None], len(start), axis=1)
+        kernels.fit_frames(poses, True, precisions, self._terms, 20, 1e-3, np.empty(len(poses)))
         return poses
 
-    def each(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fit every frame by itself from poses (T, P); returns poses and costs (T,)."""
+    def fit_independently(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the poses fitted to every frame alone from poses (T, P), and their costs (T,)."""
         fitted, costs = poses.copy(), np.empty(len(poses))
         kernels.fit_frames(fitted, False, np.zeros_like(poses), self._terms, 20, 1e-3, costs)
         return fitted, costs
 
-    def misled(self, factor: Factor, poses: FloatArray, by_length: FloatArray) -> FloatArray:
-        """Return how far fitted poses (T, P) are off, (T, P, G), for one deviation of each cause of wrong limb lengths.
+    def bias_sensitivity(self, factor: Factor, poses: FloatArray, by_length: FloatArray) -> FloatArray:
+        """Return the error (T, P, G) of fitted poses (T, P) for one standard deviation of each cause of wrong limb
+        lengths.
 
-        H⁻¹ Σ_t Σ_j D_jᵀ M_j L_j with L the joints' derivative by the lengths; up to the sign. Deviation: balance and
-        the height of the floor shift, too, which is left out: the feet give the floor.
+        H⁻¹ Σ_t Σ_j D_jᵀ M_j L_j with L the joints' Jacobian by the lengths, up to the sign. Deviation: the changes of
+        balance and ground height are neglected, because the feet determine the ground.
 
         Parameters
         ----------
-        factor
-            Of the Gauss–Newton matrix H at the poses.
-        by_length : (J, 3, G) array
-            See `Body.length_doubt`, m.
+        factor : of the Gauss–Newton matrix H at the poses.
+        by_length : (J, 3, G), see `Body.length_doubt`, m.
         """
-        stiffness = self._evaluated(poses, 0, self.n_frames).stiffness
-        moved = length_jacobian(self.skeleton, by_length, poses)
-        right = np.einsum("tjxp,tjxy,tjyg->tpg", joint_jacobian(self.skeleton, poses), stiffness, moved, optimize=True)
-        return factor.solve(right.reshape(-1, moved.shape[3])).reshape(right.shape)
+        joint_hessians = self._evaluate(poses, 0, self.n_frames).joint_hessians
+        displacements = length_jacobian(self.skeleton, by_length, poses)
+        jacobian = joint_jacobian(self.skeleton, poses)
+        right = np.einsum("tjxp,tjxy,tjyg->tpg", jacobian, joint_hessians, displacements, optimize=True)
+        return factor.solve(right.reshape(-1, displacements.shape[3])).reshape(right.shape)
 
     def inliers(self, poses: FloatArray) -> FloatArray:
-        """Return the part (T,) of the residuals within the loss's scale; NaN in a frame without keypoints."""
-        misses = np.empty_like(self.marks.pixels)
-        kernels.keypoint_misses(joints(self.skeleton, poses), self.marks.arrays, misses)
-        near, sizes = (np.abs(misses) < self.loss.scale).mean(axis=1), np.diff(self.marks.first)
-        hits = np.bincount(np.repeat(np.arange(len(sizes)), sizes), near, minlength=len(sizes))
+        """Return the fraction (T,) of the residuals within the loss's scale; NaN in a frame without keypoints."""
+        residuals = np.empty_like(self.keypoints.pixels)
+        kernels.keypoint_residuals(joints(self.skeleton, poses), self.keypoints.arrays, residuals)
+        within, sizes = (np.abs(residuals) < self.loss.scale).mean(axis=1), np.diff(self.keypoints.first)
+        hits = np.bincount(np.repeat(np.arange(len(sizes)), sizes), within, minlength=len(sizes))
         return np.divide(hits, sizes, out=np.full(len(sizes), np.nan), where=sizes > 0)
 
-    def _evaluated(self, poses: FloatArray, low: int, high: int) -> "_Evaluation":
-        """Evaluate the frames from `low` to before `high` and the ties between them, of poses (T, P)."""
-        here = _Evaluation.of(high - low, len(self.skeleton.names), poses.shape[1])
-        places = (here.positions, here.axes)
-        derivatives = (here.gradients, here.blocks)
-        own = np.ascontiguousarray(poses[low:high])
-        cost = kernels.expand_frames(own, low, self._terms, *places, here.stiffness, *derivatives)
-        ties = slice(*np.searchsorted(self._ties[0], [low, high - 1]))
-        frames, ankles, whitening = (each[ties] for each in self._ties)
-        cost += kernels.add_ties(
-            low, frames, ankles, whitening, DRIFT_LOSS.scale, self._terms[0], *places, *derivatives, here.between
+    def _evaluate(self, poses: FloatArray, begin: int, end: int) -> "_Evaluation":
+        """Return the evaluation of the frames [begin, end) and of the foot contacts between them, at poses (T, P)."""
+        evaluation = _Evaluation.of(end - begin, len(self.skeleton.names), poses.shape[1])
+        kinematics = (evaluation.positions, evaluation.axes)
+        derivatives = (evaluation.gradients, evaluation.blocks)
+        window = np.ascontiguousarray(poses[begin:end])
+        cost = kernels.expand_frames(window, begin, self._terms, *kinematics, evaluation.joint_hessians, *derivatives)
+        pairs = slice(*np.searchsorted(self._contact_pairs[0], [begin, end - 1]))
+        frames, ankles, whitening = (array[pairs] for array in self._contact_pairs)
+        cost += kernels.add_foot_contacts(
+            begin,
+            frames,
+            ankles,
+            whitening,
+            DRIFT_LOSS.scale,
+            self._terms[0],
+            *kinematics,
+            *derivatives,
+            evaluation.couplings,
         )
-        return replace(here, cost=cost)
+        return replace(evaluation, cost=cost)
 
-    def _bent(self, poses: FloatArray, first: int, last: int) -> tuple[float, FloatArray]:
-        """Return the cost of the second differences that the frames from `first` to before `last` are in, and its
-        derivative by these frames (n, P)."""
-        low, high = max(first - 2, 0), min(last + 2, self.n_frames)
-        pull = np.zeros((high - low, poses.shape[1]))
-        if high - low < 3:
-            return 0.0, pull[first - low : last - low]
-        rows = self._rows[low : high - 2]
-        rough = sum(rows[:, k, None] * poses[low + k : high - 2 + k] for k in range(3))
-        weighted = rough * self._weights
+    def _smoothness_cost(self, poses: FloatArray, first: int, last: int) -> tuple[float, FloatArray]:
+        """Return the cost of the second differences that include the frames [first, last), and its gradient (n, P)."""
+        begin, end = max(first - 2, 0), min(last + 2, self.n_frames)
+        gradient = np.zeros((end - begin, poses.shape[1]))
+        if end - begin < 3:
+            return 0.0, gradient[first - begin : last - begin]
+        rows = self._second_differences[begin : end - 2]
+        differences = sum(rows[:, k, None] * poses[begin + k : end - 2 + k] for k in range(3))
+        weighted = differences * self._smoothness_weights
         for k in range(3):
-            pull[k : len(pull) - 2 + k] += rows[:, k, None] * weighted
-        return 0.5 * float((rough * weighted).sum()), pull[first - low : last - low]
+            gradient[k : len(gradient) - 2 + k] += rows[:, k, None] * weighted
+        return 0.5 * float((differences * weighted).sum()), gradient[first - begin : last - begin]
 
     @cached_property
-    def _rows(self) -> FloatArray:
-        """The second differences (T − 2, 3), see `motion.second_differences`."""
+    def _second_differences(self) -> FloatArray:
+        """Return the coefficients of the second differences (T − 2, 3), see `all_frames.second_differences`."""
         if self.n_frames < 3:
             return np.zeros((0, 3))
         before, after = (1.0 / np.diff(REFERENCE_RATE_HZ * self.times_s)[k : self.n_frames - 2 + k] for k in range(2))
-        walked = np.sqrt(0.5 * REFERENCE_RATE_HZ * (self.times_s[2:] - self.times_s[:-2]))
-        return np.stack([before, -before - after, after], axis=1) / walked[:, None]
+        walk_std = np.sqrt(0.5 * REFERENCE_RATE_HZ * (self.times_s[2:] - self.times_s[:-2]))
+        return np.stack([before, -before - after, after], axis=1) / walk_std[:, None]
 
     @cached_property
-    def _bends(self) -> FloatArray:
-        """How each frame meets itself, the next and the one after in the second differences, (T, 3)."""
-        bends, (a, b, c) = np.zeros((self.n_frames, 3)), self._rows.T
+    def _smoothness_band(self) -> FloatArray:
+        """Return the products (T, 3) of each frame's coefficients with its own, the next and the one after, summed over
+        the second differences."""
+        band, (a, b, c) = np.zeros((self.n_frames, 3)), self._second_differences.T
         n = len(a)
         for k, value in enumerate((a, b, c)):
-            bends[k : n + k, 0] += value**2
-        bends[:n, 1] += a * b
-        bends[1 : n + 1, 1] += b * c
-        bends[:n, 2] = a * c
-        return bends
+            band[k : n + k, 0] += value**2
+        band[:n, 1] += a * b
+        band[1 : n + 1, 1] += b * c
+        band[:n, 2] = a * c
+        return band
 
     @cached_property
-    def _weights(self) -> FloatArray:
-        """One over the variances (P,) of second differences."""
+    def _smoothness_weights(self) -> FloatArray:
+        """Return the inverse variances (P,) of second differences."""
         deviations = np.full(len(self.skeleton.dof_names), self.smoothness.angle)
         deviations[:N_ROOT] = self.smoothness.second_differences[1:]
         return deviations**-2.0
 
     @cached_property
-    def _ties(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Frames (K,) from which an ankle stands to the next, ankles (K,), and one over deviations (K,), 1/m."""
-        frames, feet = np.argwhere(self.stand[:-1] & self.stand[1:]).T
+    def _contact_pairs(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return the frames (K,) whose foot contacts last to the next frame, the ankles (K,), and the inverse standard
+        deviations (K,), 1/m."""
+        frames, feet = np.argwhere(self.foot_contacts[:-1] & self.foot_contacts[1:]).T
         ankles = np.array([self.skeleton.joint(name) for name in ANKLES]) if len(frames) else np.zeros(2, np.int64)
         return frames, ankles[feet], 1.0 / (DRIFT_M * np.sqrt(np.diff(self.times_s)[frames]))
 
     @cached_property
     def _terms(self) -> tuple[Any, ...]:
-        """What kernels take from `chain` to `stance`."""
+        """Return the kernels' arguments from `chain` to `stance`."""
         loss = (_LOSSES[self.loss.name], float(self.loss.scale))
-        return chain(self.skeleton), self.marks.arrays, loss, NO_AIMS, self._prior, self._stance
+        return chain(self.skeleton), self.keypoints.arrays, loss, NO_TARGETS, self._prior, self._stance
 
     @cached_property
     def _prior(self) -> tuple[FloatArray, ...]:
-        if self.usual is not None:
-            return limits(self.skeleton, *self.usual)
-        usual = posture_prior(self.skeleton)
-        return limits(self.skeleton, usual.mean[None], (usual.whitening.T @ usual.whitening)[None])
+        if self.pose_prior is not None:
+            return limits(self.skeleton, *self.pose_prior)
+        nominal = nominal_pose_prior(self.skeleton)
+        return limits(self.skeleton, nominal.mean[None], (nominal.whitening.T @ nominal.whitening)[None])
 
     @cached_property
     def _stance(self) -> tuple[FloatArray | IntArray, ...]:
@@ -257,64 +269,63 @@ class KeypointProblem:
 
 @dataclass(frozen=True, eq=False)
 class _Evaluation:
-    """What kernels write of n frames, see `pose_kernels`, and the cost."""
+    """Cost and kernel outputs of n frames, see `pose_kernels`."""
 
     positions: FloatArray
     axes: FloatArray
-    stiffness: FloatArray
+    joint_hessians: FloatArray
     gradients: FloatArray
     blocks: FloatArray
-    between: FloatArray
+    couplings: FloatArray
     cost: float = 0.0
 
     @staticmethod
     def of(n: int, n_joints: int, n_dofs: int) -> "_Evaluation":
-        """Make room for n frames."""
+        """Return uninitialised arrays for n frames."""
         return _Evaluation(
             np.empty((n, n_joints, 3)), np.empty((n, n_dofs, 3)), np.empty((n, n_joints, 3, 3)),
             np.empty((n, n_dofs)), np.empty((n, n_dofs, n_dofs)), np.zeros((n, n_dofs, n_dofs)),
         )  # fmt: skip
 
 
-NO_AIMS = (np.empty(0, np.int64), np.empty((0, 0, 3)), np.zeros(1))
+NO_TARGETS = (np.empty(0, np.int64), np.empty((0, 0, 3)), np.zeros(1))
 NO_STANCE = (np.empty(0), np.array([-1, -1]), np.zeros(3), np.zeros(2))
 
 
 def chain(skeleton: Skeleton) -> tuple[FloatArray | IntArray, ...]:
-    """Return the skeleton as kernels take it, see `pose_kernels`."""
+    """Return the skeleton as arrays for the kernels, see `pose_kernels`."""
     below = descendants(skeleton)[skeleton.dof_joints].T
     below[:, :3] = True
     movers, n_movers = np.zeros(below.shape, dtype=np.int64), below.sum(axis=1)
-    for j, own in enumerate(below):
-        movers[j, : n_movers[j]] = np.flatnonzero(own)
+    for j, moves in enumerate(below):
+        movers[j, : n_movers[j]] = np.flatnonzero(moves)
     return skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes, movers, n_movers
 
 
 def limits(skeleton: Skeleton, mean: FloatArray, precision: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the limits, and a Gaussian of poses, mean (n, P) and precision (n, P, P), as kernels take them."""
-    low, high = (np.ascontiguousarray(side) for side in skeleton.limits.T)
-    return low, high, np.array([LIMIT_SIGMA_RAD**-2.0]), np.ascontiguousarray(mean), np.ascontiguousarray(precision)
+    """Return the limits, and a Gaussian of poses, mean (n, P) and precision (n, P, P), as arrays for the kernels."""
+    lower, upper = (np.ascontiguousarray(side) for side in skeleton.limits.T)
+    return lower, upper, np.array([LIMIT_SIGMA_RAD**-2.0]), np.ascontiguousarray(mean), np.ascontiguousarray(precision)
 
 
-def reaching(skeleton: Skeleton, poses: FloatArray, limb: IntArray, aims: FloatArray, sigma_m: float) -> FloatArray:
-    """Return poses (n, P) whose limb reaches for aims, as far as its limits allow.
+def reach_targets(
+    skeleton: Skeleton, poses: FloatArray, limb: IntArray, targets: FloatArray, sigma_m: float
+) -> FloatArray:
+    """Return poses (n, P) whose limb reaches targets, as far as its limits allow.
 
     Parameters
     ----------
-    limb : (3,) array
-        Its first, middle and last joint; the first two's angles move.
-    aims : (n, 2, 3) array
-        Of the middle and the last joint, m.
-    sigma_m
-        How near they come, against the limits.
+    limb : (3,) its first, middle and last joint; the angles of the first two change.
+    targets : (n, 2, 3) of the middle and the last joint, m.
+    sigma_m : standard deviation of the distance, m.
     """
-    n_dofs, reached = poses.shape[1], poses.copy()
-    own = np.isin(skeleton.dof_joints, limb[:2])
-    marks = KeypointArrays.of([Observed(np.empty((0, 3)))] * len(poses), lambda weights: weights)
-    pulls = np.repeat(np.where(own, 0.0, _HELD)[None], len(poses), axis=0)
-    targets = (np.asarray(limb[1:]), np.ascontiguousarray(aims), np.array([sigma_m**-2.0]))
+    n_dofs, fitted = poses.shape[1], poses.copy()
+    active = np.isin(skeleton.dof_joints, limb[:2])
+    keypoints = KeypointArrays.of([Observed(np.empty((0, 3)))] * len(poses), lambda weights: weights)
+    precisions = np.repeat(np.where(active, 0.0, _FIXED_PRECISION)[None], len(poses), axis=0)
+    target_terms = (np.asarray(limb[1:]), np.ascontiguousarray(targets), np.array([sigma_m**-2.0]))
     prior = limits(skeleton, np.zeros((1, n_dofs)), np.zeros((1, n_dofs, n_dofs)))
-    terms = (chain(skeleton), marks.arrays, (kernels.SQUARED, 1.0), targets, prior, NO_STANCE)
-    kernels.fit_frames(reached, False, pulls, terms, 8, 1e-2, np.empty(len(poses)))
-    reached[:, ~own] = poses[:, ~own]
-    return reached
+    terms = (chain(skeleton), keypoints.arrays, (kernels.SQUARED, 1.0), target_terms, prior, NO_STANCE)
+    kernels.fit_frames(fitted, False, precisions, terms, 8, 1e-2, np.empty(len(poses)))
+    fitted[:, ~active] = poses[:, ~active]
+    return fitted

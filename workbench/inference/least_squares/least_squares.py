@@ -1,4 +1,4 @@
-"""Deterministic tracking: a pose and its uncertainty for every frame by least squares (paper D, section 4)."""
+"""Deterministic tracking: a pose and its covariance for every frame by least squares (paper D, section 4)."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,37 +22,38 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.smooth_fit import SmoothFit
-from workbench.inference.least_squares.systematic_errors import told_doubt
+from workbench.inference.least_squares.systematic_errors import default_length_uncertainty
 from workbench.inference.least_squares.task import Fit, Problem, Task
 from workbench.motion.models.activities import classify
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
 
-FEW_INLIERS = 0.3
-"""Where fewer of a frame's points and keypoints are near the body, the step says so."""
+MIN_INLIER_FRACTION = 0.3
+"""Below this fraction of a frame's points and keypoints near the body, the step has a warning."""
+_BLOCK = 256
+"""Covariances decomposed together, which bounds the memory."""
 
 
 @records_arguments
 class LeastSquares:
-    """Fit a person to all frames: an inference that yields its steps after solving.
+    """Fit a person to all frames; an inference that yields its steps after solving.
 
-    likelihood: whose residuals are minimised, under its loss: points on the surface, 2-D keypoints, or their product.
-    prior: its motion model, its smoothness and its density of postures regularise; None: `Smoothness()` alone.
-    phase_ends: of a cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem:
-    `MotionFit`, `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second.
-    most_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
-    n_particles: per step. Raises InputError for numbers out of range, a likelihood without residuals, and a problem
-    without its motion model.
+    likelihood: provides the residuals and their loss: points on the surface, 2-D keypoints, or their product. prior:
+    its motion model, smoothness and pose prior are the regularisation; None: `Smoothness()` alone. phase_ends: of a
+    cyclic motion, cycles, in the first and the last frame, if the dataset provides them. problem: `MotionFit`,
+    `SmoothFit` or `FrameByFrame`; None: the first if the prior has a motion model, else the second. max_points: points
+    per frame; more are thinned at random. max_iterations: of the search over all frames. n_particles: per step. Raises
+    InputError for numbers out of range, a likelihood without residuals, and a problem without its motion model.
 
     Deviation. D minimises the plain sum of squares of f − C, kind "field" and loss "squared" of the surface points; by
-    default residuals are distances in metres under a redescending loss, and the start's always are.
+    default residuals are distances in metres under a redescending loss, and the initial search always uses distances.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare even weights about one fit, the need of residuals, and what the problem needs: by itself it may take
-        the phases of the ends."""
+        """Declare uniform weights about one fit, and the requirements of residuals and of the problem; the default
+        problem optionally uses the phases of the ends."""
         fit, problem = (
             component_traits(likelihood=RESIDUALS),
             keys["problem"] or component_traits(optional_assumptions=PHASE_ENDS),
@@ -62,7 +63,7 @@ class LeastSquares:
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
         phase_ends: tuple[float, float] | None = None, *, problem: Problem | None = None,
-        most_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
+        max_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
     ) -> None:  # fmt: skip
         if not isinstance(likelihood, ResidualLikelihood):
             raise InputError(
@@ -72,114 +73,127 @@ class LeastSquares:
         capabilities = PriorCapabilities() if prior is None else prior.capabilities
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
-        self.length_doubt = told_doubt(body.skeleton) if body.length_doubt is None else body.length_doubt
+        self.length_uncertainty = (
+            default_length_uncertainty(body.skeleton) if body.length_doubt is None else body.length_doubt
+        )
         self.motion, self.smoothness = capabilities.motion, capabilities.smoothness or Smoothness()
-        self.discrepancy, self.postures = capabilities.discrepancy, capabilities.postures
+        self.discrepancy, self.pose_prior = capabilities.discrepancy, capabilities.postures
         self.problem: Problem = problem or (SmoothFit() if capabilities.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
-        self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
-        check("inference", self, most_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
+        self.max_points, self.max_iterations, self.n_particles = max_points, max_iterations, n_particles
+        check("inference", self, max_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to find the person.
+        """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to search for the
+        person.
 
-        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame that
-        shows nothing is bridged by its neighbours, or frame by frame keeps the pose before, and says so.
-        Raises InputError when there is nothing to fit.
+        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame
+        without observations is interpolated by the smoothness, or keeps the previous pose frame by frame, with a
+        warning. Raises InputError without observations.
         """
         frames = list(frames)
-        fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
-        drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
-        for step, seen, sentences in zip(drawn, observed, warnings, strict=True):
-            near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
-            if kinds and near < FEW_INLIERS:
-                sentences = (*sentences, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
+        fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
+        samples = steps(fit, frames, self.n_particles, rng_streams["prior"])
+        for step, observed, messages in zip(samples, observations, warnings, strict=True):
+            inliers, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([observed]))
+            if kinds and inliers < MIN_INLIER_FRACTION:
+                message = f"frame {step.frame.index}: only {inliers:.0%} of the {kinds} lie near the body"
+                messages = (*messages, message)
             activity, probabilities = self._activity(step)
             yield replace(
-                step, warnings=sentences, activity=activity, attachment=self._attachment(step),
-                timing_s={**step.timing_s, **self._one_evaluation(step.expected_pose, seen.points)},
+                step, warnings=messages, activity=activity, attachment=self._attachment(step),
+                timing_s={**step.timing_s, **self._one_evaluation(step.expected_pose, observed.points)},
                 diagnostics={**step.diagnostics, **probabilities},
             )  # fmt: skip
 
     def fit_frames(
         self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator
     ) -> tuple[Fit, list[Observed], list[tuple[str, ...]]]:
-        """Fit all frames; returns the fit with what was used of each and what there is to say about it. rng: thins
-        points. Raises InputError when there is nothing to fit."""
+        """Return the fit of all frames, the observations used and the warnings of each. rng: thins points. Raises
+        InputError without observations."""
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
-        seen, warnings = observe(frames, self.skeleton, self.most_points, rng, self.observables)
-        if not kinds_seen(seen):
+        observations, warnings = observe(frames, self.skeleton, self.max_points, rng, self.observables)
+        if not kinds_seen(observations):
             expected = " or ".join(self.observables.kinds) or "points or keypoints"
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
         task = Task(
-            self.skeleton, self.surface, self.likelihood, seen, np.array([frame.time_s for frame in frames]),
-            self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy, self.postures,
-            self.length_doubt,
+            self.skeleton, self.surface, self.likelihood, observations, np.array([frame.time_s for frame in frames]),
+            self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy, self.pose_prior,
+            self.length_uncertainty,
         )  # fmt: skip
-        return self.problem.fit(task, start), seen, warnings
+        return self.problem.fit(task, start), observations, warnings
 
     def _one_evaluation(self, pose: FloatArray, points: FloatArray) -> dict[str, float]:
-        """Time how long F, and F with its Jacobian, take, s, with attachments fixed: paper D's measure of its cost."""
+        """Return the time, s, of one evaluation of F, and of F with its Jacobian, at fixed attachments: paper D's
+        measure of its cost."""
         if not len(points):
             return {}
         frames, kind = forward(self.skeleton, pose[None]), self.observables.kind
         arguments = (self.skeleton, self.surface, pose, points, kind, attach(self.surface, frames, points, kind))
         residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
-        began = working_s()
+        started = working_s()
         residuals(*arguments)
         between = working_s()
         residual_jacobian(*arguments)
-        return {"residual": between - began, "residual_jacobian": working_s() - between}
+        return {"residual": between - started, "residual_jacobian": working_s() - between}
 
     def _activity(self, step: Step) -> tuple[str | None, dict[str, float]]:
-        """Tell the activity of the step's coefficients among the model's, and the probability of each. Paper D, section
-        5. Nothing where the model has one activity only."""
+        """Return the activity of the step's coefficients among the model's, and the probability of each (paper D,
+        section 5); nothing if the model has a single activity."""
         coefficients = step.space.slices.get("coefficients")
         if coefficients is None or self.motion is None or len(set(self.motion.activities)) < 2:
             return None, {}
         classes = classify(self.motion, step.particles[:, coefficients].mean(axis=0))
-        named = zip(classes.activities, classes.probabilities, strict=True)
-        return str(classes.labels), {f"probability_{name}": float(probability) for name, probability in named}
+        pairs = zip(classes.activities, classes.probabilities, strict=True)
+        return str(classes.labels), {f"probability_{name}": float(probability) for name, probability in pairs}
 
     def _attachment(self, step: Step) -> IntArray | None:
-        """Find the part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""
+        """Return the body part (K,) of each of the frame's points at the fit, -1 if none is within three standard
+        deviations."""
         points, sigma, kind = step.frame.points, self.observables.sigma, self.observables.kind
         if points is None or sigma is None:
             return None
-        parts, usable = np.full(len(points), -1), np.isfinite(points).all(axis=1)
+        body_parts, usable = np.full(len(points), -1), np.isfinite(points).all(axis=1)
         frames = forward(self.skeleton, step.expected_pose[None])
-        near = attach(self.surface, frames, points[usable], kind)
-        missed = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], kind, near)
-        parts[usable] = np.where(np.abs(missed) < 3.0 * sigma, near, -1)
-        return parts
+        nearest = attach(self.surface, frames, points[usable], kind)
+        distances = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], kind, nearest)
+        body_parts[usable] = np.where(np.abs(distances) < 3.0 * sigma, nearest, -1)
+        return body_parts
 
 
 def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
-    """Yield one step per frame: particles drawn from the Gaussian posterior of its state, with even weights.
+    """Yield one step per frame: particles sampled from the Gaussian posterior of its state, with uniform weights.
 
-    Poses are drawn by the same numbers through the derivative at the fit, and what the motion model misses by others,
-    so that theirs is the Gaussian of `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of
-    each other, so that an ancestor means nothing. Phases are shown from the cycle they are in.
+    Poses are samples of the same numbers mapped by the Jacobian at the fit, plus samples of the model discrepancy, so
+    that their distribution is the Gaussian of `Fit.covariance`. The expected pose is the fit. Frames are sampled
+    independently, so that ancestors have no meaning. Phases are reported modulo one cycle.
     """
-    even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
+    log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
-    for t, frame in enumerate(frames):
-        values, vectors = np.linalg.eigh(fit.state_covariance[t])  # not Cholesky: it may be singular to rounding
-        draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
-        poses = fit.poses[t] + draws @ fit.pose_jacobian[t].T
-        if fit.missed is not None:
-            poses += rng.standard_normal((n_particles, fit.missed.shape[2])) @ fit.missed[t].T
+    for t, (frame, root) in enumerate(zip(frames, _roots(fit.state_covariance), strict=True)):
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ root.T
+        pose = fit.poses[t]
+        poses = pose + draws @ fit.pose_jacobian[t].T
+        if fit.discrepancy_root is not None:
+            poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
         diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
-            poses=poses, log_weights=even, ancestors=ancestors,
-            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=np.nan,
+            poses=poses, log_weights=log_weights, ancestors=ancestors,
+            expected_pose=pose, map_pose=pose, ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
         )  # fmt: skip
+
+
+def _roots(covariances: FloatArray) -> Iterator[FloatArray]:
+    """Yield a root A (D, D), A Aᵀ = covariance, of each of covariances (T, D, D), decomposed in blocks."""
+    for first in range(0, len(covariances), _BLOCK):
+        values, vectors = np.linalg.eigh(covariances[first : first + _BLOCK])  # not Cholesky: may be singular
+        yield from vectors * np.sqrt(values.clip(min=0.0))[:, None, :]

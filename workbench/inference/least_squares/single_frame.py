@@ -1,4 +1,4 @@
-"""Least squares of one frame: how its unknowns become a pose, and fits of one frame after the other."""
+"""Least squares of one frame: decoders from unknowns to poses, and sequential fits of frames."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,40 +19,39 @@ from workbench.utils.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses
-    change."""
+    """Residual functions of T frames at increasing times (T,), s, with their loss and the smoothness of the poses."""
 
     residuals: Sequence[ResidualFunction]
     times_s: FloatArray
     loss: Loss
     smoothness: Smoothness = Smoothness()  # noqa: RUF009 - frozen
 
-    def some(self, frames: IntArray) -> "FitData":
-        """Take the frames of these indices."""
+    def select_frames(self, frames: IntArray) -> "FitData":
+        """Return the data of the frames with these indices."""
         return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames])
 
-    def weighing(self, share: float) -> "FitData":
-        """Let every residual count for this share, beside what is known of how poses change."""
-        factor = float(np.sqrt(share))
+    def downweighted(self, weight: float) -> "FitData":
+        """Return the data with every term of the cost multiplied by `weight`; the smoothness is unchanged."""
+        factor = float(np.sqrt(weight))
         residuals = [scaled(residual, factor) for residual in self.residuals]
-        return replace(self, residuals=residuals, loss=self.loss.wider(factor))
+        return replace(self, residuals=residuals, loss=self.loss.widened(factor))
 
-    def spaced(self, shown: Iterable[bool]) -> "FitData":
-        """Take of the frames that are `shown` (T,) those no closer than 1 / PACE_HZ to one before."""
-        return self.some(spaced(shown, self.times_s))
+    def select_spaced(self, visible: Iterable[bool]) -> "FitData":
+        """Return the data of the `visible` (T,) frames that are at least 1 / REFERENCE_RATE_HZ apart."""
+        return self.select_frames(select_spaced(visible, self.times_s))
 
 
-def spaced(shown: Iterable[bool], times_s: FloatArray) -> IntArray:
-    """Select of the frames that are `shown` (T,), at times (T,), those no closer than 1 / PACE_HZ to one before."""
+def select_spaced(visible: Iterable[bool], times_s: FloatArray) -> IntArray:
+    """Return the indices of the `visible` (T,) frames, at times (T,), that are at least 1 / REFERENCE_RATE_HZ apart."""
     frames: list[int] = []
-    for t in np.flatnonzero(list(shown)):
+    for t in np.flatnonzero(list(visible)):
         if not frames or times_s[t] - times_s[frames[-1]] > 0.99 / REFERENCE_RATE_HZ:
             frames.append(int(t))
     return np.array(frames, dtype=np.intp)
 
 
 class Decoder(Protocol):
-    """Takes states (T, D), one per frame, whose columns `space` names, to poses (T, P)."""
+    """Maps states (T, D), one per frame, to poses (T, P). space: names of the state's columns."""
 
     @property
     def space(self) -> StateSpace: ...
@@ -66,10 +65,10 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MotionDecoder:
-    """States {α (d), μ, root (6)} of paper D: Θ(μ) = Θ₀(μ) + Σ_i α_i Θ_i(μ) (eq. 9) on a root of its own.
+    """Decoder of states {α (d), μ, root (6)} of paper D: Θ(μ) = Θ₀(μ) + Σ_i α_i Θ_i(μ) (eq. 9) with a separate root.
 
-    α in standard deviations, μ in cycles, counted on without wrapping; root as in a pose. rest: (P,) a pose whose
-    angles stay for degrees of freedom outside the model. Raises InputError when the skeleton lacks one of the model's.
+    α in standard deviations, μ in cycles, unwrapped; root as in a pose. rest: (P,) pose with the fixed angles of
+    degrees of freedom outside the model. Raises InputError when the skeleton lacks one of the model's.
     """
 
     skeleton: Skeleton
@@ -117,7 +116,7 @@ class MotionDecoder:
 
 @dataclass(frozen=True, eq=False)
 class PoseDecoder:
-    """No motion model: the state is the pose."""
+    """Decoder without a motion model; the state is the pose."""
 
     skeleton: Skeleton
     space: StateSpace = field(init=False)
@@ -139,26 +138,27 @@ def _root_groups(skeleton: Skeleton) -> dict[str, tuple[tuple[str, ...], str]]:
     return {"root_position": (skeleton.dof_names[:3], "m"), "root_rotation": (skeleton.dof_names[3:N_ROOT], "rad")}
 
 
-WIDENED = (8.0, 1.0)
-"""Scales of the loss, one after the other, with which a root is found that may start decimetres away: a redescending
-loss sees nothing further off than its scale (graduated non-convexity, Blake & Zisserman 1987)."""
+LOSS_SCALE_FACTORS = (8.0, 1.0)
+"""Successive factors of the loss's scale in the search for a root that may start decimetres away, because residuals far
+beyond the scale have no influence (graduated non-convexity, Blake & Zisserman 1987)."""
 STEADY_FRAMES = 6
-"""Frames over which the phase's speed is taken when a motion is followed: the last difference alone is so noisy that a
-phase may stall, and from half a cycle behind nothing brings it back."""
-STYLE_HELD = 0.4
-"""Part of the smoothness that a style has while a motion is followed: one frame alone bends it to fit a wrong phase."""
+"""Frames over which the phase's speed is averaged in a sequential fit. The last difference alone is so noisy that a
+phase may stall, and a phase half a cycle behind does not recover."""
+FOLLOWED_STYLE_FRACTION = 0.4
+"""Factor of the smoothness of the style in a sequential fit, because one frame alone fits the style to a wrong
+phase."""
 
 
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
-    """A Gaussian over states: whitening (m, D) times (state − mean) is m standard normal numbers. mean: (D,)."""
+    """A Gaussian over states: whitening (m, D) · (state − mean (D,)) is standard normal (m,)."""
 
     mean: FloatArray
     whitening: FloatArray
 
     @staticmethod
     def independent(mean: FloatArray, deviations: FloatArray) -> "GaussianPrior":
-        """Return the Gaussian with these standard deviations (D,); infinite ones leave a number free."""
+        """Return the Gaussian with these standard deviations (D,); columns of infinite deviation are free."""
         return GaussianPrior(mean, np.diag(1.0 / deviations))
 
 
@@ -166,25 +166,25 @@ def fit_frame(
     decoder: Decoder, residual: ResidualFunction, loss: Loss, state: FloatArray, *, free: IntArray | None = None,
     prior: GaussianPrior | None = None, max_iterations: int = 20, tolerance: float = 1e-3,
 ) -> Minimum:  # fmt: skip
-    """Return the state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default. The
-    minimum's x is the whole state; its quadratic is that of the free columns."""
+    """Return the minimum of one frame's cost, searched from `state` (D,) over its columns `free` (n,), by default all.
+    The minimum's x is the whole state, its quadratic that of the free columns."""
     free = np.arange(len(state)) if free is None else free
-    places = _full(len(free)).place(*np.indices((len(free), len(free))))
+    indices = _full(len(free)).flat_index(*np.indices((len(free), len(free))))
 
     def expand(x: FloatArray) -> Quadratic:
-        moved = _with(state, free, x)[None]
-        misses, slopes = residual(decoder.poses(moved)[0])
-        rho, weights = loss(misses)
-        slopes = slopes @ decoder.jacobian(moved)[0][:, free]
-        weighted = weights[:, None] * slopes
-        cost, gradient, normal = float(rho.sum()), weighted.T @ misses, weighted.T @ slopes
-        trust = np.diag(normal).copy()
+        candidate = _with(state, free, x)[None]
+        residuals, jacobian = residual(decoder.poses(candidate)[0])
+        rho, weights = loss(residuals)
+        jacobian = jacobian @ decoder.jacobian(candidate)[0][:, free]
+        weighted = weights[:, None] * jacobian
+        cost, gradient, normal = float(rho.sum()), weighted.T @ residuals, weighted.T @ jacobian
+        damping_diagonal = np.diag(normal).copy()
         if prior is not None:
-            apart, rows = prior.whitening @ (moved[0] - prior.mean), prior.whitening[:, free]
-            cost += 0.5 * float(apart @ apart)
-            gradient += rows.T @ apart
+            deviations, rows = prior.whitening @ (candidate[0] - prior.mean), prior.whitening[:, free]
+            cost += 0.5 * float(deviations @ deviations)
+            gradient += rows.T @ deviations
             normal += rows.T @ rows
-        return Quadratic(cost, gradient, _full(len(free)).fill(places, normal), trust)
+        return Quadratic(cost, gradient, _full(len(free)).assemble(indices, normal), damping_diagonal)
 
     search = minimise(expand, state[free], max_iterations=max_iterations, tolerance=tolerance)
     return Minimum(_with(state, free, search.x), search.quadratic, search.costs, search.iterations)
@@ -194,50 +194,56 @@ def fit_root(
     decoder: PoseDecoder, residual: ResidualFunction, loss: Loss, guesses: Sequence[FloatArray],
     widened: tuple[float, ...],
 ) -> FloatArray:  # fmt: skip
-    """Fit the root (6,) of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at
-    first. widened: factors of the loss's scale, one after the other."""
-    wide = loss.wider(widened[0])
+    """Return the root (6,) fitted to one frame with fixed joint angles.
+
+    Parameters
+    ----------
+    guesses : poses (P,); the search starts from the one of lowest cost.
+    widened : successive factors of the loss's scale.
+    """
+    wide = loss.widened(widened[0])
     pose = min(guesses, key=lambda guess: float(wide(residual(guess)[0])[0].sum())) if len(guesses) > 1 else guesses[0]
     for factor in widened:
-        pose = fit_frame(decoder, residual, loss.wider(factor), pose, free=np.arange(N_ROOT)).x
+        pose = fit_frame(decoder, residual, loss.widened(factor), pose, free=np.arange(N_ROOT)).x
     return pose[:N_ROOT]
 
 
 def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> FloatArray:
-    """Return the roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
+    """Return states (T, D) with fitted roots, each searched from the previous frame (paper D, section 4, eq. 10).
 
-    The coefficients and phases of `states` are kept, and the root of its first row is the start. Where two frames are
-    known the next one may also start where their motion leads: at 14 Hz a runner's root moves 25 cm a frame.
+    The coefficients and phases of `states` are unchanged, and the root of its first row is the initial one. After two
+    frames their linear extrapolation is a second initial value: at 14 Hz a runner's root moves 25 cm a frame.
     """
     free, angles = PoseDecoder(decoder.skeleton), decoder.poses(states)[:, N_ROOT:]
     roots = np.repeat(states[:1, -N_ROOT:], len(states), axis=0)
     for t in tqdm(range(len(states)), desc="global motion", unit="frame", disable=None, leave=False):
         guesses = [roots[max(t - 1, 0)]] + [2.0 * roots[t - 1] - roots[t - 2]] * (t > 1)
         poses = [np.concatenate([guess, angles[t]]) for guess in guesses]
-        roots[t] = fit_root(free, data.residuals[t], data.loss, poses, WIDENED)
+        roots[t] = fit_root(free, data.residuals[t], data.loss, poses, LOSS_SCALE_FACTORS)
     return np.hstack([states[:, :-N_ROOT], roots])
 
 
-def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArray:
-    """Return states (T, D) of all frames, the first ones `info` (F ≥ 2, D), the next followed one by one.
+def follow(decoder: MotionDecoder, data: FitData, initial: FloatArray) -> FloatArray:
+    """Return states (T, D) of all frames, fitted sequentially after the `initial` ones (F ≥ 2, D).
 
-    Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held; the
-    phase goes on at its mean speed of late, and the root is first found with a wide loss.
+    Each frame has its own root, phase and coefficients, under the batch's smoothness with the previous frames fixed.
+    The phase is predicted with its recent mean speed, and the root is first fitted with a widened loss.
     """
-    states, free = list(known), PoseDecoder(decoder.skeleton)
+    states, free = list(initial), PoseDecoder(decoder.skeleton)
     gaps, n_style = REFERENCE_RATE_HZ * np.diff(data.times_s), decoder.n_style
-    for t in tqdm(range(len(known), len(data.residuals)), desc="following", unit="frame", disable=None, leave=False):
+    for t in tqdm(range(len(initial), len(data.residuals)), desc="following", unit="frame", disable=None, leave=False):
         before, after = gaps[t - 2 : t]
-        ahead = states[t - 1] + (states[t - 1] - states[t - 2]) * (after / before)
-        ahead[:n_style] = states[t - 1][:n_style]
+        predicted = states[t - 1] + (states[t - 1] - states[t - 2]) * (after / before)
+        predicted[:n_style] = states[t - 1][:n_style]
         first = max(t - 1 - STEADY_FRAMES, 0)
         speed = (states[t - 1][n_style] - states[first][n_style]) / gaps[first : t - 1].sum()
-        ahead[n_style] = states[t - 1][n_style] + speed * after
-        bend = after * np.sqrt(0.5 * (before + after)) * data.smoothness.second_differences
-        new = min(1.0, STYLE_HELD * data.smoothness.style * np.sqrt(after))
-        prior = GaussianPrior.independent(ahead, np.concatenate([np.full(n_style, new), bend]))
-        root = fit_root(free, data.residuals[t], data.loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
-        state = np.concatenate([ahead[:-N_ROOT], root])
+        predicted[n_style] = states[t - 1][n_style] + speed * after
+        deviations = after * np.sqrt(0.5 * (before + after)) * data.smoothness.second_differences
+        style = min(1.0, FOLLOWED_STYLE_FRACTION * data.smoothness.style * np.sqrt(after))
+        prior = GaussianPrior.independent(predicted, np.concatenate([np.full(n_style, style), deviations]))
+        pose = decoder.poses(predicted[None])[0]
+        root = fit_root(free, data.residuals[t], data.loss, [pose], LOSS_SCALE_FACTORS[:1])
+        state = np.concatenate([predicted[:-N_ROOT], root])
         states.append(fit_frame(decoder, data.residuals[t], data.loss, state, prior=prior).x)
     return np.array(states)
 

@@ -1,4 +1,4 @@
-"""Poses that move smoothly and stay within the body's limits, fitted to all frames at once without a motion model."""
+"""Smooth poses within the body's limits, fitted to all frames at once without a motion model."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import KeypointResiduals, Loss
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
-from workbench.inference.least_squares.foot_contact import standing_feet, standing_height
+from workbench.inference.least_squares.foot_contact import detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.hypotheses import (
     KEYPOINT_LOSS,
     distinct_poses,
@@ -27,10 +27,10 @@ from workbench.inference.least_squares.hypotheses import (
     upright_poses,
 )
 from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem
-from workbench.inference.least_squares.limb_flips import turn_limbs
+from workbench.inference.least_squares.limb_flips import flip_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
-from workbench.inference.least_squares.residuals import posture_prior
-from workbench.inference.least_squares.single_frame import PoseDecoder, spaced
+from workbench.inference.least_squares.residuals import nominal_pose_prior
+from workbench.inference.least_squares.single_frame import PoseDecoder, select_spaced
 from workbench.inference.least_squares.solver import Minimum, Quadratic, minimise
 from workbench.inference.least_squares.task import Fit, Task
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -39,32 +39,34 @@ from workbench.utils.timing import working_s
 
 log = logging.getLogger(__name__)
 
-FAR_LOSS = Loss("huber", 3.0)
+SEARCH_LOSS = Loss("huber", 3.0)
 LEANING_SIGMA_RAD = np.inf
-"""Deviation of pitch and roll beyond what is usual, which says it all."""
-POSTURES, POSTURE_ROUNDS = 0.2, 2
-"""Power of the density of postures, below 1 as neighbouring frames say the same, chosen on clips.half=choose of
-experiment=strangers by detected joints; how often poses are drawn to it and are then of its other parts."""
+"""Standard deviation of an additional residual of pitch and roll; infinite, because the pose prior includes them."""
+POSE_PRIOR_POWER, EM_ROUNDS = 0.2, 2
+"""Power of the pose prior, below 1 because neighbouring frames are dependent, chosen on clips.split=validation of
+experiment=held_out_subjects with detected joints; and the number of expectation-maximisation iterations."""
 N_HYPOTHESES = 3
-"""Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
-DISTINCT_M = 0.1
-"""Mean distance of joints between poses of the first frame that are worth following both."""
-_SEARCHED = 0.1
-"""Nats: the search ends when it promises less."""
+"""Number of initial poses that are fitted sequentially, because one camera does not separate forwards from
+backwards."""
+MIN_START_SEPARATION_M = 0.1
+"""Smallest mean distance of joints between two initial poses."""
+_MIN_SEARCH_GAIN = 0.1
+"""Nats: predicted decrease at which the search ends."""
 
 
 class SmoothProblem(Protocol):
-    """Poses of T frames under a smoothness prior: `KeypointProblem` or `ResidualProblem`, whose fields these are."""
+    """Problem of the poses of T frames under a smoothness prior: `KeypointProblem` or `ResidualProblem`, which have
+    these fields."""
 
     @property
     def skeleton(self) -> Skeleton: ...
     @property
     def times_s(self) -> FloatArray: ...
     @property
-    def stand(self) -> BoolArray: ...
-    def some(self, frames: IntArray) -> "SmoothProblem": ...
+    def foot_contacts(self) -> BoolArray: ...
+    def select_frames(self, frames: IntArray) -> "SmoothProblem": ...
     def expand(self, x: FloatArray) -> Quadratic: ...
-    def followed(self, start: FloatArray) -> FloatArray: ...
+    def fit_sequentially(self, start: FloatArray) -> FloatArray: ...
     def inliers(self, poses: FloatArray) -> FloatArray: ...
 
 
@@ -80,25 +82,26 @@ class SmoothPoses:
 @dataclass(frozen=True)
 class SmoothFit:
     """Fit smooth poses to all frames at once, see `fit_smooth`. ground_m: height of a standing person's ankles in the
-    world, m, to which the lower foot is tied; None: where one camera sees feet that stand, they give it."""
+    world, m, a constraint on the lower foot; None: estimated from the foot contacts if there is a single camera."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the height of the ground, where it is given."""
+        """Declare the height of the ground as an assumption, if it is set."""
         return component_traits(assumptions=() if keys.get("ground_m") is None else (GROUND_HEIGHT,))
 
     ground_m: float | None = None
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
-        """Name the pose's parameters."""
+        """Return the names of the pose's parameters."""
         return PoseDecoder(skeleton).space
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
-        """Fit all frames at once; `start` as for `LeastSquares.run`."""
+        """Return the fit of all frames at once; `start` as for `LeastSquares.run`."""
         clock, problem = working_s(), self._problem(task)
-        doubt = task.length_doubt if isinstance(problem, KeypointProblem) else None
-        starts = _starts(task, start)
-        fitted = fit_smooth(problem, task.seen, starts, task.max_iterations, task.postures, doubt)
+        fitted = fit_smooth(
+            problem, task.observations, _initial_candidates(task, start), task.max_iterations, task.pose_prior,
+            task.length_uncertainty,
+        )  # fmt: skip
         decoder, poses = PoseDecoder(task.skeleton), fitted.poses
         return Fit(
             space=decoder.space, poses=poses, covariance=fitted.covariances, states=poses,
@@ -108,158 +111,154 @@ class SmoothFit:
         )  # fmt: skip
 
     def _problem(self, task: Task) -> KeypointProblem | ResidualProblem:
-        likelihood, stand = task.likelihood, standing_feet(task.skeleton, task.seen, task.times_s)
-        rest = (task.times_s, likelihood.residual_loss, task.smoothness, stand, self.ground_m)
-        if kinds_seen(task.seen) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
-            return KeypointProblem(task.skeleton, KeypointArrays.of(task.seen, likelihood.whitening), *rest)
+        likelihood, contacts = task.likelihood, detect_foot_contacts(task.skeleton, task.observations, task.times_s)
+        rest = (task.times_s, likelihood.residual_loss, task.smoothness, contacts, self.ground_m)
+        if kinds_seen(task.observations) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
+            return KeypointProblem(task.skeleton, KeypointArrays.of(task.observations, likelihood.whitening), *rest)
         return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
 
 
-def _starts(task: Task, start: FloatArray | None) -> FloatArray:
-    """Return poses (n, P) of the first frame to start from."""
+def _initial_candidates(task: Task, start: FloatArray | None) -> FloatArray:
+    """Return candidate poses (n, P) of the first frame."""
     if start is not None:
         return start[None]
-    if keypoints := first_keypoints(task.seen):
+    if keypoints := first_keypoints(task.observations):
         return first_poses(task.skeleton, keypoints, task.sigma_px)
     return first_pose(task, None)[None]
 
 
 def keypoint_problem(
-    skeleton: Skeleton, seen: Sequence[Observed], times_s: FloatArray, sigma_px: float, loss: Loss,
+    skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray, sigma_px: float, loss: Loss,
     smoothness: Smoothness | None = None,
 ) -> KeypointProblem:  # fmt: skip
-    """Pose the problem of T frames of keypoints with the deviation sigma_px, px, over the root of their weight."""
-    marks = KeypointArrays.of(seen, lambda weights: np.sqrt(weights) / sigma_px)
-    stand = standing_feet(skeleton, seen, times_s)
-    return KeypointProblem(skeleton, marks, times_s, loss, smoothness or Smoothness(), stand)
+    """Return the problem of T frames of keypoints with standard deviation sigma_px / √weight, px."""
+    keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / sigma_px)
+    foot_contacts = detect_foot_contacts(skeleton, observations, times_s)
+    return KeypointProblem(skeleton, keypoints, times_s, loss, smoothness or Smoothness(), foot_contacts)
 
 
 def fit_smooth(
-    problem: KeypointProblem | ResidualProblem, seen: Sequence[Observed], starts: FloatArray, max_iterations: int,
-    postures: PosePrior | None = None, doubt: FloatArray | None = None,
+    problem: KeypointProblem | ResidualProblem, observations: Sequence[Observed], starts: FloatArray,
+    max_iterations: int, pose_prior: PosePrior | None = None, length_uncertainty: FloatArray | None = None,
 ) -> SmoothPoses:  # fmt: skip
-    """Fit poses (T, P) to what is seen of T frames.
+    """Return poses (T, P) fitted to the observations of T frames, with covariances.
 
-    Minimises Σ_t Σ_k ρ(r_tk) + limits + habits + the smoothness's second differences, which is the smooth prior of
+    Minimises Σ_t Σ_k ρ(r_tk) + limits + pose prior + the smoothness's second differences, which is the smooth prior of
     paper A (section 6.1) over all frames at once.
 
-    1. Poses are found frame by frame, at most PACE_HZ a second, from each of `starts`, with a loss that sees any
-       distance: an arm that a redescending loss has lost in one frame would be an outlier in all that follow. The
-       hypothesis wins that all these frames together like best; where one camera sees all, which cannot tell which way
-       limbs point, they are turned over, see `limb_flips`.
-    2. All frames are fitted. Feet that stand keep their place, see `foot_contact`. Where one camera sees all, the feet
-       that stand are brought to one floor, at their median height, unless `problem.ground_m` is known.
-    3. Where it is known which postures people take, poses are drawn to these instead of to each angle's usual values.
+    1. Poses are fitted sequentially, at most REFERENCE_RATE_HZ a second, from each of `starts`, under a loss that does
+       not redescend: with a redescending loss an arm lost in one frame would be an outlier in all following ones. The
+       hypothesis of lowest cost over these frames is selected. With a single camera, which does not determine in which
+       direction limbs point, limbs are then flipped in depth, see `limb_flips`.
+    2. All frames are fitted, with foot contacts as constraints, see `foot_contact`. With a single camera and without
+       `problem.ground_m`, the feet in contact are also constrained to one floor at their median height.
+    3. With a pose prior, its Gaussians replace the nominal values of each angle.
 
     Parameters
     ----------
-    seen
-        What each of T frames shows.
-    starts : (n, P) array
-        Poses of the first frame to start from.
-    postures
-        Which ones people take, the last numbers of a pose.
-    doubt : (J, 3, G) array, optional
-        By how much the skeleton's offsets may be off, m. Covariances then have it in them: limbs that are all a
-        twentieth too long put the person a twentieth too far away, in however many frames.
+    observations : one per frame.
+    starts : (n, P) candidate poses of the first frame.
+    pose_prior : of the last numbers of a pose.
+    length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
+        None. The covariances of a `KeypointProblem` include them: limbs that are all 5 % too long place the person 5 %
+        too far away, however many frames there are.
 
     Raises
     ------
-    InputError
-        When what the frames show does not determine the poses.
+    InputError : the observations do not determine the poses.
     """
-    alone = _only_camera(seen)
-    poses = _searched(problem, seen, starts, alone, max_iterations)
-    minimum = _fitted(problem, poses, max_iterations)
-    if alone is not None and problem.ground_m is None and problem.stand.any():
-        height = standing_height(problem.skeleton, _poses(minimum, poses), problem.stand)
-        log.info("the feet stand at %.2f m, by the person's size", height)
+    single_camera = _single_camera(observations)
+    poses = _initial_poses(problem, observations, starts, single_camera, max_iterations)
+    minimum = _fit_all(problem, poses, max_iterations)
+    if single_camera is not None and problem.ground_m is None and problem.foot_contacts.any():
+        height = median_foot_height(problem.skeleton, _poses(minimum, poses), problem.foot_contacts)
+        log.info("ankle height at foot contact: %.2f m, from the person's size", height)
         problem = replace(problem, ground_m=height)
-        minimum = _fitted(problem, _poses(minimum, poses), max_iterations)
+        minimum = _fit_all(problem, _poses(minimum, poses), max_iterations)
     fit = SmoothPoses(_poses(minimum, poses), _covariances(minimum, len(poses)), minimum)
-    result = fit if postures is None else _drawn(problem, fit, postures, max_iterations)
-    if doubt is None or not isinstance(problem, KeypointProblem):
+    result = fit if pose_prior is None else _fit_with_pose_prior(problem, fit, pose_prior, max_iterations)
+    if length_uncertainty is None or not isinstance(problem, KeypointProblem):
         return result
-    misled = problem.misled(minimum.quadratic.normal.factor(), fit.poses, doubt)
-    return replace(result, covariances=result.covariances + misled @ misled.swapaxes(1, 2))
+    errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
+    return replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
 
 
 def candidates(
     problem: KeypointProblem | ResidualProblem, starts: FloatArray, max_iterations: int
 ) -> list[tuple[FloatArray, float]]:
-    """Fit poses (T, P) from each of the poses `starts` (n, P); returns them with their costs, the likeliest first."""
+    """Return the poses (T, P) fitted from each of the poses `starts` (n, P), with their costs, the lowest first."""
     fits = []
     for start in starts:
-        poses = problem.followed(start)
-        minimum = _fitted(problem, poses, max_iterations, tolerance=1e-3)
+        poses = problem.fit_sequentially(start)
+        minimum = _fit_all(problem, poses, max_iterations, tolerance=1e-3)
         fits.append((_poses(minimum, poses), minimum.costs[-1]))
     return sorted(fits, key=lambda fit: fit[1])
 
 
-def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> FloatArray:
-    """Return poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows: minima found from headings
-    all around, the best first."""
-    poses = upright_poses(skeleton, seen, posture_prior(skeleton).mean)
-    copies = [Observed(np.empty((0, 3)), tuple(seen))] * len(poses)
+def first_poses(skeleton: Skeleton, views: Sequence[Keypoints], sigma_px: float) -> FloatArray:
+    """Return poses (n ≤ N_HYPOTHESES, P) within limits that agree with one frame of keypoints: minima from all
+    headings, the best first."""
+    poses = upright_poses(skeleton, views, nominal_pose_prior(skeleton).mean)
+    copies = [Observed(np.empty((0, 3)), tuple(views))] * len(poses)
     problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / REFERENCE_RATE_HZ, sigma_px, KEYPOINT_LOSS)
-    poses, costs = problem.each(poses)
-    return distinct_poses(skeleton, poses[np.argsort(costs, kind="stable")], N_HYPOTHESES, DISTINCT_M)
+    poses, costs = problem.fit_independently(poses)
+    return distinct_poses(skeleton, poses[np.argsort(costs, kind="stable")], N_HYPOTHESES, MIN_START_SEPARATION_M)
 
 
-def _only_camera(seen: Sequence[Observed]) -> Camera | None:
-    """Return the camera that sees all there is, or None."""
-    cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
-    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(seen) else None
+def _single_camera(observations: Sequence[Observed]) -> Camera | None:
+    """Return the camera of all observations if there is only one, else None."""
+    cameras = {keypoints.camera.name: keypoints.camera for frame in observations for keypoints in frame.keypoints}
+    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(observations) else None
 
 
-def _searched(
-    problem: KeypointProblem | ResidualProblem, seen: Sequence[Observed], starts: FloatArray, alone: Camera | None,
-    max_iterations: int,
+def _initial_poses(
+    problem: KeypointProblem | ResidualProblem, observations: Sequence[Observed], starts: FloatArray,
+    single_camera: Camera | None, max_iterations: int,
 ) -> FloatArray:  # fmt: skip
-    """Find poses (T, P) from the likeliest of `starts` (n, P), turned over where one camera, `alone`, sees all."""
-    frames = spaced((bool(kinds_seen([frame])) for frame in seen), problem.times_s)
-    far = replace(problem, loss=FAR_LOSS).some(frames)
-    poses, _ = candidates(far, starts, max_iterations)[0]
-    if alone is not None and isinstance(far, KeypointProblem):
-        poses = _poses(_fitted(far, poses, max_iterations, tolerance=0.0), poses)
-        poses = turn_limbs(far, alone, poses)
+    """Return poses (T, P) fitted from the best of `starts` (n, P), with flipped limbs if there is a single camera."""
+    frames = select_spaced((bool(kinds_seen([frame])) for frame in observations), problem.times_s)
+    spaced_problem = replace(problem, loss=SEARCH_LOSS).select_frames(frames)
+    poses, _ = candidates(spaced_problem, starts, max_iterations)[0]
+    if single_camera is not None and isinstance(spaced_problem, KeypointProblem):
+        poses = _poses(_fit_all(spaced_problem, poses, max_iterations, tolerance=0.0), poses)
+        poses = flip_limbs(spaced_problem, single_camera, poses)
     if len(poses) == 1:
         return poses[[0] * len(problem.times_s)]
-    return np.asarray(scipy.interpolate.make_interp_spline(far.times_s, poses, k=1)(problem.times_s))
+    return np.asarray(scipy.interpolate.make_interp_spline(spaced_problem.times_s, poses, k=1)(problem.times_s))
 
 
-def _drawn(
-    problem: KeypointProblem | ResidualProblem, before: SmoothPoses, postures: PosePrior, max_iterations: int
+def _fit_with_pose_prior(
+    problem: KeypointProblem | ResidualProblem, previous: SmoothPoses, pose_prior: PosePrior, max_iterations: int
 ) -> SmoothPoses:
-    """Draw what is fitted to postures, in POSTURE_ROUNDS of expectation and maximisation.
+    """Return the poses fitted with the pose prior, by EM_ROUNDS iterations of expectation maximisation.
 
-    Deviation: the covariances are those before that, as postures of neighbouring frames say the same and would narrow
-    each of them, and d dᵀ / 2, d being how far a pose was drawn: what is found without and with postures are two
-    samples of what may be found.
+    Deviation: the covariances are those without the pose prior, which would narrow them for dependent neighbouring
+    frames, plus d dᵀ / 2 with the shift d of a pose: the fits without and with the prior are taken as two samples.
     """
-    poses, minimum = before.poses, before.search
-    for _ in range(POSTURE_ROUNDS):
-        usual = nearest_postures(postures, poses, before.covariances, POSTURES)
-        minimum = _fitted(replace(problem, usual=usual), poses, max_iterations)
+    poses, minimum = previous.poses, previous.search
+    for _ in range(EM_ROUNDS):
+        gaussians = pose_prior_gaussians(pose_prior, poses, previous.covariances, POSE_PRIOR_POWER)
+        minimum = _fit_all(replace(problem, pose_prior=gaussians), poses, max_iterations)
         poses = _poses(minimum, poses)
-    drawn = poses - before.poses
-    return SmoothPoses(poses, before.covariances + 0.5 * drawn[:, :, None] * drawn[:, None, :], minimum)
+    shifts = poses - previous.poses
+    return SmoothPoses(poses, previous.covariances + 0.5 * shifts[:, :, None] * shifts[:, None, :], minimum)
 
 
-def nearest_postures(
-    postures: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
+def pose_prior_gaussians(
+    pose_prior: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return means (T, P) and precisions (T, P, P) of the postures, to a power above 0, that poses (T, P) with
-    covariances (T, P, P) are drawn to, see `PosePrior.nearest`: they stay those when the poses move."""
-    own = slice(poses.shape[1] - postures.means.shape[1], None)
+    """Return means (T, P) and precisions (T, P, P) of the pose prior's Gaussians at poses (T, P) with covariances (T,
+    P, P), to a power above 0, see `PosePrior.nearest`; they are fixed in the following fit."""
+    angles = slice(poses.shape[1] - pose_prior.means.shape[1], None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):
-        means[t, own], precisions[t, own, own] = postures.nearest(pose[own], covariance[own, own], power)
+        gaussian = pose_prior.nearest(pose[angles], covariance[angles, angles], power)
+        means[t, angles], precisions[t, angles, angles] = gaussian
     return means, precisions
 
 
-def _fitted(problem: SmoothProblem, poses: FloatArray, max_iterations: int, tolerance: float = 1e-4) -> Minimum:
-    """Fit all frames from poses (T, P)."""
+def _fit_all(problem: SmoothProblem, poses: FloatArray, max_iterations: int, tolerance: float = 1e-4) -> Minimum:
+    """Return the minimum over all frames, searched from poses (T, P)."""
     with tqdm(total=max_iterations, desc="least squares", unit="step", disable=None, leave=False) as bar:
 
         def progress(cost: float) -> None:
@@ -268,7 +267,7 @@ def _fitted(problem: SmoothProblem, poses: FloatArray, max_iterations: int, tole
 
         return minimise(
             problem.expand, poses.ravel(), max_iterations=max_iterations, tolerance=tolerance,
-            least_gain=_SEARCHED if tolerance == 0.0 else 0.0, progress=progress,
+            min_gain=_MIN_SEARCH_GAIN if tolerance == 0.0 else 0.0, progress=progress,
         )  # fmt: skip
 
 
@@ -277,11 +276,11 @@ def _poses(minimum: Minimum, like: FloatArray) -> FloatArray:
 
 
 def _covariances(minimum: Minimum, n_frames: int) -> FloatArray:
-    """Return the marginal covariances (T, P, P): the inverse of the Gauss–Newton matrix, Laplace's approximation."""
+    """Return the marginal covariances (T, P, P), the inverse of the Gauss–Newton matrix (Laplace approximation)."""
     try:
         factor = minimum.quadratic.normal.factor()
     except np.linalg.LinAlgError:
         raise InputError(
-            f"least squares: what {n_frames} frames show does not determine the motion; expected more points"
+            f"least squares: the observations of {n_frames} frames do not determine the motion; expected more points"
         ) from None
     return factor.covariances(np.arange(len(minimum.x)).reshape(n_frames, -1))

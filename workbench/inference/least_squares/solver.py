@@ -1,7 +1,7 @@
-"""Levenberg–Marquardt over sparse normal equations, whose matrix is a band with a dense border: an arrowhead.
+"""Levenberg–Marquardt over sparse normal equations with an arrowhead matrix: a band with a dense border.
 
-Unknowns that belong to one frame meet only those of nearby frames: the band. Unknowns that all frames share, such as
-a style that stays the same, meet every other one: the border, eliminated by a Schur complement.
+Unknowns of one frame are coupled only with those of nearby frames: the band. Unknowns shared by all frames, such as a
+constant style, are coupled with all others: the border, eliminated by a Schur complement.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,16 @@ import scipy
 from workbench.utils.arrays import FloatArray, IntArray
 
 FIRST_DAMPING = 1e-3
-LARGEST_DAMPING = 1e12
+MAX_DAMPING = 1e12
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """The pattern of a symmetric (n, n) matrix, n = n_band + n_border, and the place of each entry in its storage.
+    """Sparsity pattern of a symmetric (n, n) matrix, n = n_band + n_border, and the storage of its entries.
 
-    n_band: the first unknowns, which meet each other only up to `width` apart. n_border: the last ones, which meet
-    all. The lower triangle is kept, in (width + 1 + n_border, n) cells: [i − j, j] of the band, then the border's rows.
+    n_band: the first unknowns, coupled with each other up to index distance `width`. n_border: the last ones, coupled
+    with all. The lower triangle is stored in (width + 1 + n_border, n) cells: [i − j, j] of the band, then the border's
+    rows.
     """
 
     n_band: int
@@ -30,41 +31,44 @@ class Pattern:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return rows and columns of the storage."""
+        """Return the shape of the storage."""
         return self.width + 1 + self.n_border, self.n_band + self.n_border
 
-    def place(self, rows: IntArray, columns: IntArray) -> IntArray:
-        """Return flat cells of entries (rows, columns), equal shapes; above the diagonal, one past the last cell."""
+    def flat_index(self, rows: IntArray, columns: IntArray) -> IntArray:
+        """Return the flat indices of entries (rows, columns) of equal shape; one past the last cell above the
+        diagonal."""
         n_rows, n_columns = self.shape
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
         return np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
 
-    def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
-        """Return the matrix whose entries are the sums of the values (...) at their `places` (...)."""
+    def assemble(self, indices: IntArray, values: FloatArray) -> "Arrowhead":
+        """Return the matrix whose entries are the sums of `values` (...) at their flat `indices` (...)."""
         n_rows, n_columns = self.shape
-        cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
+        cells = np.bincount(indices.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
         return Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
 
 
 @dataclass(frozen=True, eq=False)
 class Arrowhead:
-    """A symmetric matrix of the pattern `pattern`. cells: its lower triangle as stored there."""
+    """A symmetric matrix. cells: its lower triangle, stored as in `pattern`."""
 
     pattern: Pattern
     cells: FloatArray
 
     def dense(self) -> FloatArray:
-        """Return the whole matrix (n, n)."""
+        """Return the dense matrix (n, n)."""
         n = self.pattern.shape[1]
         rows, columns = np.tril_indices(n)
-        kept = (rows >= self.pattern.n_band) | (rows - columns <= self.pattern.width)
+        stored = (rows >= self.pattern.n_band) | (rows - columns <= self.pattern.width)
         matrix = np.zeros((n, n))
-        matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.pattern.place(rows[kept], columns[kept])]
+        matrix[rows[stored], columns[stored]] = self.cells.ravel()[
+            self.pattern.flat_index(rows[stored], columns[stored])
+        ]
         return matrix + np.tril(matrix, -1).T
 
     def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
-        """Return the factors of the matrix with `damping` (n,) added to its diagonal. Raises numpy.linalg.LinAlgError
-        when that is not positive definite."""
+        """Return the Cholesky factors of the matrix plus diag(`damping` (n,)). Raises numpy.linalg.LinAlgError unless
+        it is positive definite."""
         n_band, width = self.pattern.n_band, self.pattern.width
         added = np.broadcast_to(damping, self.pattern.shape[1:])
         band = self.cells[: width + 1, :n_band].copy(order="K")
@@ -90,7 +94,7 @@ class Factor:
     corner: FloatArray
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Return x (n,) of A x = right (n,), or several as columns (n, k)."""
+        """Return the solution x of A x = right, (n,) or several columns (n, k)."""
         n_band = self.pattern.n_band
         x: FloatArray = scipy.linalg.cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
         if not self.pattern.n_border:
@@ -101,30 +105,30 @@ class Factor:
         return np.concatenate([x - self.reduced @ shared, shared])
 
     def covariances(self, columns: IntArray) -> FloatArray:
-        """Return the blocks (T, D, D) of A⁻¹ that belong to the unknowns `columns` (T, D) of each of T frames. Unknowns
-        of one frame must meet in the pattern."""
+        """Return the blocks (T, D, D) of A⁻¹ of the unknowns `columns` (T, D) of each frame. Unknowns of one frame must
+        be coupled in the pattern."""
         n_band, width = self.pattern.n_band, self.pattern.width
-        near = _selected_inverse(self.root)
+        inverse_band = _selected_inverse(self.root)
         banded = columns < n_band
         i, j = columns[:, :, None], columns[:, None, :]
-        both = banded[:, :, None] & banded[:, None, :]
-        apart, first = np.abs(i - j).clip(max=width), np.minimum(i, j).clip(max=n_band - 1)
-        blocks: FloatArray = np.where(both, near[apart, first], 0.0)
+        both_banded = banded[:, :, None] & banded[:, None, :]
+        distance, first = np.abs(i - j).clip(max=width), np.minimum(i, j).clip(max=n_band - 1)
+        blocks: FloatArray = np.where(both_banded, inverse_band[distance, first], 0.0)
         if not self.pattern.n_border:
             return blocks
         # [x, shared] has the covariance [B⁻¹ + V S⁻¹ Vᵀ, −V S⁻¹; −S⁻¹ Vᵀ, S⁻¹] with V = B⁻¹Cᵀ
         shared = scipy.linalg.cho_solve((self.corner, True), np.eye(self.pattern.n_border))
-        spread = np.concatenate([-self.reduced, np.eye(self.pattern.n_border)])[columns]
-        blocks += spread @ shared @ spread.transpose(0, 2, 1)
+        sensitivity = np.concatenate([-self.reduced, np.eye(self.pattern.n_border)])[columns]
+        blocks += sensitivity @ shared @ sensitivity.transpose(0, 2, 1)
         return blocks
 
 
 def _selected_inverse(root: FloatArray) -> FloatArray:
     """Return the band (w + 1, n) of A⁻¹ from A's banded Cholesky factor `root` (w + 1, n), both as lower diagonals.
 
-    Block of w + 1 columns by block from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973):
-    with L the factor's block on the diagonal, M the one below, and Z the inverse's block beyond it, the inverse has
-    −Z G below and L⁻ᵀ L⁻¹ + Gᵀ Z G on the diagonal, G = M L⁻¹. For a band that is one chain of frames this is the
+    The recursion runs backwards over blocks of w + 1 columns without the rest of the inverse (Takahashi, Fagan & Chen
+    1973). Let L be the factor's diagonal block, M the one below, Z the inverse's block beyond it and G = M L⁻¹; then
+    the inverse has −Z G below and L⁻ᵀ L⁻¹ + Gᵀ Z G on the diagonal. For a chain of frames this is the
     Rauch–Tung–Striebel smoother.
     """
     width, n = root.shape[0] - 1, root.shape[1]
@@ -140,10 +144,10 @@ def _selected_inverse(root: FloatArray) -> FloatArray:
             factor[: len(columns)], np.eye(len(columns)), lower=True, check_finite=False
         )
         gain = factor[len(columns) :] @ inverted
-        beside = -beyond @ gain
-        block = np.concatenate([inverted.T @ inverted - gain.T @ beside, beside])
+        below = -beyond @ gain
+        block = np.concatenate([inverted.T @ inverted - gain.T @ below, below])
         inverse[:, first:end] = block[rows, columns]
-        beyond = np.block([[block[: len(columns)], beside.T], [beside, beyond]])[:width, :width]
+        beyond = np.block([[block[: len(columns)], below.T], [below, beyond]])[:width, :width]
     return inverse
 
 
@@ -151,20 +155,20 @@ def _selected_inverse(root: FloatArray) -> FloatArray:
 class Quadratic:
     """The Gauss–Newton model of a cost around a point: cost + gradient·δ + ½ δᵀ normal δ. gradient: (n,).
 
-    trust: (n,) the diagonal of that part of `normal` which is an approximation; terms that are quadratic need no
-    damping, which would only slow down what they tie together.
+    damping_diagonal: (n,) diagonal of the part of `normal` that is an approximation. Quadratic terms need no damping,
+    which would only slow convergence.
     """
 
     cost: float
     gradient: FloatArray
     normal: Arrowhead
-    trust: FloatArray
+    damping_diagonal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the search ended. x: (n,). quadratic: the model there. costs: at the start and after every accepted step,
-    never rising. iterations: steps tried, each one evaluation."""
+    """Result of a search. x: (n,). quadratic: the model at x. costs: initial and after every accepted step, not
+    increasing. iterations: steps tried, one evaluation each."""
 
     x: FloatArray
     quadratic: Quadratic
@@ -174,35 +178,39 @@ class Minimum:
 
 def minimise(
     expand: Callable[[FloatArray], Quadratic], x: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4,
-    least_gain: float = 0.0, progress: Callable[[float], None] = lambda cost: None,
+    min_gain: float = 0.0, progress: Callable[[float], None] = lambda cost: None,
 ) -> Minimum:  # fmt: skip
-    """Minimise a sum of squares from x (n,).
+    """Return the minimum of a sum of squares, searched from x (n,).
 
-    expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted. The
-    damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16). It
-    ends when the model promises to lower the cost by less than `tolerance` of it, or by less than `least_gain`.
-    progress: called with every cost.
+    The damping is relative to `Quadratic.damping_diagonal` and follows the gain ratio (Madsen, Nielsen & Tingleff 2004,
+    algorithm 3.16).
+
+    Parameters
+    ----------
+    expand : returns the cost and its quadratic model at a point; one call per iteration, as most steps are accepted.
+    tolerance, min_gain : the search ends when the predicted decrease is below `tolerance` · cost or `min_gain`.
+    progress : called with every cost.
     """
-    here = expand(x)
-    costs, damping, growth, iterations = [here.cost], FIRST_DAMPING, 2.0, 0
-    while iterations < max_iterations and damping < LARGEST_DAMPING and here.gradient.any():
-        scale = damping * np.maximum(here.trust, 1e-9 * here.trust.max())
+    current = expand(x)
+    costs, damping, growth, iterations = [current.cost], FIRST_DAMPING, 2.0, 0
+    while iterations < max_iterations and damping < MAX_DAMPING and current.gradient.any():
+        scale = damping * np.maximum(current.damping_diagonal, 1e-9 * current.damping_diagonal.max())
         try:
-            step = -here.normal.factor(scale).solve(here.gradient)
+            step = -current.normal.factor(scale).solve(current.gradient)
         except np.linalg.LinAlgError:  # not positive definite to rounding: more damping makes it so
             damping, growth = damping * growth, 2.0 * growth
             continue
-        promised = 0.5 * float(step @ (scale * step - here.gradient))
-        if promised <= max(tolerance * here.cost, least_gain):
+        predicted_decrease = 0.5 * float(step @ (scale * step - current.gradient))
+        if predicted_decrease <= max(tolerance * current.cost, min_gain):
             break
-        there = expand(x + step)
+        candidate = expand(x + step)
         iterations += 1
-        gain = (here.cost - there.cost) / promised
+        gain = (current.cost - candidate.cost) / predicted_decrease
         if gain > 0.0:
-            x, here = x + step, there
-            costs.append(here.cost)
+            x, current = x + step, candidate
+            costs.append(current.cost)
             damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
         else:
             damping, growth = damping * growth, 2.0 * growth
-        progress(here.cost)
-    return Minimum(x, here, tuple(costs), iterations)
+        progress(current.cost)
+    return Minimum(x, current, tuple(costs), iterations)

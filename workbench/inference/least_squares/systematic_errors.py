@@ -1,4 +1,5 @@
-"""Errors that many observations share, which more of them do not average out: of points, limb lengths, detectors."""
+"""Systematic errors of points, limb lengths and detectors, which are shared by many observations and do not average
+out."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,13 +18,13 @@ N_POSITION = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
-    """Displacements d of the points of each part of the body, and of all points, in every frame the same:
+class SharedErrors:
+    """Displacements d of the points of each body part, and of all points, constant over the frames:
 
         x_tk = surface + noise + d_part(k) + d_all,  d ~ N(0, sigma_m² I)
 
-    A part is off where the person's proportions, flesh or clothes are others than told; all are where the camera is.
-    part: frame by frame, from a pose (P,) to the parts (K,) of its points. n_parts: of the body.
+    Wrong proportions, flesh or clothes displace a part; a wrong camera displaces all points. part: one function per
+    frame, from a pose (P,) to the body parts (K,) of its points. n_parts: number of body parts.
     """
 
     sigma_m: float
@@ -31,83 +32,87 @@ class Shared:
     n_parts: int
 
     @staticmethod
-    def of_points(skeleton: Skeleton, surface: Surface, seen: Sequence[Observed], sigma_m: float) -> "Shared":
-        """Share errors among the points that are nearest to one part of the surface."""
+    def of_points(
+        skeleton: Skeleton, surface: Surface, observations: Sequence[Observed], sigma_m: float
+    ) -> "SharedErrors":
+        """Return the errors shared by the points nearest to one part of the surface."""
 
-        def parts_of(points: FloatArray) -> Callable[[FloatArray], IntArray]:
+        def associate(points: FloatArray) -> Callable[[FloatArray], IntArray]:
             return lambda pose: attach(surface, forward(skeleton, pose[None]), points)
 
-        return Shared(sigma_m, [parts_of(frame.points) for frame in seen], len(surface.part_names))
+        return SharedErrors(sigma_m, [associate(frame.points) for frame in observations], len(surface.part_names))
 
-    def shifts(self, t: int, slopes: FloatArray, pose: FloatArray) -> FloatArray:
-        """Return by how much one deviation of each displacement changes the residuals of frame t at a pose (P,), (K, 3
-        parts + 3). slopes: (K, P), of the residuals; points that move are a root that moves the other way."""
+    def residual_changes(self, t: int, jacobian: FloatArray, pose: FloatArray) -> FloatArray:
+        """Return the changes (K, 3 n_parts + 3) of frame t's residuals at a pose (P,) for one standard deviation of
+        each displacement. jacobian: (K, P), of the residuals; a displacement of the points acts as the opposite one of
+        the root."""
         parts = self.part[t](pose)
-        moved = -self.sigma_m * slopes[: len(parts), :N_POSITION]  # points come first
-        found = np.zeros((len(slopes), self.n_parts + 1, N_POSITION))
-        found[np.arange(len(parts)), parts] = moved
-        found[: len(parts), -1] = moved
-        return found.reshape(len(slopes), N_POSITION * (self.n_parts + 1))
+        moved = -self.sigma_m * jacobian[: len(parts), :N_POSITION]  # points come first
+        changes = np.zeros((len(jacobian), self.n_parts + 1, N_POSITION))
+        changes[np.arange(len(parts)), parts] = moved
+        changes[: len(parts), -1] = moved
+        return changes.reshape(len(jacobian), N_POSITION * (self.n_parts + 1))
 
 
-TOLD_SIGMA = 0.02
-"""Of a bone over its length, where its accuracy is not given: what a measuring tape leaves."""
+DEFAULT_LENGTH_SIGMA = 0.02
+"""Relative standard deviation of a bone length of unknown accuracy, that of a measuring tape."""
 
 
-def told_doubt(skeleton: Skeleton) -> FloatArray:
-    """Return the doubt (J, 3, G) of a skeleton whose bones are TOLD_SIGMA of their length off, both sides alike."""
+def default_length_uncertainty(skeleton: Skeleton) -> FloatArray:
+    """Return the offset errors (J, 3, G), m, for one standard deviation, DEFAULT_LENGTH_SIGMA, of each bone's relative
+    length, equal on both sides."""
     bones = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.names]
     causes = list(dict.fromkeys(bones))
-    own = np.array([[bone == cause for cause in causes] for bone in bones], dtype=np.float64)
-    return np.asarray(TOLD_SIGMA * skeleton.offsets[:, :, None] * own[:, None, :])
+    same_bone = np.array([[bone == cause for cause in causes] for bone in bones], dtype=np.float64)
+    return np.asarray(DEFAULT_LENGTH_SIGMA * skeleton.offsets[:, :, None] * same_bone[:, None, :])
 
 
-MOST_APART_S = 0.1
-"""Frames further apart are not compared."""
-FAR = 4.0
-LEAST_PAIRS = 100
-"""Errors to compare; fewer tell nothing."""
+MAX_GAP_S = 0.1
+"""Largest time between two compared frames."""
+OUTLIER_DEVIATIONS = 4.0
+MIN_PAIRS = 100
+"""Smallest number of compared errors."""
 
 
 def error_correlation(
-    skeleton: Skeleton, seen: Sequence[Observed], times_s: FloatArray, poses: FloatArray, sigma_px: float
+    skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray, poses: FloatArray, sigma_px: float
 ) -> float:
-    """Estimate the correlation ρ between a joint's errors in frames that follow each other, at poses (T, P).
+    """Return the correlation ρ between a joint's errors in consecutive frames at poses (T, P).
 
-    Errors beyond FAR robust deviations, of joints that were taken for others, are left out. Zero where it is within two
-    standard errors of none, 1 / √n for n pairs, and where there are too few pairs.
+    Errors beyond OUTLIER_DEVIATIONS robust standard deviations, of confused joints, are omitted. Returns zero for fewer
+    than MIN_PAIRS errors, and where ρ is below two standard errors, 1 / √n for n pairs.
     """
-    residuals = [_errors(skeleton, frame, pose, sigma_px) for frame, pose in zip(seen, poses, strict=True)]
+    residuals = [_errors(skeleton, frame, pose, sigma_px) for frame, pose in zip(observations, poses, strict=True)]
     pairs = [
-        (first[mark], then[mark])
-        for (first, then), gap in zip(pairwise(residuals), np.diff(times_s), strict=True)
-        if gap <= MOST_APART_S
-        for mark in first
-        if mark in then
+        (first[joint], second[joint])
+        for (first, second), gap in zip(pairwise(residuals), np.diff(times_s), strict=True)
+        if gap <= MAX_GAP_S
+        for joint in first
+        if joint in second
     ]
     before, after = np.array(pairs).reshape(-1, 2, 2).transpose(1, 0, 2)
-    if before.size < LEAST_PAIRS:
+    if before.size < MIN_PAIRS:
         return 0.0
-    far = FAR * 1.4826 * float(np.median(np.abs(before)))
-    near = (np.abs(before) < far) & (np.abs(after) < far)
-    before, after = before[near], after[near]
+    limit = OUTLIER_DEVIATIONS * 1.4826 * float(np.median(np.abs(before)))
+    inliers = (np.abs(before) < limit) & (np.abs(after) < limit)
+    before, after = before[inliers], after[inliers]
     rho = float((before * after).sum() / np.sqrt((before**2).sum() * (after**2).sum()))
     return rho if rho > 2.0 / np.sqrt(before.size) else 0.0
 
 
-def effective_share(rho: float) -> float:
-    """Return what part of the frames counts, (1 − ρ) / (1 + ρ): as many independent ones determine a mean as well as
-    many whose errors are a first-order autoregression with correlation ρ."""
+def effective_fraction(rho: float) -> float:
+    """Return the effective fraction of the frames, (1 − ρ) / (1 + ρ): so many independent frames determine a mean as
+    well as all frames with first-order autoregressive errors of correlation ρ."""
     return (1.0 - rho) / (1.0 + rho)
 
 
 def _errors(
     skeleton: Skeleton, frame: Observed, pose: FloatArray, sigma_px: float
 ) -> dict[tuple[str, int], FloatArray]:
-    """Give the whitened errors (2,) of one frame's joints in each view, by camera and joint."""
+    """Return the whitened errors (2,) of one frame's joints in each view, by camera and joint."""
     errors: dict[tuple[str, int], FloatArray] = {}
     for view in frame.keypoints:
-        misses, _ = keypoint_residual(skeleton, view.camera, view.joints, view.marks, sigma_px)(pose)
-        rows = misses.reshape(-1, 2)
+        residuals, _ = keypoint_residual(skeleton, view.camera, view.joints, view.marks, sigma_px)(pose)
+        rows = residuals.reshape(-1, 2)
         errors |= {(view.camera.name, int(joint)): error for joint, error in zip(view.joints, rows, strict=True)}
     return errors

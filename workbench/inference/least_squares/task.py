@@ -1,4 +1,4 @@
-"""What a least-squares problem is given, and what it gives back."""
+"""Input and result of a least-squares problem."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,55 +21,57 @@ from workbench.utils.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """T frames to fit a person to. surface: of the body with this skeleton. likelihood: whose residuals are minimised.
+    """Observations and models of T frames to fit. surface: of the body with this skeleton. likelihood: provides the
+    residuals.
 
-    seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
-    phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
-    discrepancy: what the motion misses of people it was not learned from. postures: which ones people take, the last
-    numbers of a pose. length_doubt: (J, 3, G), see `Body.length_doubt`.
+    observations: one per frame. times_s: (T,), increasing. motion, smoothness: of the prior. phase_ends: phases of the
+    first and the last frame, cycles, if available. max_iterations: of a complete search. discrepancy: of the motion
+    model for new people. pose_prior: of the last numbers of a pose. length_uncertainty: (J, 3, G), see
+    `Body.length_doubt`.
     """
 
     skeleton: Skeleton
     surface: Surface
     likelihood: ResidualLikelihood
-    seen: Sequence[Observed]
+    observations: Sequence[Observed]
     times_s: FloatArray
     motion: MotionModel | None = None
     smoothness: Smoothness = field(default_factory=Smoothness)
     phase_ends: tuple[float, float] | None = None
     max_iterations: int = 40
     discrepancy: Discrepancy | None = None
-    postures: PosePrior | None = None
-    length_doubt: FloatArray | None = None
+    pose_prior: PosePrior | None = None
+    length_uncertainty: FloatArray | None = None
 
     @property
     def sigma_px(self) -> float:
-        """Return deviation of a keypoint, px; infinite where the likelihood does not look at any."""
+        """Return the standard deviation of a keypoint, px; infinite if the likelihood uses none."""
         return self.likelihood.observables.sigma_px or np.inf
 
     def data(self, upright_rad: float) -> FitData:
-        """Make the likelihood's residuals of every frame; with keypoints comes an upright person, see
-        `upright_residual`. Where keypoints are all there is, the person is upright in the frames between them too."""
+        """Return the likelihood's residuals of every frame; frames with keypoints also have an `upright_residual`, and
+        so have all frames if keypoints are the only observations."""
         upright = upright_residual(self.skeleton, upright_rad)
-        alone = kinds_seen(self.seen) == ("keypoints",)
+        keypoints_only = kinds_seen(self.observations) == ("keypoints",)
         residuals = [
-            stacked([self.likelihood.residual(frame), *[upright] * (alone or bool(frame.keypoints))])
-            for frame in self.seen
+            stacked([self.likelihood.residual(frame), *[upright] * (keypoints_only or bool(frame.keypoints))])
+            for frame in self.observations
         ]
         return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """T frames fitted. poses: (T, P). covariance: (T, P, P), marginal, of the poses by the Gauss–Newton matrix.
+    """Result of a fit to T frames. poses: (T, P). covariance: (T, P, P), marginal, of the poses by the Gauss–Newton
+    matrix.
 
     space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, α in standard deviations and μ in
-    cycles, counted on, else the pose. state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance
-    to the other. inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in
-    its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
-    at the start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
-    missed: (T, P, k), times k standard normal numbers by how much poses are off for what the motion model misses, which
-    `covariance` has too.
+    cycles, unwrapped, else the pose. state_covariance: (T, D, D). pose_jacobian: (T, P, D), of the poses by the states.
+    inliers: (T,) fraction of the residuals within the loss's scale, NaN in a frame without observations (0 in its
+    step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
+    initial and after every accepted step; without a motion model every frame's final one. timing_s: seconds per stage.
+    discrepancy_root: (T, P, k) A, the pose error by the model discrepancy being A z, z ~ N(0, I); `covariance` includes
+    A Aᵀ.
     """
 
     space: StateSpace
@@ -82,34 +84,38 @@ class Fit:
     iterations: float
     costs: tuple[float, ...]
     timing_s: Mapping[str, float] = field(default_factory=dict)
-    missed: FloatArray | None = None
+    discrepancy_root: FloatArray | None = None
 
-    def missing(self, missed: FloatArray) -> "Fit":
-        """Return the fit with what the motion model misses, see `missed`, added to the covariance of the poses."""
-        return replace(self, covariance=self.covariance + missed @ missed.transpose(0, 2, 1), missed=missed)
+    def with_discrepancy(self, discrepancy_root: FloatArray) -> "Fit":
+        """Return the fit with `discrepancy_root` set and its covariance added to that of the poses."""
+        return replace(
+            self,
+            covariance=self.covariance + discrepancy_root @ discrepancy_root.transpose(0, 2, 1),
+            discrepancy_root=discrepancy_root,
+        )
 
 
 class Problem(Protocol):
-    """Which unknowns least squares looks for, and what holds them beside what is seen."""
+    """The unknowns and the regularisation of a least-squares fit."""
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
-        """Return names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
+        """Return the names of a frame's unknowns; raises InputError if a required motion model is missing."""
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
-        """Return the fit of all frames, from about the pose `start` (P,), or None to find the person. Raises InputError
-        where the frames do not tell where to start."""
+        """Return the fit of all frames, from about the pose `start` (P,), or None to search for the person. Raises
+        InputError where the frames do not determine an initial pose."""
 
 
 def fit_of(
     decoder: Decoder, data: FitData, states: FloatArray, covariances: FloatArray, iterations: float,
     costs: tuple[float, ...],
 ) -> Fit:  # fmt: skip
-    """Return what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
+    """Return the fit of states (T, D) with marginal covariances (T, D, D), decoded to poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
-    near = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
+    within = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
     return Fit(
         space=decoder.space, poses=poses, covariance=jacobian @ covariances @ jacobian.transpose(0, 2, 1),
         states=states, state_covariance=covariances, pose_jacobian=jacobian,
-        inliers=np.array([hits.mean() if len(hits) else np.nan for hits in near]),
+        inliers=np.array([hits.mean() if len(hits) else np.nan for hits in within]),
         iterations=iterations, costs=costs,
     )  # fmt: skip

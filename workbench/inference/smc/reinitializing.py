@@ -15,7 +15,7 @@ from workbench.core.checks import INSIDE_UNIT, check
 from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.step import Step
-from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.particle_filter import sample_start
 from workbench.inference.smc.target import MoveResult, Particles, Target
@@ -36,7 +36,7 @@ class Reinitializing(Wrapper):
     Track counts as lost if log p(frame | frames before) of each of the last PATIENCE frames is more than DROP_THRESHOLD
     robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them. Then a
     fraction of the previous frame's particles is sampled from the prior's initial distribution: at the poses that
-    detected joints allow in that frame (`start_from_keypoints`), or else half of them at the expected pose and half at
+    detected joints allow in that frame (`poses_from_keypoints`), or else half of them at the expected pose and half at
     its mirror image. The diagnostic restarted is 1 in such a frame; it can recur every PATIENCE frames.
 
     Image motion alone does not indicate a lost track: a body at rest on a static background predicts the next image
@@ -103,7 +103,7 @@ class Reinitializing(Wrapper):
         """Return poses (n, P) to reinitialize at in the parents' frame, and a description of them."""
         if self.body is not None and any(view.keypoints is not None for view in frame.views):
             with suppress(InputError):  # too few joints: the description names the other poses instead
-                return start_from_keypoints(self.body.skeleton, [frame]), "at the detected joints"
+                return poses_from_keypoints(self.body.skeleton, [frame]), "at the detected joints"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
         return np.stack([expected, exchanged(expected)]), "at the last pose and its mirror image"
 

@@ -104,11 +104,20 @@ def truth_marks(shown: RecordedCamera, known: Truth | None, names: tuple[str, ..
     yield _points(shown, "truth_marks", places, names, 2.5, shades[_known(places)], 40.0)
 
 
-def keypoints(shown: RecordedCamera, given: FloatArray | None, names: tuple[str, ...]) -> Entities:
+def keypoint_style(shown: RecordedCamera) -> Entities:
+    """Yield the style of a view's keypoints, to be logged static."""
+    style = rr.Points2D.from_fields(colors=[styles.KEYPOINT], show_labels=False, draw_order=35.0)
+    yield f"{shown.path}/image/keypoints", style
+
+
+def keypoints(shown: RecordedCamera, given: FloatArray | None, names: tuple[str, ...]) -> Rows:
     """Yield a view's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
     places = np.full((len(names), 3), np.nan) if given is None else given
-    radii = 4.5 * np.sqrt(places[_known(places), 2])
-    yield _points(shown, "keypoints", places, names, radii, [styles.KEYPOINT], 35.0)
+    known = _known(places)
+    positions = straightened(shown.source, places[known, :2]).astype(np.float32)
+    radii = -4.5 * np.sqrt(places[known, 2])  # negative: points of the viewer
+    labels = [names[k] for k in known]
+    yield f"{shown.path}/image/keypoints", Row(rr.Points2D, {"positions": positions, "radii": radii, "labels": labels})
 
 
 def _points(

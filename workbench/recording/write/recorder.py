@@ -257,9 +257,11 @@ class Recorder:
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
             yield from images.overlay(shown, "truth", true, figure.chains, true_camera=true_camera)
-            self._with_keypoints |= {view.camera.name} if view.keypoints is not None else set()
+            if view.keypoints is not None and view.camera.name not in self._with_keypoints:
+                self._file.send(images.keypoint_style(shown), static=True)
+                self._with_keypoints.add(view.camera.name)
             if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
-                self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
+                yield from images.keypoints(shown, view.keypoints, JOINT_NAMES)
         if step.frame.points is not None:
             yield from scene.points(step.frame.points, step.attachment)
         elif not views:

@@ -1,22 +1,22 @@
-"""Whether bands hold the truth of people left out, by part of the body: a table over people and seeds.
+"""Coverage of credible intervals for held-out people, by part of the body: a table over people and seeds.
 
-    python -m analysis.figures.left_out --data DATA [-o FILE] [--rows points] [--people 02_01 …] [--seeds 2]
+    python -m analysis.figures.held_out_calibration --data DATA [-o FILE] [--rows points] [--people 02_01 …] [--seeds 2]
 
-Points, 2-D joints and images of the people of clips.report, on whom nothing was chosen and from whom nothing is
-learned, shown as usual and exactly as they are told. FILE keeps every run, see `kept_runs`.
+Points, 2-D joints and images of the people of clips.report, who were used neither for the choice of parameters nor for
+learning, with and without perturbed assumptions. FILE caches every run, see `cached_runs`.
 """
 
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, people, spread
+from analysis.figures.cached_runs import Numbers, Run, every_run, numbers_of, people, spread
 from workbench.evaluation.step_calibration import GROUPS
 
 START = ("prior.base.start_position=0.03", "prior.base.start_rotation=0.05")
-"""How far off the start is told, m and rad, where a filter begins with it."""
+"""Standard deviations of the given initial pose, m and rad, for a filter."""
 FROM_THE_START = ("dataset.first_frame=0",)
-"""Some walks are short, and points come 14 times a second."""
+"""Some walks are short, and points are at 14 Hz."""
 TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "points, one style": ("points_walk_steady", FROM_THE_START),
     "points, varying style": ("points_walk_variable", FROM_THE_START),
@@ -24,25 +24,26 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "keypoints, particles": ("walk_keypoints_synthetic", ("prior=jitter", "inference=particle_filter", *START)),
     "images, particles": ("walk_best", ()),
 }
-"""Experiments and overrides by what is seen and how it is followed."""
-SHOWN = {"": (), ", exact": ("dataset.exact=true",)}
+"""Experiments and overrides by observation and inference."""
+PERTURBATION = {"": (), ", exact": ("dataset.exact=true",)}
 ROWS = {
-    f"{tracked}{shown}": (experiment, (*own, *exact))
-    for tracked, (experiment, own) in TRACKED.items()
-    for shown, exact in SHOWN.items()
+    f"{tracked}{perturbation}": (experiment, (*overrides, *exact))
+    for tracked, (experiment, overrides) in TRACKED.items()
+    for perturbation, exact in PERTURBATION.items()
 }
 COVERAGES = ("coverage_90", *(f"coverage_90_{group}" for group in GROUPS))
 SCORES = {"z2": ".1f", "crps_mm": ".1f", "crps_deg": ".1f", "error_abs_mm": ".0f", "error_px": ".1f"}
-"""Beside coverage, with the form of their digits."""
+"""Metrics besides coverage, with the format of their digits."""
 MEASURED = (*COVERAGES, *SCORES, "coverage_50", "calibration_error", "log_score", "held")
 
 
-def table(found: Mapping[Run, Numbers]) -> str:
-    """Markdown: means over people of their means over seeds, ± the deviation between people, and that between seeds."""
-    names = ["90 % band", *GROUPS, *SCORES]
-    lines = [f"| who is left out | {' | '.join(names)} |", "|" + " --- |" * (len(names) + 1)]
-    for row in dict.fromkeys(run.row for run in found):
-        runs = {run: numbers for run, numbers in found.items() if run.row == row}
+def table(numbers_by_run: Mapping[Run, Numbers]) -> str:
+    """Return a Markdown table: means over people of their means over seeds, ± the standard deviation between people,
+    and that between seeds."""
+    names = ["90 % interval", *GROUPS, *SCORES]
+    lines = [f"| held-out data | {' | '.join(names)} |", "|" + " --- |" * (len(names) + 1)]
+    for row in dict.fromkeys(run.row for run in numbers_by_run):
+        runs = {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
         cells = [spread(runs, name, ".2f") for name in COVERAGES] + [spread(runs, *score) for score in SCORES.items()]
         lines.append(f"| {row} | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -52,7 +53,7 @@ def main() -> int:
     """Run what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder with recorded motion")
-    parser.add_argument("-o", "--out", type=Path, default=Path("build/left_out.jsonl"), metavar="FILE")
+    parser.add_argument("-o", "--out", type=Path, default=Path("build/held_out_calibration.jsonl"), metavar="FILE")
     parser.add_argument("--rows", default="", help="only those whose name begins so")
     parser.add_argument("--people", nargs="+", help="clips; by default those of clips.report")
     parser.add_argument("--seeds", type=int, default=2)
