@@ -93,9 +93,14 @@ class Synthesis:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of an initial pose, of a person's feet, and of look-ahead windows if they are used."""
-        n_frames_ahead = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
+        windows = (LOOKAHEAD_WINDOWS,) if keys.get("look_ahead") else ()
         return component_traits(
-            UNIFORM_WEIGHTS, FIT, dataset=START, prior=n_frames_ahead, optional_assumptions=POSE_HISTORY, excluded=ALL_JOINTS
+            UNIFORM_WEIGHTS,
+            FIT,
+            dataset=START,
+            prior=n_frames_ahead,
+            optional_assumptions=POSE_HISTORY,
+            excluded=ALL_JOINTS,
         )
 
     finds_start: ClassVar[bool] = False
