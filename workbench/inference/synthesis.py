@@ -98,7 +98,7 @@ class Synthesis:
             UNIFORM_WEIGHTS,
             FIT,
             dataset=START,
-            prior=n_frames_ahead,
+            prior=windows,
             optional_assumptions=POSE_HISTORY,
             excluded=ALL_JOINTS,
         )
@@ -259,21 +259,17 @@ def jump_deg(before: FloatArray, after: FloatArray) -> float:
     return float(np.degrees(np.abs(wrapped(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
-def _draw(
-    prior: _WindowPrior, state: FloatArray, n_frames_ahead: int, rng: np.random.Generator
-) -> tuple[FloatArray, int]:
+def _draw(prior: _WindowPrior, state: FloatArray, windows: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
     """Return a sampled state (1, D) a library frame later, and its entry; selected from N_CANDIDATES by their
-    continuations if n_frames_ahead > 0."""
-    states = np.repeat(state, N_CANDIDATES if n_frames_ahead else 1, axis=0)
+    continuations if windows > 0."""
+    states = np.repeat(state, N_CANDIDATES if windows else 1, axis=0)
     first_states, entries, _ = _one_frame(prior, states, rng)
     states, squares = first_states, np.zeros(len(first_states))
-    for _ in range(n_frames_ahead):
+    for _ in range(windows):
         states, _, square = _one_frame(prior, states, rng)
-        squares += square / n_frames_ahead
+        squares += square / windows
     odds = np.exp((squares.min() - squares) / (2.0 * prior.beta)).cumsum()
-    selected = (
-        min(int(np.searchsorted(odds, rng.random() * odds[-1], side="right")), len(odds) - 1) if n_frames_ahead else 0
-    )
+    selected = min(int(np.searchsorted(odds, rng.random() * odds[-1], side="right")), len(odds) - 1) if windows else 0
     return first_states[selected : selected + 1], int(entries[selected])
 
 
