@@ -25,7 +25,7 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "images, particles": ("walk_best", ()),
 }
 """Experiments and overrides by what is seen and how it is followed."""
-SHOWN = {"": (), ", exact": ("dataset.exact=true",)}
+SHOWN = {"": (), ", exact": ("dataset.perturb=false",)}
 ROWS = {
     f"{tracked}{shown}": (experiment, (*own, *exact))
     for tracked, (experiment, own) in TRACKED.items()

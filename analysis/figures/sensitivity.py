@@ -2,7 +2,7 @@
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and start (`dataset.exact=true`), but for what the row says.
+Experiment walk_best with the tracker's own body, camera and start (`dataset.perturb=false`), but for what the row says.
 FILE keeps every run, so that a table that was cut off goes on, see `kept_runs`.
 """
 
@@ -12,22 +12,22 @@ from pathlib import Path
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, spread
 
-EXACT = "dataset.exact=true"
+EXACT = "dataset.perturb=false"
 ROWS: Mapping[str, Sequence[str]] = {
     "nothing": (EXACT,),
     "all below, as usual": (),
-    "bones 3 %, girths 10 %": (EXACT, "dataset.departures={lengths: 0.03, radii: 0.1}"),
-    "profile of the limbs, neck, feet": (EXACT, "dataset.departures={profile: 1.0}"),
-    "clothes 5 mm": (EXACT, "dataset.departures={clothes_m: 0.005}"),
-    "camera 0.2 %, 0.1°": (EXACT, "dataset.departures={camera: 0.002, camera_deg: 0.1}"),
-    "start 3 cm, 0.05 rad": (EXACT, "dataset.departures={start_m: 0.03, start_rad: 0.05}"),
-    "camera 1 %, 1°": (EXACT, "dataset.departures={camera: 0.01, camera_deg: 1.0}"),
+    "bones 3 %, girths 10 %": (EXACT, "dataset.perturbations={lengths: 0.03, radii: 0.1}"),
+    "profile of the limbs, neck, feet": (EXACT, "dataset.perturbations={profile: 1.0}"),
+    "clothes 5 mm": (EXACT, "dataset.perturbations={clothes_m: 0.005}"),
+    "camera 0.2 %, 0.1°": (EXACT, "dataset.perturbations={camera: 0.002, camera_deg: 0.1}"),
+    "start 3 cm, 0.05 rad": (EXACT, "dataset.perturbations={start_m: 0.03, start_rad: 0.05}"),
+    "camera 1 %, 1°": (EXACT, "dataset.perturbations={camera: 0.01, camera_deg: 1.0}"),
     "body told 0.95 of it": (EXACT, "body.scale=0.95"),
     "body told 0.98 of it": (EXACT, "body.scale=0.98"),
     "body told 1.02 of it": (EXACT, "body.scale=1.02"),
     "body told 1.05 of it": (EXACT, "body.scale=1.05"),
-    "seen from 45° instead of 90°": (EXACT, "dataset.view_deg=45"),
-    "seen head-on": (EXACT, "dataset.view_deg=180"),
+    "seen from 45° instead of 90°": (EXACT, "dataset.view_azimuth_deg=45"),
+    "seen head-on": (EXACT, "dataset.view_azimuth_deg=180"),
 }
 PEOPLE = ("35_02", "38_02", "39_02")
 """Clips of three people whom the prior of walk_best is not learned from."""
