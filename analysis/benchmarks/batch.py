@@ -149,12 +149,12 @@ class Dense:
 def _scene() -> Scene:
     data, cache = os.environ.get("WORKBENCH_DATA"), os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
     if data:
-        dataset = Points(motion=CLIP, data=data, first_frame=10, skeleton="full", exact=True)
+        dataset = Points(motion=CLIP, data=data, first_frame=10, skeleton="full", perturb=False)
         prior = activity(
             motions="bandai", data=data, cache=cache, n_components=N_COMPONENTS, skeleton="full", leave_out=[CLIP]
         )
     else:
-        dataset = Points(first_frame=10, exact=True)
+        dataset = Points(first_frame=10, perturb=False)
         prior = activity(motions="builtin", data=None, cache=cache, n_components=N_COMPONENTS)
     body = of_dataset(dataset.info)
     frames = list(dataset.frames())

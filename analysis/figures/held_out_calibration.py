@@ -25,7 +25,7 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "images, particles": ("walk_best", ()),
 }
 """Experiments and overrides by observation and inference."""
-PERTURBATION = {"": (), ", exact": ("dataset.exact=true",)}
+PERTURBATION = {"": (), ", exact": ("dataset.perturb=false",)}
 ROWS = {
     f"{tracked}{perturbation}": (experiment, (*overrides, *exact))
     for tracked, (experiment, overrides) in TRACKED.items()

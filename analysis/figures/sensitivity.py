@@ -2,7 +2,7 @@
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.exact=true`), except for the row's
+Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.perturb=false`), except for the row's
 perturbation. FILE caches every run, so that an interrupted table can be resumed, see `cached_runs`.
 """
 
@@ -12,22 +12,22 @@ from pathlib import Path
 
 from analysis.figures.cached_runs import Numbers, Run, every_run, numbers_of, spread
 
-EXACT = "dataset.exact=true"
+EXACT = "dataset.perturb=false"
 ROWS: Mapping[str, Sequence[str]] = {
     "nothing": (EXACT,),
     "all below, default": (),
-    "bones 3 %, girths 10 %": (EXACT, "dataset.departures={lengths: 0.03, radii: 0.1}"),
-    "profile of the limbs, neck, feet": (EXACT, "dataset.departures={profile: 1.0}"),
-    "clothes 5 mm": (EXACT, "dataset.departures={clothes_m: 0.005}"),
-    "camera 0.2 %, 0.1°": (EXACT, "dataset.departures={camera: 0.002, camera_deg: 0.1}"),
-    "start 3 cm, 0.05 rad": (EXACT, "dataset.departures={start_m: 0.03, start_rad: 0.05}"),
-    "camera 1 %, 1°": (EXACT, "dataset.departures={camera: 0.01, camera_deg: 1.0}"),
+    "bones 3 %, girths 10 %": (EXACT, "dataset.perturbations={lengths: 0.03, radii: 0.1}"),
+    "profile of the limbs, neck, feet": (EXACT, "dataset.perturbations={profile: 1.0}"),
+    "clothes 5 mm": (EXACT, "dataset.perturbations={clothes_m: 0.005}"),
+    "camera 0.2 %, 0.1°": (EXACT, "dataset.perturbations={camera: 0.002, camera_deg: 0.1}"),
+    "start 3 cm, 0.05 rad": (EXACT, "dataset.perturbations={start_m: 0.03, start_rad: 0.05}"),
+    "camera 1 %, 1°": (EXACT, "dataset.perturbations={camera: 0.01, camera_deg: 1.0}"),
     "body scaled by 0.95": (EXACT, "body.scale=0.95"),
     "body scaled by 0.98": (EXACT, "body.scale=0.98"),
     "body scaled by 1.02": (EXACT, "body.scale=1.02"),
     "body scaled by 1.05": (EXACT, "body.scale=1.05"),
-    "seen from 45° instead of 90°": (EXACT, "dataset.view_deg=45"),
-    "seen head-on": (EXACT, "dataset.view_deg=180"),
+    "seen from 45° instead of 90°": (EXACT, "dataset.view_azimuth_deg=45"),
+    "seen head-on": (EXACT, "dataset.view_azimuth_deg=180"),
 }
 PEOPLE = ("35_02", "38_02", "39_02")
 """Clips of three people who are not in the training data of walk_best's prior."""

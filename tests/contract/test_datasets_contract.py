@@ -41,7 +41,7 @@ def cameras(folder, *names):
 
 def video(folder):
     (folder / "marks.csv").write_text("frame,joint,u,v,visible\n1,neck,3,4,1\n")
-    files = {name: str(folder / "marks.csv") for name in ("initial_annotations", "keypoints", "eval_marks")}
+    files = {name: str(folder / "marks.csv") for name in ("initial_annotations", "keypoints", "eval_annotations")}
     return Video(images(folder / "film"), cameras(folder, "one"), first_frame=1, scale=0.5, rate_hz=30.0, **files)
 
 
@@ -64,7 +64,7 @@ def multi_view(folder):
 def point_files(folder, **given):
     for i in range(3):
         np.savez(folder / f"frame_{i}.npz", points=np.random.default_rng(i).standard_normal((20, 3)))
-    return PointFiles(str(folder), most_points=20, **given)
+    return PointFiles(str(folder), max_points=20, **given)
 
 
 SMALL = {"n_frames": 3, "width": 40, "height": 32, "focal_px": 50.0}
@@ -72,10 +72,12 @@ MADE = {
     "synthetic": lambda _: Synthetic(**SMALL, person_px=20.0, first_frame=2, keypoint_sigma_px=1.0),
     "synthetic_unseen": lambda _: Synthetic(**SMALL, person_px=20.0),
     "points": lambda _: Points(n_frames=3, n_points=20),
-    "points_given": lambda _: Points(**SMALL, n_points=20, images=True, start="given", first_frame=4),
+    "points_given": lambda _: Points(
+        **SMALL, n_points=20, images=True, initialization="perturbed_truth", first_frame=4
+    ),
     "stereo": lambda _: Stereo(n_frames=2, width=320, height=240, focal_px=350.0, baseline_m=0.4, n_points=20),
     "point_files": point_files,
-    "point_files_given": lambda folder: point_files(folder, truth="builtin", start="given"),
+    "point_files_given": lambda folder: point_files(folder, truth="builtin", initialization="perturbed_truth"),
     "video": video,
     "video_unmarked": unmarked,
     "multi_view": multi_view,

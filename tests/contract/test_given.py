@@ -26,7 +26,11 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
         (["experiment=walk_straight", "likelihood.background=still"], {"static_camera"}, set()),
         (["experiment=walk_straight", "inference=fixed_lag", "prior=smooth"], set(), {"fixed_torso_orientation"}),
         (["experiment=walk_straight", "body=height", "body.height_m=1.7"], {"height"}, {"limb_lengths", "limb_radii"}),
-        (["experiment=points_walk_steady", "dataset.start=given"], {"initial_pose", "phase_ends"}, set()),
+        (
+            ["experiment=points_walk_steady", "dataset.initialization=perturbed_truth"],
+            {"initial_pose", "phase_ends"},
+            set(),
+        ),
         (["experiment=points_walk_steady", "inference=particle_filter"], {"first_frames"}, set()),
         (["experiment=balance_4cam", "body.height_m=1.8"], {"height"}, set()),
     ],

@@ -50,7 +50,7 @@ def record(path, run, **options):
     with recorder(path, **options) as recording:
         for step in run:
             recording.log(step, errors(step) if step.frame.truth is not None else {})
-        recording.set_departures({"radius_calf": np.array([1.05, 0.95]), "camera_focal": np.array([1.002])})
+        recording.set_perturbations({"radius_calf": np.array([1.05, 0.95]), "camera_focal": np.array([1.002])})
         recording.set_result({"error_mm": 12.5, "frames": 13})
     return path
 
@@ -140,7 +140,7 @@ def test_properties_come_back(recorded):
     assert found.properties["metrics"] == {"error_mm": 12.5, "frames": 13.0}
     assert found.properties["settings"] == {"seed": 7.0, "prior.sigma": 0.05}
     assert found.properties["choices"] == {"prior.name": "wide"}
-    assert found.properties["departures"] == {"radius_calf": [1.05, 0.95], "camera_focal": 1.002}
+    assert found.properties["perturbations"] == {"radius_calf": [1.05, 0.95], "camera_focal": 1.002}
     assert tuple(found.properties["body"]["pose"]) == BODY.skeleton.dof_names
     assert found.properties["shape"]["torso_radii_low"] == list(BODY.shape.torso_radii_low)
 
@@ -278,10 +278,10 @@ def test_truth_that_ends_is_not_shown_any_longer(run, tmp_path):
 
 
 def test_missing_and_hidden_marks(run, tmp_path):
-    marks = run[0].frame.truth.marks.copy()
+    marks = run[0].frame.truth.annotations.copy()
     marks[3] = np.nan
     visible = np.arange(len(marks)) != 5
-    step = replace(run[0], frame=replace(run[0].frame, truth=Truth(marks=marks, annotations_visible=visible)))
+    step = replace(run[0], frame=replace(run[0].frame, truth=Truth(annotations=marks, annotations_visible=visible)))
     path = log_all(recorder(tmp_path / "run.rrd"), [step])
     (points,), (colours,) = (
         values(path, "/world/camera/image/truth_marks", f"Points2D:{name}") for name in ("positions", "colors")

@@ -54,7 +54,8 @@ def scene(folder):
 def files_of(folder):
     """The overrides that take the scene in the folder for the dataset."""
     return [
-        "experiment=custom", "dataset=multi_view", "dataset.rate_hz=14", f"dataset.camera={folder / 'cameras.toml'}",
+        "experiment=custom", "dataset=multi_view", "dataset.rate_hz=14",
+        f"dataset.calibration_file={folder / 'cameras.toml'}",
         f"dataset.truth={folder / 'truth.trc'}", "body=keypoints", "body.height_m=1.7",
         *(
             f"+dataset.{key}.{name}={folder / name}{end}" for name in ("front", "side")

@@ -41,7 +41,7 @@ def test_the_woman_of_the_video_is_held(run, data, experiment):
 def test_a_video_of_ones_own_is_tracked_with_nothing_but_a_height_and_marks(run, data):
     if not (data / "sports2d_walk").is_dir():
         pytest.skip("no video with marked joints")
-    files = {"source": "demo.mp4", "camera": "Calib_demo.toml", "initial_annotations": "keypoints.csv"}
+    files = {"source": "demo.mp4", "calibration_file": "Calib_demo.toml", "initial_annotations": "keypoints.csv"}
     own = [f"dataset.{key}={data / 'sports2d_walk' / name}" for key, name in files.items()]
     code, told, folder = run(
         "out", "experiment=track_video", "dataset=video", *own, "body.height_m=1.65", f"paths.data={data}",

@@ -14,7 +14,7 @@ from workbench.recording.write import images
 @pytest.mark.slow  # it decodes a hundred frames
 def test_the_woman_is_foreground_and_the_rest_is_not(data):
     folder = data / "sports2d_walk"
-    files = {"eval_marks": str(folder / "keypoints.csv"), "first_frame": 64, "n_frames": 97, "scale": 0.5}
+    files = {"eval_annotations": str(folder / "keypoints.csv"), "first_frame": 64, "n_frames": 97, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
     scenes = still_scenes(FrameCache(video), 60, 0.7)
     shares = []
@@ -22,7 +22,7 @@ def test_the_woman_is_foreground_and_the_rest_is_not(data):
         if frame.truth is None:
             continue
         ratio = log_ratio(frame.views[0], scenes, 0.7, 0.05)
-        marks = frame.truth.marks[np.isfinite(frame.truth.marks).all(axis=1)]
+        marks = frame.truth.annotations[np.isfinite(frame.truth.annotations).all(axis=1)]
         column, row = np.rint(marks).astype(int).T
         away = np.ones(ratio.shape, dtype=bool)
         low, high = np.maximum(marks.min(axis=0) - 60, 0).astype(int), marks.max(axis=0).astype(int) + 60

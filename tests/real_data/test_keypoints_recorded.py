@@ -24,7 +24,7 @@ def prior(data, cache):
 
 @pytest.fixture(scope="module")
 def woman():
-    return person.of_height(height_m=1.65, lengths={"thigh": 0.40, "calf": 0.365, "forearm": 0.24})
+    return person.of_height(height_m=1.65, limb_lengths_m={"thigh": 0.40, "calf": 0.365, "forearm": 0.24})
 
 
 def video(data, **parameters):
@@ -36,7 +36,7 @@ def video(data, **parameters):
 
 @pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
 def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
-    dataset = video(data, start_last=last)
+    dataset = video(data, initial_last_frame=last)
     (camera,) = dataset.info.cameras
     fit = fit_annotations(prior.capabilities.motion, woman.skeleton, camera, dataset.info.initial_annotations)
     first = dataset.info.initial_annotations.keypoints[0]
@@ -50,7 +50,7 @@ def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
 
 @pytest.mark.slow
 def test_the_walk_between_marks(data, prior, woman):
-    dataset = video(data, held_out=[130])
+    dataset = video(data, eval_frames=[130])
     stiff = Knowing(motion=prior.capabilities.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01))
     likelihood, steady = KeypointLikelihood(woman, sigma_px=2.0), MotionFit(frames_per_style=None)
     inference = LeastSquares(woman, likelihood, stiff, problem=steady, n_particles=20)

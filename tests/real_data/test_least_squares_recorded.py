@@ -30,7 +30,7 @@ def errors_of(model, data, clip):
     first_frame = 0 if clip == "dataset-1_run_active_001" else 10
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a camera that stands further off
-        dataset = Points(motion=clip, data=str(data), first_frame=first_frame, exact=True)
+        dataset = Points(motion=clip, data=str(data), first_frame=first_frame, perturb=False)
         frames, body = list(dataset.frames()), person(dataset.info.shape)
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
     fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))

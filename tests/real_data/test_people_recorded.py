@@ -5,7 +5,7 @@ import pytest
 from crowd_scenes import copies, crowd, whose
 
 from workbench.body.camera import load_cameras
-from workbench.datasets.association.target_selection import follow
+from workbench.datasets.association.target_selection import select_target
 from workbench.motion.formats.openpose import read_openpose
 
 RATE_HZ = 60.0
@@ -24,11 +24,11 @@ def recorded(data):
 
 def test_the_man_is_told_from_the_bystander(recorded):
     cameras, people = recorded
-    found = follow(people, cameras, RATE_HZ)
-    assert found.counted == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}  # two cameras see somebody sit there
+    found = select_target(people, cameras, RATE_HZ)
+    assert found.counts == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}  # two cameras see somebody sit there
     assert np.isfinite(found.joints[..., 0]).any(axis=2).all()
-    bystander = follow(people, cameras, RATE_HZ, {"cam_01": 1})
-    np.testing.assert_array_equal(bystander.joints, follow(people, cameras, RATE_HZ, {"cam_02": 1}).joints)
+    bystander = select_target(people, cameras, RATE_HZ, {"cam_01": 1})
+    np.testing.assert_array_equal(bystander.joints, select_target(people, cameras, RATE_HZ, {"cam_02": 1}).joints)
     heights = np.nanmax(bystander.joints[0, ..., 1], axis=1) - np.nanmin(bystander.joints[0, ..., 1], axis=1)
     assert np.ptp(heights) < 20.0  # who does not move
     assert np.isnan(bystander.joints[2:, ..., 0]).all()
@@ -41,7 +41,7 @@ def test_the_man_is_told_from_the_bystander(recorded):
 def test_two_who_cross_are_told_apart(recorded, apart_m, seed):
     cameras, people = recorded
     rng = np.random.default_rng(seed)
-    man = dict(zip(cameras, follow(people, cameras, RATE_HZ).joints, strict=True))
+    man = dict(zip(cameras, select_target(people, cameras, RATE_HZ).joints, strict=True))
     way, turn = rng.uniform(0.0, 2.0 * np.pi, 2)
     ahead, aside = np.array([np.cos(way), np.sin(way)]), np.array([-np.sin(way), np.cos(way)])
     start, velocity = apart_m * aside - ahead, 1.2 * ahead  # he is nearest 0.83 s after the first frame
@@ -52,7 +52,7 @@ def test_two_who_cross_are_told_apart(recorded, apart_m, seed):
             (name, int(np.flatnonzero(made.owners[name][0] == who)[0]))
             for name in cameras if who in made.owners[name][0]
         )  # fmt: skip
-        found = follow(made.people, cameras, RATE_HZ, {name: row})
+        found = select_target(made.people, cameras, RATE_HZ, {name: row})
         owner, there = whose(made, found)
         assert set(owner.ravel().tolist()) <= {-1, who}  # no frame of two people, none of the other one
         assert (owner == who).any(axis=0)[there[:, :, who].sum(axis=1) >= 2].mean() >= 0.95

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.datasets.rendering.sequence import Scene, find_take
+from workbench.datasets.rendering.sequence import Scene, find_sequence
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from workbench.datasets.rendering.sequence import Scene, find_take
     ],
 )
 def test_recorded_walks_pass_into_runs(data, clips):
-    take = find_take(Scene(motion=clips, data=str(data), n_frames=28, first_frame=10 if clips[0][0] == "d" else 0))
+    take = find_sequence(Scene(motion=clips, data=str(data), n_frames=28, first_frame=10 if clips[0][0] == "d" else 0))
     assert [truth.activity for truth in take.truths] == ["walk"] * 14 + ["run"] * 14
     speeds = 14.0 * np.linalg.norm(np.diff(take.motion.poses[:, :2], axis=0), axis=1)
     assert np.median(speeds[:10]) < 2.0 < np.median(speeds[-10:])

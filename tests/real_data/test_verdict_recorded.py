@@ -16,8 +16,8 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.association.keypoint_kalman import exchanged
-from workbench.datasets.association.target_selection import follow
-from workbench.datasets.files.joint_annotations import read_people
+from workbench.datasets.association.target_selection import select_target
+from workbench.datasets.files.joint_annotations import read_detections
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
@@ -37,14 +37,14 @@ class Detections:
 
     def __init__(self, folder, calibration=None, files=FILES, kept=range(N), mirrored=False, rate_hz=RATE_HZ):
         cameras = load_cameras(calibration or folder / "Calib_qualisys.toml")
-        found = {camera.name: read_people(folder / "openpose" / f"{file}_json")
+        found = {camera.name: read_detections(folder / "openpose" / f"{file}_json")
                  for camera, file in zip(cameras, files, strict=True)}  # fmt: skip
         if mirrored:
             order = exchanged("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
             found = {name: replace(people, joints=[each[:, order] for each in people.joints])
                      for name, people in found.items()}  # fmt: skip
         found = {name: _only(people, list(kept)) for name, people in found.items()}
-        self._joints = follow(found, {camera.name: camera for camera in cameras}, rate_hz).joints
+        self._joints = select_target(found, {camera.name: camera for camera in cameras}, rate_hz).joints
         self._cameras, self._rate_hz = [camera.scaled(SCALE) for camera in cameras], rate_hz
         self.info = SequenceInfo(
             "detections", self._joints.shape[1], rate_hz, cameras=tuple(self._cameras), scale=SCALE, has_keypoints=True

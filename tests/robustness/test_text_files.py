@@ -8,7 +8,7 @@ from damage import refusal, withstands
 from sound_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
 
 from workbench.body.camera import load_cameras
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
@@ -27,7 +27,7 @@ def read_skeleton(path):
 
 
 FORMATS = {
-    "a.csv": (read_marks, ANNOTATIONS),
+    "a.csv": (read_annotations, ANNOTATIONS),
     "a.trc": (read_markers, TRC),
     "a_1.json": (read_detections, KEYPOINTS),
     "a.toml": (load_cameras, TOML),

@@ -9,7 +9,7 @@ from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 
 @cache
 def walker():
-    return Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
+    return Synthetic(motion="builtin", n_frames=6, perturb=False, width=320, height=240, person_px=150.0, seed=3)
 
 
 @cache

@@ -67,7 +67,7 @@ def steps(
     for i in range(n_frames):
         truth = walk(BODY, i / _RATE_HZ)
         marks = camera.project(joints(BODY.skeleton, truth[None])[0])
-        known = Truth(pose=truth, joints=joints(BODY.skeleton, truth[None])[0], marks=marks)
+        known = Truth(pose=truth, joints=joints(BODY.skeleton, truth[None])[0], annotations=marks)
         image = picture(BODY, camera, truth, rng, colour)
         frame = Frame(10 + i, i / _RATE_HZ, (View(camera, image),), known)
         coefficients = 0.95 * coefficients + rng.normal(0.0, 0.08, 5) * SCALE

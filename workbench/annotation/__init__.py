@@ -1,1 +1,1 @@
-"""Annotating joints in a video by hand, on a page that this machine serves to its own browser."""
+"""Manual annotation of joints in a video, on a web page served to the local browser."""

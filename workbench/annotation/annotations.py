@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import COLUMNS, read_marks
+from workbench.datasets.files.joint_annotations import COLUMNS, read_annotations
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
@@ -21,7 +21,7 @@ class Annotations:
 
     def __init__(self, path: Path, n_frames: int, size: tuple[int, int]) -> None:
         """Open the annotations of a video of n_frames frames of a size (width, height), px, and continue an existing
-        file; raises InputError as `read_marks`, for annotations of another video, and without a folder to write to."""
+        file; raises InputError as `read_annotations`, for annotations of another video, and for a missing folder."""
         if not path.parent.is_dir():
             raise InputError(f"{path}: expected a folder to write to, found none")
         self.path, self.n_frames, self.size = path, n_frames, size
@@ -33,14 +33,14 @@ class Annotations:
             raise InputError(f"{path}: cannot be read: {error.strerror}") from None
         if content in (b"", ",".join(COLUMNS).encode()):  # no annotations, or all of them have been removed
             return
-        marks = read_marks(path)
-        for row, j in np.argwhere(np.isfinite(marks.pixels[..., 0])):
-            place, (u, v) = (int(marks.frames[row]), JOINT_NAMES[j]), marks.pixels[row, j].tolist()
-            self.values[place] = u, v, bool(marks.visible[row, j])
+        joints = read_annotations(path)
+        for row, j in np.argwhere(np.isfinite(joints.pixels[..., 0])):
+            place, (u, v) = (int(joints.frames[row]), JOINT_NAMES[j]), joints.pixels[row, j].tolist()
+            self.values[place] = u, v, bool(joints.visible[row, j])
             try:
                 self._check(place, self.values[place])
             except InputError as error:
-                raise InputError(f"{path}: annotations of another video? {error}") from None
+                raise InputError(f"{path}: annotations do not match the video: {error}") from None
 
     def put(self, place: Place, annotation: _Annotation | None) -> None:
         """Set an annotation, or remove it with None, and write the file; raises InputError for an unknown frame or
@@ -80,7 +80,7 @@ class Annotations:
         if annotation is not None:
             changed[place] = annotation
         changed = {key: changed[key] for key in sorted(changed, key=lambda key: (key[0], JOINT_NAMES.index(key[1])))}
-        rows = [f"{t},{name},{_number(u)},{_number(v)},{int(seen)}" for (t, name), (u, v, seen) in changed.items()]
+        rows = [_row(place, value) for place, value in changed.items()]
         with whole_file(self.path) as part:
             part.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
         self.values = changed
@@ -96,6 +96,11 @@ def parse_annotation(values: Any) -> tuple[Place, _Annotation | None]:
             if not isinstance(frame, bool) and np.isfinite([u, v]).all():
                 return (frame, joint), (u, v, values["visible"])
     raise InputError("expected a frame number, a joint name, two numbers of pixels or null, and true or false")
+
+
+def _row(place: Place, annotation: _Annotation) -> str:
+    (frame, joint), (u, v, visible) = place, annotation
+    return f"{frame},{joint},{_number(u)},{_number(v)},{int(visible)}"
 
 
 def _number(value: float) -> str:

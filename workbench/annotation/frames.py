@@ -1,4 +1,4 @@
-"""Single frames of a video, in any order, as JPEG."""
+"""Random access to the frames of a video as JPEG."""
 
 from collections import OrderedDict
 from collections.abc import Iterator

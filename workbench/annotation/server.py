@@ -24,7 +24,7 @@ BONES = (
 
 
 class Server(ThreadingHTTPServer):
-    """Serves one video and its annotations at a port of 127.0.0.1, 0 for a free one, until it is shut down."""
+    """Server of one video and its annotations at a port of 127.0.0.1; 0 selects a free port."""
 
     def __init__(self, frames: Frames, annotations: Annotations, port: int = 0) -> None:
         """Raise InputError for a port that is in use."""

@@ -1,1 +1,1 @@
-"""Camera calibration by a checkerboard or by a person of known height, and a check whether a calibration fits."""
+"""Camera calibration by a checkerboard or by a person of known height, and checks of a calibration."""

@@ -1,4 +1,4 @@
-"""Lenses and poses of cameras from images of a checkerboard, by OpenCV's calibration (Zhang 2000)."""
+"""Calibration of cameras by images of a checkerboard, with OpenCV (Zhang 2000)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,14 +15,14 @@ from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 
 _MAX_IMAGES = 60
-"""Images of a video that are searched, evenly spaced; more improve the result little."""
+"""Largest number of searched images of a video, evenly spaced; more improve the result little."""
 _MIN_IMAGES, _MIN_COMMON_IMAGES = 5, 3
 _OUTLIER_RATIO = 3.0
-"""Images whose error exceeds 1 px and this multiple of the median are omitted: the board may be bent or blurred."""
+"""Images whose error exceeds 1 px and this multiple of the median are omitted, as of a bent or blurred one."""
 TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From a world with x ahead and z up to a level camera."""
-TO_BOARD = np.diag([1.0, -1.0, -1.0])
-"""From a world with z up to a board on its floor, whose own z axis points away from the camera."""
+TO_CHECKERBOARD = np.diag([1.0, -1.0, -1.0])
+"""From a world with z up to a checkerboard on its floor, whose own z axis points away from the camera."""
 
 
 @dataclass(frozen=True)
@@ -35,26 +35,26 @@ class Checkerboard:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
-            raise InputError(f"board: expected 3×3 inner corners or more, found {self.columns}×{self.rows}")
+            raise InputError(f"checkerboard: expected 3×3 inner corners or more, found {self.columns}×{self.rows}")
         if not 0.001 <= self.square_m <= 1.0:
-            raise InputError(f"board: expected squares of 0.001 to 1 m, found {self.square_m:g} m")
+            raise InputError(f"checkerboard: expected squares of 0.001 to 1 m, found {self.square_m:g} m")
 
     @property
     def corners_m(self) -> FloatArray:
-        """The inner corners (K, 3) in the board's own frame, m, row by row; x along a row, z = 0."""
+        """The inner corners (K, 3) in the checkerboard's own frame, m, row by row; x along a row, z = 0."""
         v, u = np.mgrid[: self.rows, : self.columns]
         return np.stack([u.ravel(), v.ravel(), np.zeros(u.size)], axis=1) * self.square_m
 
     @property
     def is_asymmetric(self) -> bool:
-        """Whether the board looks different upside down."""
+        """Whether the checkerboard is not symmetric under a half turn."""
         return (self.columns + self.rows) % 2 == 1
 
 
 @dataclass(frozen=True, eq=False)
-class BoardDetections:
-    """A board in the images of one camera. size: (width, height), px. n_searched: number of images searched. corners:
-    (K, 2), px, by the image's number in its source."""
+class CheckerboardDetections:
+    """A checkerboard in the images of one camera. size: (width, height), px. n_searched: number of images searched.
+    corners: (K, 2), px, by the image's number in its source."""
 
     source: str
     size: tuple[int, int]
@@ -79,8 +79,8 @@ class Lens:
         return float(np.sqrt(np.mean(np.square(list(self.errors_px.values())))))
 
 
-def find_boards(source: Path, board: Checkerboard, extra_image: int | None = None) -> BoardDetections:
-    """Search up to _MAX_IMAGES evenly spaced images of a video or folder, and number `extra_image`, for a board.
+def find_checkerboards(source: Path, board: Checkerboard, extra_image: int | None = None) -> CheckerboardDetections:
+    """Search up to _MAX_IMAGES evenly spaced images of a video or folder, and number `extra_image`, for a checkerboard.
 
     Raises InputError for a source that cannot be read, and images of different sizes.
     """
@@ -91,18 +91,18 @@ def find_boards(source: Path, board: Checkerboard, extra_image: int | None = Non
         size = size or (image.shape[1], image.shape[0])
         if image.shape[1::-1] != size:
             raise InputError(f"{source}: image {number} has another size than the first, {size[0]}×{size[1]} px")
-        if number in searched and (found := find_corners(image, board)) is not None:
-            corners[number] = found
+        if number in searched and (pixels := find_corners(image, board)) is not None:
+            corners[number] = pixels
     if size is None:
         raise InputError(f"{source}: expected images, found none that can be decoded")
-    return BoardDetections(str(source), size, len(searched), corners)
+    return CheckerboardDetections(str(source), size, len(searched), corners)
 
 
 def find_corners(image: ByteArray, board: Checkerboard) -> FloatArray | None:
-    """Return the inner corners (K, 2), px, of a board in an RGB image, row by row; None where it is not entirely seen.
+    """Return the inner corners (K, 2), px, of a checkerboard in an RGB image, row by row; None unless all are visible.
 
     The first corner is the one whose square, between it and its neighbours in the row and the column, is dark. For an
-    asymmetric board this is one and the same corner, whichever way up the board is held.
+    asymmetric checkerboard this corner is the same in every orientation.
     """
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
     pattern = board.columns, board.rows
@@ -111,7 +111,7 @@ def find_corners(image: ByteArray, board: Checkerboard) -> FloatArray | None:
         return None
     corners = pixels.reshape(board.rows, board.columns, 2).astype(np.float64)
     row, column = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
-    if row[0] * column[1] < row[1] * column[0]:  # mirrored, which no real board is
+    if row[0] * column[1] < row[1] * column[0]:  # mirrored, which is impossible
         corners = corners[::-1]
     if board.is_asymmetric and _grey_level(grey, corners[:2, :2]) > _grey_level(grey, corners[:2, 1:3]):
         corners = corners[::-1, ::-1]
@@ -125,10 +125,10 @@ def _grey_level(grey: ByteArray, square: FloatArray) -> float:
     return float(np.median(cv2.getRectSubPix(grey, (side, side), square.mean(axis=(0, 1)).tolist())))
 
 
-def calibrate_lens(name: str, detections: BoardDetections, board: Checkerboard) -> Lens:
-    """Estimate focal lengths, principal point and distortion (k1, k2, p1, p2; k3 is 0) of a camera.
+def calibrate_lens(name: str, detections: CheckerboardDetections, board: Checkerboard) -> Lens:
+    """Return the lens of a camera: focal lengths, principal point and distortion (k1, k2, p1, p2; k3 is 0).
 
-    Raises InputError where fewer than _MIN_IMAGES show the board.
+    Raises InputError for fewer than _MIN_IMAGES images of the checkerboard.
     """
     errors = _fit_lens(name, detections, board, list(detections.corners)).errors_px
     limit = max(_OUTLIER_RATIO * float(np.median(list(errors.values()))), 1.0)
@@ -137,11 +137,11 @@ def calibrate_lens(name: str, detections: BoardDetections, board: Checkerboard) 
     return replace(lens, omitted_px=omitted)
 
 
-def _fit_lens(name: str, detections: BoardDetections, board: Checkerboard, used: list[int]) -> Lens:
+def _fit_lens(name: str, detections: CheckerboardDetections, board: Checkerboard, used: list[int]) -> Lens:
     if len(used) < _MIN_IMAGES:
         raise InputError(
-            f"{detections.source}: camera {name}: expected a board of {board.columns}×{board.rows} inner corners in "
-            f"{_MIN_IMAGES} images or more, found it in {len(used)} of {detections.n_searched} searched"
+            f"{detections.source}: camera {name}: expected a checkerboard of {board.columns}×{board.rows} inner "
+            f"corners in {_MIN_IMAGES} images or more, found it in {len(used)} of {detections.n_searched} searched"
         )
     points = [board.corners_m.astype(np.float32)] * len(used)
     pixels = [detections.corners[number].astype(np.float32) for number in used]
@@ -155,11 +155,11 @@ def _fit_lens(name: str, detections: BoardDetections, board: Checkerboard, used:
 
 
 def pose_cameras(
-    cameras: Sequence[Camera], detections: Sequence[BoardDetections], board: Checkerboard
+    cameras: Sequence[Camera], detections: Sequence[CheckerboardDetections], board: Checkerboard
 ) -> tuple[list[Camera], dict[tuple[str, str], dict[int, float]]]:
-    """Pose cameras in the frame of the first by images in which two of them see the board.
+    """Return cameras with poses in the frame of the first, from images of the checkerboard in two of them.
 
-    The next camera is always the one that shares most images with a camera already posed. Lenses remain unchanged;
+    The next camera is always the one with most images in common with a camera already posed. Lenses remain unchanged;
     images correspond by their numbers.
 
     Returns
@@ -169,11 +169,11 @@ def pose_cameras(
     Raises
     ------
     InputError
-        For several cameras with a symmetric board, and for a camera that shares too few images with the others.
+        For several cameras with a symmetric checkerboard, and for a camera with too few common images.
     """
     if len(cameras) > 1 and not board.is_asymmetric:
         raise InputError(
-            "board: several cameras must distinguish its two ends: expected an odd and an even number of inner "
+            "checkerboard: several cameras must distinguish its two ends: expected an odd and an even number of inner "
             f"corners, found {board.columns}×{board.rows}"
         )
     posed, errors_px = {0: cameras[0]}, {}
@@ -184,8 +184,8 @@ def pose_cameras(
         camera, base, images = cameras[k], posed[reference], common[k, reference]
         if len(images) < _MIN_COMMON_IMAGES:
             raise InputError(
-                f"camera {camera.name}: expected the board in {_MIN_COMMON_IMAGES} images where another camera has "
-                f"it, found {len(images)}: do the videos start together?"
+                f"camera {camera.name}: expected the checkerboard in {_MIN_COMMON_IMAGES} images where another "
+                f"camera detects it, found {len(images)}; check that the videos are synchronized"
             )
         points = [board.corners_m.astype(np.float32)] * len(images)
         first, second = (
@@ -204,30 +204,30 @@ def pose_cameras(
 
 
 def place_on_floor(
-    cameras: Sequence[Camera], detections: Sequence[BoardDetections], board: Checkerboard, number: int
+    cameras: Sequence[Camera], detections: Sequence[CheckerboardDetections], board: Checkerboard, number: int
 ) -> list[Camera]:
-    """Move cameras to a world with z up whose floor is the board of image `number`.
+    """Return cameras in a world with z up whose floor is the checkerboard of image `number`.
 
-    The board's first corner is the origin, its rows run along x. Raises InputError where no camera shows the board
-    in that image.
+    The first corner is the origin, rows are along x. Raises InputError where no camera detects the checkerboard in that
+    image.
     """
     for camera, one in zip(cameras, detections, strict=True):
         if number in one.corners:
             _, turn, shift = cv2.solvePnP(board.corners_m, one.corners[number], camera.matrix, camera.distortion)
-            rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64) @ TO_BOARD
+            rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64) @ TO_CHECKERBOARD
             return _move_world(cameras, camera, rotation, np.asarray(shift, np.float64).ravel())
-    raise InputError(f"floor: expected the board in image {number} of some camera, found it in none")
+    raise InputError(f"floor: expected the checkerboard in image {number} of at least one camera, found it in none")
 
 
 def place_level(cameras: Sequence[Camera]) -> list[Camera]:
-    """Move cameras to a world with its origin in the first, which is assumed level: x ahead, z up."""
+    """Return cameras in a world with its origin in the first, which is assumed level: x ahead, z up."""
     return _move_world(cameras, cameras[0], TO_LEVEL, np.zeros(3))
 
 
 def _move_world(
     cameras: Sequence[Camera], camera: Camera, rotation: FloatArray, translation: FloatArray
 ) -> list[Camera]:
-    """Move cameras to the world from which a rotation (3, 3) and a translation (3,), m, lead to one of them."""
+    """Return cameras in the world in which one of them has a rotation (3, 3) and a translation (3,), m."""
     turn = camera.rotation.T @ rotation
     shift = camera.rotation.T @ (translation - camera.translation)
     return [

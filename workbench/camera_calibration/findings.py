@@ -1,4 +1,4 @@
-"""Whether a calibration fits the people in front of the cameras, as findings in sentences."""
+"""Checks of a calibration against the people in front of the cameras."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ _MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""
 _MAX_ERROR = 0.035
 """Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
-cameras of a laboratory it is up to 0.029; with two of their videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
+cameras of a laboratory it is up to 0.029; with two videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
 0.02 in two, where the cameras are opposite each other."""
 _MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
-_HEIGHTS_M, _USUAL_HEIGHT_M = (1.2, 2.2), 1.7
-"""Plausible heights, and the assumed one, of a person whose height is not given."""
+_HEIGHTS_M, _AVERAGE_HEIGHT_M = (1.2, 2.2), 1.7
+"""Plausible heights, and the assumed one, of a person whose height is not set."""
 _MAX_HEIGHT_ERROR = 0.1
-"""Relative difference between measured legs and those usual at the person's height."""
+"""Relative difference between measured legs and those of an average person of this height."""
 _FOCAL_LENGTHS = (0.4, 5.0)
 """In longer sides of the image: below, the field of view exceeds 100°, above, it is less than 11°."""
 _MIN_WALK_M = 1.0
@@ -32,9 +32,9 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class CalibrationFinding:
-    """A sentence about one property. fits: whether it is as expected; None where that cannot be judged."""
+    """Result of one check. message: text for the user. fits: whether the value is as expected; None: undetermined."""
 
-    sentence: str
+    message: str
     fits: bool | None = None
 
 
@@ -49,19 +49,20 @@ class CalibrationCheck:
 
     @property
     def fits(self) -> bool | None:
-        """Whether everything that could be judged fits; None where nothing could."""
-        judged = [finding.fits for finding in self.findings if finding.fits is not None]
-        return all(judged) if judged else None
+        """Whether all determined findings fit; None without any."""
+        determined = [finding.fits for finding in self.findings if finding.fits is not None]
+        return all(determined) if determined else None
 
 
-def check_calibration(seen: ObservedJoints, height_m: float | None) -> CalibrationCheck:
-    """Check a calibration by the people in front of the cameras, of a height in metres where it is known."""
-    lenses = [finding for camera in seen.cameras for finding in _lens(camera)]
-    unknown = np.full((*seen.marks.shape[1:3], 3), np.nan)
+def check_calibration(observed: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Return the findings on a calibration, from people in front of the cameras; height_m: their height, if known."""
+    lenses = [finding for camera in observed.cameras for finding in _lens(camera)]
+    unknown = np.full((*observed.keypoints.shape[1:3], 3), np.nan)
     if not len(unknown):
         lenses.append(CalibrationFinding("no joints are annotated or detected in these frames"))
         return CalibrationCheck(tuple(lenses), unknown)
-    check = _check_several(seen, height_m) if len(seen.cameras) > 1 else _check_single(seen, height_m, unknown)
+    several = len(observed.cameras) > 1
+    check = _check_several(observed, height_m) if several else _check_single(observed, height_m, unknown)
     return CalibrationCheck((*lenses, *check.findings), check.joints, check.floor_m)
 
 
@@ -79,13 +80,13 @@ def _lens(camera: Camera) -> list[CalibrationFinding]:
     return findings
 
 
-def _check_several(seen: ObservedJoints, height_m: float | None) -> CalibrationCheck:
-    """Check several cameras by where their rays meet."""
-    joints = triangulate(seen.cameras, seen.marks)
+def _check_several(observed: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Check several cameras by triangulated joints."""
+    joints = triangulate(observed.cameras, observed.keypoints)
     if not np.isfinite(joints).any():
         text = "no joint is annotated or detected by two cameras in one frame, so that their agreement is unknown"
         return CalibrationCheck((CalibrationFinding(text),), joints)
-    findings = [_reprojection(seen, v, joints) for v in range(len(seen.cameras))]
+    findings = [_reprojection(observed, v, joints) for v in range(len(observed.cameras))]
     limbs = limb_lengths(joints)
     leg_m = limbs.get("thigh", np.nan) + limbs.get("calf", np.nan)
     findings.append(_size(leg_m / LEG_LENGTH, height_m))
@@ -97,88 +98,92 @@ def _check_several(seen: ObservedJoints, height_m: float | None) -> CalibrationC
         text = f"the person leans by {lean:.0f}° from the z axis, in the mean of {len(bodies)} frames"
         findings.append(CalibrationFinding(text, lean <= _MAX_LEAN_DEG))
     else:
-        findings.append(CalibrationFinding("ankles and shoulders are not seen together: the vertical is unknown"))
+        text = "ankles and shoulders are never triangulated together: the vertical is unknown"
+        findings.append(CalibrationFinding(text))
     heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
     if not np.isfinite(heights).any():
         return CalibrationCheck(tuple(findings), joints)
     tall = height_m or float(np.clip(leg_m / LEG_LENGTH, *_HEIGHTS_M))
-    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * (_USUAL_HEIGHT_M if np.isnan(tall) else tall)
+    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * (_AVERAGE_HEIGHT_M if np.isnan(tall) else tall)
     findings.append(CalibrationFinding(f"the feet stand at a height of {floor_m:.2f} m"))
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 
-def triangulate(cameras: Sequence[Camera], marks: FloatArray) -> FloatArray:
-    """Return points (F, J, 3), m, nearest to the rays of marks (V, F, J, 3), [u, v, weight]; NaN for fewer than two."""
-    pixels = np.where(np.nan_to_num(marks[..., 2:]) >= _MIN_WEIGHT, marks[..., :2], np.nan)
+def triangulate(cameras: Sequence[Camera], keypoints: FloatArray) -> FloatArray:
+    """Return points (F, J, 3), m, nearest to the rays of keypoints (V, F, J, 3), [u, v, weight]; NaN for
+    fewer than two."""
+    pixels = np.where(np.nan_to_num(keypoints[..., 2:]) >= _MIN_WEIGHT, keypoints[..., :2], np.nan)
     points = nearest([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
-    return points.reshape(*marks.shape[1:3], 3)
+    return points.reshape(*keypoints.shape[1:3], 3)
 
 
-def _reprojection(seen: ObservedJoints, v: int, joints: FloatArray) -> CalibrationFinding:
-    """Compare a camera's marks with all cameras' joints and, for three or more cameras, with those of the others."""
-    camera, marks = seen.cameras[v], seen.marks[v]
-    others = [k for k in range(len(seen.cameras)) if k != v]
-    error = _error_px(camera, marks, joints)
+def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> CalibrationFinding:
+    """Compare a camera's keypoints with the joints from all cameras, and from the others if these are several."""
+    camera, keypoints = observed.cameras[v], observed.keypoints[v]
+    others = [k for k in range(len(observed.cameras)) if k != v]
+    error = _error_px(camera, keypoints, joints)
     if np.isnan(error):
-        if seen.searched[v]:
-            text = "the person in the other cameras is not found: do video, joints and calibration belong together?"
+        if observed.searched[v]:
+            text = (
+                "the person in the other cameras is not found; check that video, joints and calibration belong together"
+            )
             return CalibrationFinding(f"{camera.name}: {text}", False)
-        return CalibrationFinding(f"{camera.name}: no joint is given that another camera sees, too")
+        return CalibrationFinding(f"{camera.name}: no joint is also detected in another camera")
     text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
     if len(others) > 1:
-        elsewhere = triangulate([seen.cameras[k] for k in others], seen.marks[others])
-        text += f", {_px(_error_px(camera, marks, elsewhere))} from those of the others"
-    heights = [height_px(frame[:, :2]) for frame in marks]
+        from_others = triangulate([observed.cameras[k] for k in others], observed.keypoints[others])
+        text += f", {_px(_error_px(camera, keypoints, from_others))} from those of the others"
+    heights = [height_px(frame[:, :2]) for frame in keypoints]
     tall = float(np.median([height for height in heights if height > 0.0] or [np.nan]))
     return CalibrationFinding(f"{text}; the person is {_px(tall)} tall", bool(error <= _MAX_ERROR * tall))
 
 
-def _error_px(camera: Camera, marks: FloatArray, joints: FloatArray) -> float:
-    """Return the median distance, px, of marks (F, J, 3) from joints (F, J, 3), m, infinite behind the camera; NaN
+def _error_px(camera: Camera, keypoints: FloatArray, joints: FloatArray) -> float:
+    """Return the median distance, px, of keypoints (F, J, 3) from joints (F, J, 3), m, infinite behind the camera; NaN
     without common ones."""
-    both = np.isfinite(marks[..., 0]) & np.isfinite(joints[..., 0])
-    if not both.any():
+    common = np.isfinite(keypoints[..., 0]) & np.isfinite(joints[..., 0])
+    if not common.any():
         return float("nan")
-    distances = np.linalg.norm(camera.project(joints[both]) - marks[both][:, :2], axis=1)
+    distances = np.linalg.norm(camera.project(joints[common]) - keypoints[common][:, :2], axis=1)
     return float(np.median(np.nan_to_num(distances, nan=np.inf)))
 
 
 def _size(measured_m: float, height_m: float | None) -> CalibrationFinding:
-    """Compare the height at which measured legs are usual with the given one, or with people's."""
+    """Compare the height of an average person with the measured legs with height_m, or with plausible heights."""
     if not np.isfinite(measured_m):
-        return CalibrationFinding("no leg is seen by two cameras: the unit of length is unknown")
+        return CalibrationFinding("no leg is triangulated: the unit of length is unknown")
     text = f"the legs are as long as those of a person of {measured_m:.2f} m"
     if height_m is None:
         is_plausible = _HEIGHTS_M[0] < measured_m < _HEIGHTS_M[1]
-        question = "" if is_plausible else ": is the unit of length, or the side of the board's squares, right?"
+        question = "" if is_plausible else "; check the unit of length, or the side of the checkerboard's squares"
         return CalibrationFinding(text + question, is_plausible)
     return CalibrationFinding(
         f"{text}; expected {height_m:.2f} m", abs(measured_m / height_m - 1.0) <= _MAX_HEIGHT_ERROR
     )
 
 
-def _check_single(seen: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
-    """Check one camera by people assumed upright and of the given or the usual height."""
-    (camera,), marks, tall = seen.cameras, seen.marks[0], height_m or _USUAL_HEIGHT_M
-    feet, heads = _middle(marks, "ankle")[:, :2], _joint(marks, "head_centre")[:, :2]
+def _check_single(observed: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
+    """Check one camera by people assumed upright, of height_m or the average height."""
+    (camera,), keypoints, tall = observed.cameras, observed.keypoints[0], height_m or _AVERAGE_HEIGHT_M
+    feet, heads = _middle(keypoints, "ankle")[:, :2], _joint(keypoints, "head_centre")[:, :2]
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():
-        heads, length_m = _middle(marks, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
-    known = np.isfinite(feet + heads).all(axis=1)
-    if not known.any():
+        heads, length_m = _middle(keypoints, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
+    complete = np.isfinite(feet + heads).all(axis=1)
+    if not complete.any():
         text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
         return CalibrationCheck((CalibrationFinding(f"{camera.name}: {text}"),), joints)
-    places = stand_upright(camera, feet[known], heads[known], length_m)
+    places = stand_upright(camera, feet[complete], heads[complete], length_m)
     for name in ("left_ankle", "right_ankle"):
-        joints[known, JOINT_NAMES.index(name)] = places
-    joints[known, JOINT_NAMES.index("head_centre")] = places + length_m * UP
+        joints[complete, JOINT_NAMES.index(name)] = places
+    joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
     distances = camera.to_camera(places)[:, 2]
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
     stands = f"the person stands {distances.min():.1f} to {distances.max():.1f} m away{assumed}"
     heights = f"the feet stand at a height of {floor_m:.2f} m, the camera at {camera.position[2]:.2f} m"
     findings = [
-        _lean(camera, heads[known] - feet[known], places, length_m),
+        _lean(camera, heads[complete] - feet[complete], places, length_m),
         CalibrationFinding(f"{camera.name}: {stands}"),
         CalibrationFinding(heights, None if camera.position[2] > floor_m - 0.5 else False),
         *_slope(places),
@@ -187,7 +192,7 @@ def _check_single(seen: ObservedJoints, height_m: float | None, joints: FloatArr
 
 
 def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m: float) -> FloatArray:
-    """Return feet in the world, (F, 3), m, seen at pixels (F, 2) with heads (F, 2) length_m vertically above them.
+    """Return feet in the world, (F, 3), m, from pixels of feet (F, 2) and of heads (F, 2) length_m vertically above.
 
     With the rays a to the feet and b to the head, s a + length up = t b in the least-squares sense.
     """

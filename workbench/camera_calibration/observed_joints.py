@@ -1,4 +1,4 @@
-"""The joints that a dataset's frames have annotated or detected, and one frame to draw them into."""
+"""Annotated or detected joints of a dataset's frames, and the images of one frame."""
 
 from dataclasses import dataclass
 
@@ -17,50 +17,56 @@ _MAX_FRAMES = 300
 
 @dataclass(frozen=True, eq=False)
 class ObservedJoints:
-    """Joints of F frames in V cameras. marks: (V, F, J, 3), [u px, v px, weight], NaN for none. searched: (V,), whether
-    a camera's images were annotated or searched at all. shown: the row of the frame with most marks; images: its images
-    by camera. Without any joints F is 0, and the images are those of the first frame."""
+    """Joints of F frames in V cameras; without any joints F is 0.
+
+    Parameters
+    ----------
+    keypoints : (V, F, J, 3), [u px, v px, weight], NaN for none.
+    searched : (V,), whether a camera's images were annotated or searched at all.
+    best : row of the frame with most joints.
+    images : that frame's images by camera; those of the first frame without any joints.
+    """
 
     cameras: tuple[Camera, ...]
-    marks: FloatArray
+    keypoints: FloatArray
     searched: BoolArray
-    shown: int
+    best: int
     images: tuple[ByteArray, ...]
 
 
 def observe_joints(dataset: Dataset) -> ObservedJoints:
-    """Collect a dataset's keypoints, or else the annotations by which it measures errors or starts.
+    """Return a dataset's keypoints, or else its annotations for evaluation or initialization.
 
     Raises InputError for a dataset without cameras or frames, and as the dataset does.
     """
-    known = dataset.info
-    if not known.cameras:
-        raise InputError(f"{known.name}: expected a dataset with cameras and images, found none")
+    info = dataset.info
+    if not info.cameras:
+        raise InputError(f"{info.name}: expected a dataset with cameras and images, found none")
     rows: list[FloatArray] = []
     images: tuple[ByteArray, ...] = ()
-    most, shown, searched = -1, 0, np.zeros(len(known.cameras), bool)
+    n_best, best, searched = -1, 0, np.zeros(len(info.cameras), bool)
     for position, frame in enumerate(dataset.frames()):
-        marks = _marks(frame)
-        if not position and known.initial_annotations is not None and not np.isfinite(marks).any():
-            marks[0] = known.initial_annotations.keypoints[0]
+        keypoints = _keypoints(frame)
+        if not position and info.initial_annotations is not None and not np.isfinite(keypoints).any():
+            keypoints[0] = info.initial_annotations.keypoints[0]
         searched |= [view.keypoints is not None for view in frame.views]
-        n_marks = int(np.isfinite(marks[..., 0]).sum())
-        if n_marks > most:
-            most, shown, images = n_marks, len(rows), tuple(view.image for view in frame.views)
-        if n_marks:
-            rows.append(marks)
+        n_joints = int(np.isfinite(keypoints[..., 0]).sum())
+        if n_joints > n_best:
+            n_best, best, images = n_joints, len(rows), tuple(view.image for view in frame.views)
+        if n_joints:
+            rows.append(keypoints)
         if len(rows) == _MAX_FRAMES:
             break
     if not images:
-        raise InputError(f"{known.name}: expected frames, found none")
-    all_marks = np.array(rows).reshape(-1, len(known.cameras), len(JOINT_NAMES), 3)
-    return ObservedJoints(known.cameras, np.moveaxis(all_marks, 1, 0), searched, shown, images)
+        raise InputError(f"{info.name}: expected frames, found none")
+    stacked = np.array(rows).reshape(-1, len(info.cameras), len(JOINT_NAMES), 3)
+    return ObservedJoints(info.cameras, np.moveaxis(stacked, 1, 0), searched, best, images)
 
 
-def _marks(frame: Frame) -> FloatArray:
-    """Return the marks (V, J, 3) of a frame: keypoints, or else the annotations of the ground truth."""
-    nothing = np.full((len(JOINT_NAMES), 3), np.nan)
-    marks = np.array([nothing if view.keypoints is None else view.keypoints for view in frame.views])
-    if frame.truth is not None and frame.truth.marks is not None and not np.isfinite(marks).any():
-        marks[0] = np.column_stack([frame.truth.marks, np.isfinite(frame.truth.marks[:, 0])])
-    return marks
+def _keypoints(frame: Frame) -> FloatArray:
+    """Return a frame's keypoints (V, J, 3), or else the annotations of its ground truth."""
+    missing = np.full((len(JOINT_NAMES), 3), np.nan)
+    keypoints = np.array([missing if view.keypoints is None else view.keypoints for view in frame.views])
+    if frame.truth is not None and frame.truth.annotations is not None and not np.isfinite(keypoints).any():
+        keypoints[0] = np.column_stack([frame.truth.annotations, np.isfinite(frame.truth.annotations[:, 0])])
+    return keypoints

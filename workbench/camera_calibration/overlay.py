@@ -1,4 +1,4 @@
-"""Pictures of a floor, axes and joints over a camera's image."""
+"""Overlays of a floor, axes and joints on a camera's image."""
 
 from collections.abc import Sequence
 from itertools import pairwise, product
@@ -17,16 +17,18 @@ _N_TILES = 5
 """Tiles of one metre on each side of the person."""
 _N_PIECES = 40
 """Pieces of a line in the world, so that a line that leads behind the camera is drawn as far as it is visible."""
-_CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "crosses: where the calibration has them"
+_CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "crosses: joints of the calibration"
 
 
-def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: FloatArray, floor_m: float) -> ByteArray:
-    """Return a picture (height, width, 3), RGB, with a floor, the world's axes, up, annotations and joints.
+def draw_overlay(
+    camera: Camera, image: ByteArray, keypoints: FloatArray, joints: FloatArray, floor_m: float
+) -> ByteArray:
+    """Return an image (height, width, 3), RGB, with floor, world axes, vertical, keypoints and joints.
 
     Parameters
     ----------
     image : (height, width) grey or (height, width, 3) RGB
-    marks : (J, 3), [u px, v px, weight], drawn as circles coloured by side
+    keypoints : (J, 3), [u px, v px, weight], drawn as circles coloured by side
     joints : (J, 3), m, drawn as crosses
     floor_m : height of the floor, drawn in tiles of 1 m
     """
@@ -43,8 +45,8 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
                 if np.isfinite([a, b]).all():
                     cv2.line(canvas, _rounded(a), _rounded(b), _GRID, thickness, cv2.LINE_AA)
     arrows = [(name, np.zeros(3), axis, AXES[name]) for name, axis in zip(AXES, np.eye(3), strict=True)]
-    for name, foot, way, colour in [*arrows, ("up, 2 m", place, np.array([0.0, 0.0, 2.0]), AXES["z"])]:
-        pixels = _visible_pixels(camera, np.stack([foot, foot + way]))
+    for name, origin, direction, colour in [*arrows, ("up, 2 m", place, np.array([0.0, 0.0, 2.0]), AXES["z"])]:
+        pixels = _visible_pixels(camera, np.stack([origin, origin + direction]))
         if np.isfinite(pixels).all():
             tail, tip = map(_rounded, pixels)
             cv2.arrowedLine(canvas, tail, tip, colour, 2 * thickness, cv2.LINE_AA, tipLength=0.08)
@@ -53,10 +55,10 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
         if np.isfinite(pixel).all():
             style = styles.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
             cv2.drawMarker(canvas, _rounded(pixel), *style)
-    for name, mark in zip(JOINT_NAMES, marks, strict=True):
-        if np.isfinite(mark[0]):
+    for name, keypoint in zip(JOINT_NAMES, keypoints, strict=True):
+        if np.isfinite(keypoint[0]):
             colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else styles.KEYPOINT
-            cv2.circle(canvas, _rounded(mark), 4 * thickness, colour, thickness, cv2.LINE_AA)
+            cv2.circle(canvas, _rounded(keypoint), 4 * thickness, colour, thickness, cv2.LINE_AA)
     for row, text in enumerate(_CAPTION):
         _write(
             canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, _GRID
@@ -66,9 +68,9 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
 
 def _place(camera: Camera, joints: FloatArray, floor_m: float) -> FloatArray:
     """Return the point (3,) of the floor below the joints, or else where the optical axis meets the floor."""
-    known = joints[np.isfinite(joints).all(axis=1)]
-    if len(known):
-        return np.array([*known[:, :2].mean(axis=0), floor_m])
+    complete = joints[np.isfinite(joints).all(axis=1)]
+    if len(complete):
+        return np.array([*complete[:, :2].mean(axis=0), floor_m])
     forward, drop = camera.rotation[2], camera.position[2] - floor_m
     distance = drop / -forward[2] if forward[2] * drop < 0.0 else 5.0
     return np.array([*(camera.position + min(distance, 20.0) * forward)[:2], floor_m])
@@ -81,7 +83,7 @@ def _visible_pixels(camera: Camera, points: FloatArray) -> FloatArray:
 
 
 def _write(canvas: ByteArray, text: str, at: tuple[int, int], thickness: int, colour: Sequence[int]) -> None:
-    """Write a text with a dark outline, which is legible on any background."""
+    """Draw a text with a dark outline, which is legible on any background."""
     text = text.encode("ascii", "replace").decode()  # OpenCV's fonts have no other characters
     style, scale = cv2.FONT_HERSHEY_SIMPLEX, max(thickness / 2, 0.45)
     for x, y in product((-1, 0, 1), repeat=2):

@@ -1,11 +1,11 @@
 """Calibration of one camera by a person of known height who stands at several places on a level floor.
 
-Head and feet of an upright person are the ends of a vertical segment of known length. How long such segments are in
-the image, and where, determines the focal length, the tilt and roll of the camera and its height (Criminisi, Reid &
-Zisserman, *Single View Metrology*, IJCV 2000; Lv, Zhao & Nevatia, *Camera Calibration from Video of a Walking Human*,
-PAMI 2006). All numbers and the places of all segments are estimated in one least-squares problem, whose Jacobian gives
-standard deviations. Priors cover what the segments leave undetermined: with a level camera or equal distances only the
-focal length over the distance is observable.
+Head and feet of an upright person are the ends of a vertical segment of known length. The lengths and positions of
+such head–foot segments in the image determine the focal length, the tilt and roll of the camera and its height
+(Criminisi, Reid & Zisserman, *Single View Metrology*, IJCV 2000; Lv, Zhao & Nevatia, *Camera Calibration from Video of
+a Walking Human*, PAMI 2006). All parameters and the positions of all segments are estimated in one least-squares
+problem, whose Jacobian gives standard deviations. Priors cover what the segments leave undetermined: with a level
+camera or equal distances only the focal length over the distance is observable.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from workbench.body.camera import Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.checkerboard import TO_LEVEL
-from workbench.datasets.files.joint_annotations import Marks
+from workbench.datasets.files.joint_annotations import JointAnnotations
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -39,8 +39,8 @@ _TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
 
 @dataclass(frozen=True)
 class Measurements:
-    """Known numbers; None: not measured. height_m: of the person. focal_px: of the lens. distance_m: from the camera to
-    the person in the first frame. camera_height_m: above the floor."""
+    """Measured quantities; None: not measured. height_m: of the person. focal_px: of the lens. distance_m: from the
+    camera to the person in the first frame. camera_height_m: above the floor."""
 
     height_m: float
     focal_px: float | None = None
@@ -76,23 +76,23 @@ class _HeightCalibration:
         return float(np.sqrt(2.0 * np.mean(self.errors_px**2)))
 
 
-def head_foot_segments(marks: Marks) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
-    """Return frames, feet (the middle of both ankles) and heads, (F, 2), px, of frames in which all of them are given.
+def head_foot_segments(annotations: JointAnnotations) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
+    """Return frames, feet (the mean of both ankles) and heads, (F, 2), px, of frames with all of these joints.
 
     Raises InputError for fewer than _MIN_SEGMENTS.
     """
     ankles = [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")]
-    feet, heads = marks.pixels[:, ankles].mean(axis=1), marks.pixels[:, JOINT_NAMES.index("head_centre")]
+    feet, heads = annotations.pixels[:, ankles].mean(axis=1), annotations.pixels[:, JOINT_NAMES.index("head_centre")]
     rows = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
     if len(rows) < _MIN_SEGMENTS:
         expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
-        raise InputError(f"{marks.source}: expected {expected}, found them in {len(rows)}")
+        raise InputError(f"{annotations.source}: expected {expected}, found {len(rows)}")
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))]
-    return tuple(marks.frames[rows].tolist()), feet[rows], heads[rows]
+    return tuple(annotations.frames[rows].tolist()), feet[rows], heads[rows]
 
 
 def calibrate_by_height(
-    name: str, size: tuple[int, int], frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, known: Measurements
+    name: str, size: tuple[int, int], frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
 ) -> _HeightCalibration:
     """Calibrate a camera with its principal point in the image's middle, square pixels and no distortion.
 
@@ -108,15 +108,15 @@ def calibrate_by_height(
     """
     if (inverted := np.flatnonzero(heads[:, 1] >= feet[:, 1])).size:
         raise InputError(f"frame {frames[inverted[0]]}: expected the head above the ankles, found it below")
-    problem = _Problem(size, feet, heads, known)
-    first = least_squares(problem.residuals, problem.start(), x_scale="jac", args=(SIGMA_PX,), max_nfev=2000)
+    problem = _Problem(size, feet, heads, data)
+    first = least_squares(problem.residuals, problem.initial(), x_scale="jac", args=(SIGMA_PX,), max_nfev=2000)
     # two of the four numbers of a segment determine its place, hence the factor
     sigma_px = max(float(np.sqrt(2.0 * np.mean(problem.errors(first.x) ** 2))), 1.0)
     solution = least_squares(problem.residuals, first.x, x_scale="jac", args=(sigma_px,), max_nfev=2000)
     errors = problem.errors(solution.x)
     if not solution.success or np.abs(errors).max() > 0.25 * max(size):
         raise InputError(
-            "height: no camera above a level floor sees a person of this height so: are the annotations right?"
+            "height: no camera above a level floor explains the segments for this height; check the annotations"
         )
     jacobian = np.asarray(solution.jac, np.float64)
     deviations = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
@@ -124,7 +124,7 @@ def calibrate_by_height(
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
-    information = 1.0 if known.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
+    information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
     return _HeightCalibration(camera, values, sigma, frames, errors, information)
 
@@ -133,19 +133,19 @@ class _Problem:
     """Least squares over log focal length, px, tilt downwards and roll, rad, log height of the camera, m, log of the
     segments' relative length, and the places (F, 2) on the floor: log distance ahead, and left over ahead."""
 
-    def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, known: Measurements) -> None:
-        self.size, self.feet, self.heads, self.info = size, feet, heads, known
-        self.focal_px = known.focal_px or _FOCAL_MEDIAN * max(size)
+    def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, data: Measurements) -> None:
+        self.size, self.feet, self.heads, self.data = size, feet, heads, data
+        self.focal_px = data.focal_px or _FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
-        self.low, self.high = ANKLE_HEIGHT * known.height_m, HEAD_HEIGHT * known.height_m
+        self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
 
-    def start(self) -> FloatArray:
+    def initial(self) -> FloatArray:
         """Return a level camera with the expected focal length, and distances from the lengths of the segments."""
         ahead = self.focal_px * (self.high - self.low) / np.linalg.norm(self.heads - self.feet, axis=1)
         left = -(self.feet[:, 0] - self.centre[0]) / self.focal_px
         height = np.median(self.low + (self.feet[:, 1] - self.centre[1]) * ahead / self.focal_px)
-        unknown = [np.log(self.focal_px), 0.0, 0.0, np.log(max(height, 0.3)), 0.0]
-        return np.concatenate([unknown, np.column_stack([np.log(ahead), left]).ravel()])
+        common = [np.log(self.focal_px), 0.0, 0.0, np.log(max(height, 0.3)), 0.0]
+        return np.concatenate([common, np.column_stack([np.log(ahead), left]).ravel()])
 
     def camera(self, x: FloatArray) -> Camera:
         """Return the camera of a solution."""
@@ -167,14 +167,14 @@ class _Problem:
     def residuals(self, x: FloatArray, sigma_px: float) -> FloatArray:
         """Return whitened errors and whitened distances from priors and measurements."""
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
-        if self.info.camera_height_m is not None:
-            height, spread = self.info.camera_height_m, _MEASUREMENT_SPREAD
-        focal_spread = 0.01 if self.info.focal_px else _FOCAL_SPREAD
+        if self.data.camera_height_m is not None:
+            height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
+        focal_spread = 0.01 if self.data.focal_px else _FOCAL_SPREAD
         prior = [
             (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
-        if self.info.distance_m is not None:
+        if self.data.distance_m is not None:
             log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
-            prior.append((log_distance - np.log(self.info.distance_m)) / _MEASUREMENT_SPREAD)
+            prior.append((log_distance - np.log(self.data.distance_m)) / _MEASUREMENT_SPREAD)
         return np.concatenate([self.errors(x).ravel() / sigma_px, prior])

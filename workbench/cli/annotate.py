@@ -23,7 +23,7 @@ def annotate(
 
     The file is written after every annotation; an existing file is continued.
     It is an input of dataset.keypoints, dataset.initial_annotations,
-    dataset.eval_marks and `workbench calibrate height`.
+    dataset.eval_annotations and `workbench calibrate height`.
 
     \b
     Examples:

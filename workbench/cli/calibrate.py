@@ -11,7 +11,7 @@ import typer
 from workbench.camera_calibration import checkerboard, person_height
 from workbench.camera_calibration.camera_file import check_name, write_cameras
 from workbench.datasets.files.decode import decode
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 _IMPRECISE = 0.02
@@ -26,7 +26,7 @@ _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existi
 def _calibrate() -> None:
     """Calibrate cameras by images of a checkerboard, or of a person of known height.
 
-    The file is an input of dataset.camera; `workbench check-calibration`
+    The file is an input of dataset.calibration_file; `workbench check-calibration`
     checks whether it fits.
     """
 
@@ -59,7 +59,7 @@ def _board(
     _check_output(output, overwrite)
     paths = _sources(sources)
     board = checkerboard.Checkerboard(*_corners(corners), square_mm / 1000.0)
-    detections = [checkerboard.find_boards(path, board, floor) for path in paths.values()]
+    detections = [checkerboard.find_checkerboards(path, board, floor) for path in paths.values()]
     lenses = [checkerboard.calibrate_lens(name, one, board) for name, one in zip(paths, detections, strict=True)]
     cameras, pair_errors = checkerboard.pose_cameras([lens.camera for lens in lenses], detections, board)
     if floor is None:
@@ -108,7 +108,7 @@ def _height(
     image = next(decode(video), None)
     if image is None:
         raise InputError(f"{video}: expected images, found none that can be decoded")
-    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_marks(marks))
+    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(marks))
     calibration = person_height.calibrate_by_height(name, size, *segments, known)
     value, sigma = calibration.values, calibration.sigma
     notes = {"made_by": "workbench calibrate height"} | {
@@ -144,7 +144,7 @@ def _print_written(output: Path) -> None:
     print(f"written to {output}; workbench check-calibration checks whether it fits")
 
 
-def _print_lens(lens: checkerboard.Lens, detections: checkerboard.BoardDetections) -> None:
+def _print_lens(lens: checkerboard.Lens, detections: checkerboard.CheckerboardDetections) -> None:
     name, focal, (across, down) = lens.camera.name, lens.camera.matrix[0, 0], lens.coverage
     print(
         f"{name}: {lens.error_px:.2f} px over {len(lens.errors_px)} images of {detections.n_searched} searched; "

@@ -42,7 +42,7 @@ def check_of_dataset(
     Examples:
       workbench check-calibration experiment=balance_4cam paths.data=DATA
       workbench check-calibration dataset=video dataset.source=walk.mp4 \\
-        dataset.camera=camera.toml dataset.keypoints=marks.csv \\
+        dataset.calibration_file=camera.toml dataset.keypoints=marks.csv \\
         body=height body.height_m=1.65
     """
     config = _composed(overrides)
@@ -54,7 +54,7 @@ def check_of_dataset(
     files = _draw(seen, check, output)
     warned = [CalibrationFinding(str(each.message)) for each in caught if issubclass(each.category, UserWarning)]
     for finding in (*warned, *check.findings):
-        print(f"{_SIGNS[finding.fits]:<6}{finding.sentence}")
+        print(f"{_SIGNS[finding.fits]:<6}{finding.message}")
     print(f"{_VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
     return 1 if check.fits is False else 0
 
@@ -77,8 +77,8 @@ def _draw(seen: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[P
     """Write a picture for each camera, with its name."""
     files = []
     for v, (camera, image) in enumerate(zip(seen.cameras, seen.images, strict=True)):
-        nothing = np.full((seen.marks.shape[2], 3), np.nan)
-        marks, joints = (values[seen.shown] if len(values) else nothing for values in (seen.marks[v], check.joints))
+        nothing = np.full((seen.keypoints.shape[2], 3), np.nan)
+        marks, joints = (values[seen.best] if len(values) else nothing for values in (seen.keypoints[v], check.joints))
         picture = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0)
         name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in camera.name) or "camera"
         files.append(folder / f"{name}.png")

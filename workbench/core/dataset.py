@@ -1,4 +1,4 @@
-"""What every dataset offers: its frames, and what is known before any of them is looked at."""
+"""Interface of datasets: frames, and the sequence's metadata."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,20 +13,26 @@ from workbench.utils.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class SequenceInfo:
-    """What is known of a clip and its person beforehand.
+    """Metadata of a sequence and of its person, available before inference.
 
-    name: short, for plots and tables. n_frames: how many `frames` gives. rate_hz: frames a second where they are evenly
-    spaced. cameras: those that see the person, in the order of the views; none where there are no images. scale: the
-    factor by which the source's images were resized. source_rate_hz: what the source's file says of its rate where
-    another is told.
-    shape: the person's own measurements. body: the tracked body where it is not the 25-number person, such as every
-    joint of a motion file. initial_pose: (P,) in the first frame. initial_annotations: joints marked in the first
-    frame, and perhaps in some that follow. has_keypoints, has_points: whether frames show joints or points of the
-    surface. phase_ends: of a cyclic motion, cycles, in the first and the last frame. pose_history: (F, P) poses up to
-    the start pose, which is the last of them, at rate_hz; lead_in_activity: what the person does in them, such as
-    "walk". counted: what was counted while the frames' joints were read, by name, such as people and swapped_sides.
-    departures: numbers that say how the person and the camera really shown depart from what is told here, by name; for
-    the recording, not for whoever tracks.
+    Parameters
+    ----------
+    name : short name for plots and tables.
+    n_frames : number of frames that `frames` yields.
+    rate_hz : frame rate; None for uneven spacing.
+    source_rate_hz : frame rate stated by the source's file, where another one is set.
+    cameras : cameras that see the person, in the order of the views; empty without images.
+    scale : factor by which the source's images are resized.
+    shape : body measurements of the person.
+    body : tracked body, where it is not the 25-parameter person, such as every joint of a motion file.
+    initial_pose : (P,) pose in the first frame.
+    initial_annotations : annotated joints of the first frame, and possibly of later ones.
+    has_keypoints, has_points : whether frames have keypoints, or points of the body's surface.
+    phase_ends : phases of a cyclic motion in the first and the last frame, cycles.
+    pose_history : (F, P) poses up to the initial pose, which is the last of them, at rate_hz.
+    pose_history_activity : the person's activity in them, such as "walk".
+    input_counts : counts from reading the frames' joints, by name, such as people and swapped_sides.
+    perturbations : differences of the true person and cameras from these metadata, by name, for the recording.
     """
 
     name: str
@@ -44,16 +50,16 @@ class SequenceInfo:
     phase_ends: tuple[float, float] | None = None
     pose_history: FloatArray | None = None
     pose_history_activity: str | None = None
-    counted: Mapping[str, int] = field(default_factory=dict)
-    departures: Mapping[str, FloatArray] = field(default_factory=dict)
+    input_counts: Mapping[str, int] = field(default_factory=dict)
+    perturbations: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 class Dataset(Protocol):
-    """A sequence of frames, and what is known about the person before it is looked at."""
+    """A sequence of frames and its metadata."""
 
     @property
     def info(self) -> SequenceInfo:
-        """Return what is known beforehand."""
+        """Return the sequence's metadata."""
 
     def frames(self) -> Iterator[Frame]:
-        """Return the frames in order. A run opens them once (see `FrameCache`), as decoding is dear."""
+        """Yield the frames in order. A run iterates once (see `FrameCache`), because decoding is expensive."""

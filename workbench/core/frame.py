@@ -1,4 +1,4 @@
-"""What a dataset hands out: frames, the views in them, and the truth where it is known."""
+"""Frames of a dataset: the views of the cameras, and the ground truth where it is available."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera saw. image: (height, width) grey or (height, width, 3) RGB, uint8.
+    """One camera's observation. image: (height, width) grey or (height, width, 3) RGB, uint8.
 
-    keypoints: (J, 3) joints marked or detected in the image, [u px, v px, weight 0..1], in the order of JOINT_NAMES and
-    NaN for a joint that was not; None where nobody looked for any.
+    keypoints: (J, 3) annotated or detected joints, [u px, v px, weight 0..1], in the order of JOINT_NAMES, NaN for a
+    joint without one; None where the image was neither annotated nor searched.
     """
 
     camera: Camera
@@ -21,17 +21,21 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ground truth of one frame, each part where it is known.
+    """Ground truth of one frame; None for unknown quantities.
 
-    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints, NaN for one that is not known. marks: (J, 2)
-    marked pixels in the first view, NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a
-    hidden joint. activity: what the person does, such as "walk". cameras: those that really took the views, where the
-    views' own are what a calibration made of them; none where they are the same.
+    Parameters
+    ----------
+    pose : (P,).
+    joints : (J, 3), m, in the skeleton's order of joints; NaN for an unknown joint.
+    annotations : (J, 2) annotated pixels in the first view; NaN for joints without an annotation.
+    annotations_visible : (J,) bool, false for an annotation of an occluded joint.
+    activity : the person's activity, such as "walk".
+    cameras : true cameras of the views, where the views' own have calibration errors; empty where both are equal.
     """
 
     pose: FloatArray | None = None
     joints: FloatArray | None = None
-    marks: FloatArray | None = None
+    annotations: FloatArray | None = None
     annotations_visible: BoolArray | None = None
     activity: str | None = None
     cameras: tuple[Camera, ...] = ()
@@ -39,8 +43,8 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One time step's observations. index: the frame's number in its source; time_s: its time, s. points: (K, 3)
-    observed points of the person's surface, m, in the world, where there are some."""
+    """One time step's observations. index: number of the frame in its source. time_s: time, s. points: (K, 3) observed
+    points of the person's surface in the world, m; None without any."""
 
     index: int
     time_s: float
@@ -50,15 +54,15 @@ class Frame:
 
 
 def true_cameras(frame: Frame) -> tuple[Camera, ...]:
-    """The cameras that really took a frame's views: those of its truth, or else the views' own."""
-    known = () if frame.truth is None else frame.truth.cameras
-    return known or tuple(view.camera for view in frame.views)
+    """Return the true cameras of a frame's views: those of the ground truth, or else the views' own."""
+    cameras = () if frame.truth is None else frame.truth.cameras
+    return cameras or tuple(view.camera for view in frame.views)
 
 
 @dataclass(frozen=True, eq=False)
 class AnnotatedFrames:
-    """Joints marked in F frames, of which the first is the dataset's first frame, to start from. times_s: (F,), s,
-    rising. keypoints: (F, J, 3) as in `View`."""
+    """Annotated joints in F frames for initialization, the first of which is the dataset's first frame. times_s: (F,),
+    s, increasing. keypoints: (F, J, 3) as in `View`."""
 
     times_s: FloatArray
     keypoints: FloatArray

@@ -1,4 +1,4 @@
-"""The frames of one run, decoded once however many parts look at them."""
+"""Cache of a run's decoded frames."""
 
 import logging
 from collections.abc import Iterator
@@ -9,57 +9,58 @@ from workbench.core.frame import Frame
 
 log = logging.getLogger(__name__)
 
-MOST_BYTES = 2_000_000_000
-"""Of images that are kept; a longer clip is decoded again from there on by whoever goes beyond."""
+MAX_BYTES = 2_000_000_000
+"""Memory for cached images; later frames of a longer sequence are decoded again for every iteration."""
 
 
 class FrameCache:
-    """The frames of a dataset, which may be gone through any number of times, also at once.
+    """The frames of a dataset for any number of iterations, also concurrent ones.
 
-    What has been decoded is kept until its images take `most_bytes`. Who goes beyond first goes on where the decoding
-    has got to; who does so later opens the dataset again, and a sentence in the log says so once. Raises InputError, at
-    once, for what the dataset refuses to know.
+    Decoded frames are cached until their images take `max_bytes`. The first iteration beyond them continues the
+    decoding. Every later one opens the dataset again, which is logged once.
     """
 
-    def __init__(self, dataset: Dataset, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, dataset: Dataset, max_bytes: int = MAX_BYTES) -> None:
+        """Read the metadata; raises InputError as `dataset.info` does."""
         self.info = dataset.info
-        self.dataset, self._room = dataset, most_bytes
-        self._kept: list[Frame] = []
-        self._source: Iterator[Frame] | None = None  # stands after the frames kept; None before the first and beyond
-        self._complete = self._told = False
+        self.dataset, self._free_bytes = dataset, max_bytes
+        self._cached: list[Frame] = []
+        self._source: Iterator[Frame] | None = None  # positioned after the cached frames; None before and beyond them
+        self._complete = self._logged = False
 
     def __len__(self) -> int:
         return self.info.n_frames
 
     def __iter__(self) -> Iterator[Frame]:
         index = 0
-        while index < len(self._kept) or self._keep_one():
-            yield self._kept[index]
+        while index < len(self._cached) or self._cache_next():
+            yield self._cached[index]
             index += 1
         if not self._complete:
-            yield from self._beyond()
+            yield from self._uncached()
 
-    def _keep_one(self) -> bool:
-        """Decode and keep one more frame; False where there is none, or no room for it."""
-        if self._complete or self._room <= 0:
+    def _cache_next(self) -> bool:
+        """Decode and cache the next frame; return False at the end of the sequence and of the memory."""
+        if self._complete or self._free_bytes <= 0:
             return False
         source = iter(self.dataset.frames()) if self._source is None else self._source
-        self._source, room, self._room = None, self._room, 0  # if decoding fails, who comes next meets the failure too
+        # if decoding fails, the next iteration raises the same error
+        self._source, free_bytes, self._free_bytes = None, self._free_bytes, 0
         frame = next(source, None)
-        self._source, self._room = source, room
+        self._source, self._free_bytes = source, free_bytes
         if frame is None:
             self._complete = True
             return False
-        self._kept.append(frame)
-        self._room -= sum(view.image.nbytes for view in frame.views)
+        self._cached.append(frame)
+        self._free_bytes -= sum(view.image.nbytes for view in frame.views)
         return True
 
-    def _beyond(self) -> Iterator[Frame]:
-        """Return the frames after those kept."""
+    def _uncached(self) -> Iterator[Frame]:
+        """Return the frames after the cached ones."""
         source, self._source = self._source, None
         if source is not None:
             return source
-        if not self._told:
-            log.info("%s: frames beyond the first %d are decoded again", self.info.name, len(self._kept))
-            self._told = True
-        return islice(self.dataset.frames(), len(self._kept), None)
+        if not self._logged:
+            log.info("%s: frames after the first %d are decoded again", self.info.name, len(self._cached))
+            self._logged = True
+        return islice(self.dataset.frames(), len(self._cached), None)

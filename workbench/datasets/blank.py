@@ -1,4 +1,4 @@
-"""Frames without images, for motion that is made up."""
+"""Dataset of frames without images, for motion synthesis."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,9 +16,11 @@ from workbench.utils.errors import InputError
 
 @dataclass(eq=False)
 class Blank:
-    """n_frames frames at rate_hz without views or truth, and a person to start from. motion, data: see
-    `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
-    parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
+    """n_frames frames at rate_hz without views or truth, and a person with an initial pose.
+
+    The initial pose is frame `first_frame`, counted at rate_hz, of a motion (motion, data: see `sources.find_motion`).
+    Raises InputError for parameters out of range; `info` does for a motion that does not exist or has no such frame.
+    """
 
     traits: ClassVar[Traits] = component_traits(START, INITIAL_POSE, POSE_HISTORY)
 
@@ -33,7 +35,7 @@ class Blank:
 
     @cached_property
     def info(self) -> SequenceInfo:
-        """The motion's person, and how they came to stand as they do."""
+        """The motion's person, the initial pose and the poses before it."""
         motion = find_motion(self.motion, data=self.data, rate_hz=self.rate_hz)
         if self.first_frame >= len(motion):
             frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected more than first_frame = {self.first_frame}"
@@ -45,6 +47,6 @@ class Blank:
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order, counted from 0."""
+        """Yield the frames in order, counted from 0."""
         for index in range(self.n_frames):
             yield Frame(index, index / self.rate_hz, ())

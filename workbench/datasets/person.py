@@ -1,4 +1,4 @@
-"""The body of the person tracked: as the dataset knows them, or an average one."""
+"""Tracked bodies: the dataset's person, or an average person of a given height."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -17,26 +17,32 @@ _NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
 @declares_traits(component_traits(assumptions=(LIMB_LENGTHS, LIMB_RADII)))
 def of_dataset(info: SequenceInfo, *, scale: float = 1.0) -> Body:
-    """Return the tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`;
-    raises InputError where it knows neither."""
+    """Return the dataset's tracked body, or else its person's, all lengths times `scale`; raises InputError for a
+    dataset with neither."""
     if info.body is not None:
         return info.body.scaled(scale)
     if info.shape is None:
-        raise InputError("body: this dataset does not know the person's size; choose body=height body.height_m=…")
+        raise InputError("body: the dataset has no body measurements of the person; set body=height body.height_m=…")
     return person(info.shape.scaled(scale))
 
 
 def _height_traits(keys: Mapping[str, Any]) -> Traits:
-    """Declare the height, and the limb lengths where some are given."""
-    return component_traits(assumptions=(HEIGHT, LIMB_LENGTHS) if keys.get("lengths") else (HEIGHT,))
+    """Declare the height, and the limb lengths where some are set."""
+    return component_traits(assumptions=(HEIGHT, LIMB_LENGTHS) if keys.get("limb_lengths_m") else (HEIGHT,))
 
 
 @declares_traits(_height_traits)
-def of_height(*, height_m: float, lengths: Mapping[str, float] = _NO_LENGTHS, feet: bool = False) -> Body:
-    """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}, and with neck and
-    feet if wanted; raises InputError for an unknown length and what `from_height` refuses."""
-    plain = {field.name for field in fields(Shape) if field.type is float}
-    if unknown := sorted(set(lengths) - plain):
-        raise InputError(f"body: unknown length {unknown[0]!r}, expected one of {', '.join(sorted(plain))}")
-    body = person(from_height(height_m, **lengths))
-    return with_neck_and_feet(body) if feet else body
+def of_height(
+    *, height_m: float, limb_lengths_m: Mapping[str, float] = _NO_LENGTHS, neck_and_feet: bool = False
+) -> Body:
+    """Return an average person of a height.
+
+    limb_lengths_m: single lengths by name that replace the average, m, e.g. {thigh: 0.40}. neck_and_feet: whether the
+    body has neck and feet. Raises InputError for an unknown length, and as `from_height` does.
+    """
+    names = {field.name for field in fields(Shape) if field.type is float}
+    if unknown := sorted(set(limb_lengths_m) - names):
+        expected = ", ".join(sorted(names))
+        raise InputError(f"body: limb_lengths_m: unknown length {unknown[0]!r}, expected one of {expected}")
+    body = person(from_height(height_m, **limb_lengths_m))
+    return with_neck_and_feet(body) if neck_and_feet else body

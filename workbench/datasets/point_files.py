@@ -1,4 +1,4 @@
-"""Points out of files: one file a frame, or all frames in one."""
+"""Dataset of points from files: one file per frame, or one file of all frames."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,8 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
-from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.datasets.rendering import sequence
+from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
@@ -28,62 +29,68 @@ _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 @dataclass(eq=False)
 class PointFiles:
-    """Frames of points in the world (z up), read from files once, when asked what is known.
+    """Frames of points in the world (z up); all files are read at the first access to `info`.
 
-    source: a folder of files, one a frame, all .ply, all .npz or all .csv, in natural order (frame_9 before frame_10);
-    or one .h5 or .hdf5 file, see `point_formats.read_hdf5`. first_frame: the number of the first frame used, counted
-    from 0. n_frames: how many are used; None: to the end. rate_hz: frames per second. unit: m, cm or mm. most_points:
-    frames with more are thinned at random to so many, and a warning says so. truth: the name of a motion
-    (`named.find_motion`; data: its folder) at rate_hz, whose first frame is the files' frame truth_first; it gives
-    every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known. start,
-    seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept. Raises
-    InputError for numbers out of range and, when asked what is known, naming the file and the line, row or vertex, what
-    was expected and what was found, for what cannot be read, a frame without points, numbers that are not finite, a
-    folder without files of points and frames that are not there.
+    Raises InputError for parameters out of range. `info` does, with file and line, row or vertex, for unreadable
+    files, a frame without points, numbers that are not finite, a motion that does not exist, and missing frames.
+
+    Parameters
+    ----------
+    source : a folder of files, one per frame, all .ply, all .npz or all .csv, in natural order (frame_9 before
+        frame_10); or one .h5 or .hdf5 file, see `point_formats.read_hdf5`.
+    unit : m, cm or mm.
+    max_points : frames with more are subsampled at random, with a warning.
+    truth : name of a motion (`sources.find_motion`; data: its folder) at rate_hz. It gives every frame its true pose,
+        joints and activity, and the person's measurements. Without it none of these are known.
+    first_frame : number of the first frame used, counted from 0.
+    n_frames : number of frames used; None: to the end.
+    truth_first_frame : frame of the files that corresponds to the truth's first.
+    initialization : as for `points.Points`; "perturbed_truth" needs the truth.
+    seed : of the initialization and of the subsampling.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare points, which tell the start, too, and what is given of it."""
-        return component_traits(POINTS, START, *offered_start(keys))
+        """Declare points, which allow initialization, and the assumptions on the initial pose."""
+        return component_traits(POINTS, START, *sequence.provided_assumptions(keys))
 
     source: str
     rate_hz: float = 14.0
     unit: str = "m"
-    most_points: int = 5000
+    max_points: int = 5000
     truth: Any = None  # a name or a list of them, for which a schema has no other type
     data: str | None = None
     first_frame: int = 0
     n_frames: int | None = None
-    truth_first: int = 0
-    start: str = "auto"
+    truth_first_frame: int = 0
+    initialization: str = "auto"
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("points", self, unit=one_of(*_METRES), rate_hz=RATE, most_points=at_least(1))
+        check("points", self, unit=one_of(*_METRES), rate_hz=RATE, max_points=at_least(1))
         check("points", self, first_frame=at_least(0), seed=at_least(0))
         if self.n_frames is not None and self.n_frames < 1:
             raise InputError(f"points: n_frames must be at least 1, found {self.n_frames}")
-        if self.truth is not None and self.first_frame < self.truth_first:
-            found = f"{self.first_frame} and {self.truth_first}"
-            raise InputError(
-                f"points: expected first_frame of at least truth_first, where the truth begins, found {found}"
-            )
+        if self.truth is not None and self.first_frame < self.truth_first_frame:
+            frames = f"first_frame={self.first_frame} and truth_first_frame={self.truth_first_frame}"
+            raise InputError(f"points: expected first_frame of at least truth_first_frame, found {frames}")
 
     @cached_property
     def info(self) -> SequenceInfo:
-        """Tell how many frames there are; of the person what the truth says, and what is offered of the start."""
-        initial_pose, phase_ends = given_start("points", self.start, self._take, self.seed)
+        """The number of frames, the true person's measurements, and the initial pose and phases."""
+        initial_pose, phase_ends = sequence.perturbed_initialization(
+            "points", self.initialization, self._sequence, self.seed
+        )
         return SequenceInfo(
             name=self._path.name, n_frames=len(self._points), rate_hz=self.rate_hz,
-            shape=self._take.motion.shape if self._take else None, initial_pose=initial_pose, has_points=True,
+            shape=self._sequence.motion.shape if self._sequence else None, initial_pose=initial_pose, has_points=True,
             phase_ends=phase_ends,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order, with their numbers in the source, without views."""
+        """Yield the frames in order, with their numbers in the source, without views."""
         for i, points in enumerate(self._points):
-            index, truth = self.first_frame + i, None if self._take is None else self._take.truths[i]
+            index, truth = self.first_frame + i, None if self._sequence is None else self._sequence.truths[i]
             yield Frame(index, index / self.rate_hz, (), truth, points=points)
 
     @cached_property
@@ -91,38 +98,38 @@ class PointFiles:
         return Path(self.source).expanduser()
 
     @cached_property
-    def _take(self) -> Take | None:
+    def _sequence(self) -> RenderedSequence | None:
         if self.truth is None:
             return None
-        first = self.first_frame - self.truth_first
-        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": first, "exact": True}
-        return find_take(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **shown))
+        first = self.first_frame - self.truth_first_frame
+        frames: dict[str, Any] = {"n_frames": len(self._points), "first_frame": first, "perturb": False}
+        return find_sequence(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **frames))
 
     @cached_property
     def _points(self) -> list[FloatArray]:
-        """The points (K, 3) of every frame used, m."""
-        clouds, thinned, n = [], [], 0
+        """Points (K, 3) of every frame used, m."""
+        clouds, subsampled, n = [], [], 0
         end = None if self.n_frames is None else self.first_frame + self.n_frames
         for i, (name, points) in enumerate(islice(self._files(), end)):
             n = i + 1
             if i < self.first_frame:
                 continue
-            if len(points) > self.most_points:
-                thinned.append(f"{name} with {len(points)}")
+            if len(points) > self.max_points:
+                subsampled.append(f"{name} with {len(points)}")
                 rng = stream(self.seed, "thinning", i)
-                points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
+                points = points[np.sort(rng.choice(len(points), self.max_points, replace=False))]
             check_places(f"{self.source}: {name}", _METRES[self.unit] * points)
             clouds.append(_METRES[self.unit] * points)
         if n < (self.first_frame + 1 if end is None else end):
             raise InputError(f"{self.source}: no frame {max(n, self.first_frame)}, expected one of 0 to {n - 1}")
-        if thinned:
-            many = f"{len(thinned)} of {len(clouds)} frames have more than {self.most_points} points"
-            words = f"{self.source}: {many} and are thinned at random to so many, the first being {thinned[0]}"
-            warnings.warn(words, stacklevel=3)
+        if subsampled:
+            frames = f"{len(subsampled)} of {len(clouds)} frames have more than max_points={self.max_points} points"
+            message = f"{self.source}: {frames} and are subsampled at random, the first being {subsampled[0]}"
+            warnings.warn(message, stacklevel=3)
         return clouds
 
     def _files(self) -> Iterator[tuple[str, FloatArray]]:
-        """The name and the points (K, 3), in the file's unit, of every frame."""
+        """Yield the name and the points (K, 3), in the file's unit, of every frame."""
         if self._path.is_file() and self._path.suffix.lower() in (".h5", ".hdf5"):
             for i, points in enumerate(read_hdf5(self._path)):
                 yield f"frame {i}", points
@@ -132,8 +139,8 @@ class PointFiles:
         files = [file for file in self._path.iterdir() if file.suffix.lower() in READERS]
         kinds = sorted({file.suffix.lower() for file in files})
         if len(kinds) != 1:
-            found, readable = "files of several kinds, " + ", ".join(kinds) if kinds else "none", ", ".join(READERS)
-            raise InputError(f"{self._path}: expected files of points of one kind ({readable}), found {found}")
+            present, formats = "several formats, " + ", ".join(kinds) if kinds else "none", ", ".join(READERS)
+            raise InputError(f"{self._path}: expected files of points in one format of {formats}, found {present}")
         names = natural_order([file.name for file in files])
         for name in tqdm(names, desc=f"reading {self._path.name}", unit="frame", disable=None):
             yield name, READERS[kinds[0]](self._path / name)

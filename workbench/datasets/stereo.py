@@ -1,4 +1,4 @@
-"""Points from a rendered stereo pair by semi-global block matching (Hirschmüller, PAMI 30, 2008), with exact truth."""
+"""Dataset of points from a rendered stereo pair by semi-global block matching (Hirschmüller, PAMI 30, 2008)."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -17,92 +17,100 @@ from workbench.core.frame import Frame, View
 from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
-from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start, take_camera
+from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
-N_EMPTY = 5  # pairs of images of the empty room
-_NEAREST_M = 0.6  # how much nearer than a joint the surface, and so the largest disparity to search for, may be
+N_EMPTY = 5  # image pairs of the empty room
+_SURFACE_MARGIN_M = 0.6  # distance of the nearest surface in front of the nearest joint, for the largest disparity
 _BLOCK_PX = 5
-_NEARER_PX = 2.0  # by how much of disparity a point must be nearer than the empty scene to be taken for someone's
-_PATCH_SHARE = 0.05
-"""Patches of such points with less than this share of the largest one's pixels are taken for wrong matches."""
+_MIN_DISPARITY_DIFFERENCE_PX = 2.0  # between a point of the person and the empty room
+_MIN_PATCH_FRACTION = 0.05
+"""Patches of such points with less than this fraction of the largest one's pixels are assumed to be mismatches."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Stereo(Scene):
-    """Frames of a person before a textured wall and floor, seen by two level cameras side by side, and their points.
+    """A person before a textured wall and floor in two level cameras side by side, and points by stereo matching.
 
-    motion to departures: see `Scene`, of the left camera, which is distance_m away half-way through, or further where
-    the motion would not fit into its image; the right one is baseline_m to its right. The pair as a whole is told off.
-    noise: σ of each sensor, grey levels.
-    contrast, clutter: strength of the clothes' and the room's texture, see `synthetic.Synthetic`. cache: a folder for
-    rendered images; without one every process renders them anew.
+    The left camera is distance_m away half-way through, or farther where the motion does not fit into its image; the
+    right one is baseline_m to its right. Calibration errors move the pair as a whole. Both images are views, named
+    "left" and "right".
 
-    The points are those of OpenCV's StereoSGBM (`disparities`). Paper D does not say how the person was cut out;
-    here a point stays when it is nearer, by two pixels of disparity or more, than all that the same pixel showed in
-    five pairs of images of the empty room, and lies in no small patch. Of these n_points are drawn evenly. Both images
-    are views: "left", "right".
+    Points come from OpenCV's StereoSGBM (`disparities`). Paper D does not describe its segmentation of the person. Here
+    a point is retained when its disparity exceeds the empty room's largest one, over N_EMPTY image pairs, at its pixel
+    by two pixels or more, and when it does not lie in a small patch.
 
-    start: as for `points.Points`, and InputError is raised where that does.
+    Parameters
+    ----------
+    motion to perturbations : see `Scene`, of the left camera.
+    cache : folder for rendered images; None: every process renders them.
+    n_points : number of points sampled uniformly from each frame's.
+    noise_std : σ of each sensor, grey levels.
+    contrast, clutter : strength of the clothes' and the room's texture, see `synthetic.Synthetic`.
+    initialization : as for `points.Points`, with the same errors.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare points, which tell the start, too, and what is given of it."""
-        return component_traits(POINTS, IMAGES, ONE_CAMERA, START, *offered_start(keys))
+        """Declare points, which allow initialization, images, and the assumptions on the initial pose."""
+        return component_traits(POINTS, IMAGES, ONE_CAMERA, START, *sequence.provided_assumptions(keys))
 
     cache: str | None = None
     n_points: int = 400
     baseline_m: float = 0.2
     distance_m: float = 4.0
-    noise: float = 4.0
+    noise_std: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
-    start: str = "auto"
+    initialization: str = "auto"
 
     def __post_init__(self) -> None:
         self.check(width=at_least(64), height=at_least(64), n_points=at_least(1), distance_m=at_least(1))
-        self.check(noise=at_least(0), contrast=at_least(0), clutter=at_least(0), baseline_m=POSITIVE)
+        self.check(noise_std=at_least(0), contrast=at_least(0), clutter=at_least(0), baseline_m=POSITIVE)
 
     @cached_property
     def info(self) -> SequenceInfo:
-        """The person's measurements, both cameras, and what is offered of the start."""
-        initial_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
+        """The person's measurements, both cameras, and the initial pose and phases."""
+        initial_pose, phase_ends = sequence.perturbed_initialization(
+            "stereo", self.initialization, self.sequence, self.seed
+        )
         if self.n_disparities >= self.width // 2:
-            found = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
-            raise InputError(f"stereo: {found}; expected a smaller baseline_m or focal_px, or a larger distance_m")
+            range_px = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
+            raise InputError(f"stereo: {range_px}; expected a smaller baseline_m or focal_px, or a larger distance_m")
+        left_cameras = self.cameras[0], self.calibrated_cameras[0]
         return SequenceInfo(
-            name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
-            cameras=self.told_cameras, shape=self.take.motion.shape, initial_pose=initial_pose, has_points=True,
-            phase_ends=phase_ends, departures=self.take.departures(initial_pose, self.cameras[0], self.told_cameras[0]),
+            name=f"stereo {self.sequence.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
+            cameras=self.calibrated_cameras, shape=self.sequence.motion.shape, initial_pose=initial_pose,
+            has_points=True, phase_ends=phase_ends,
+            perturbations=self.sequence.perturbations(initial_pose, *left_cameras),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order; all are rendered and matched before the first comes out."""
-        cameras = () if self.told_cameras is self.cameras else self.cameras
-        for i, (truth, points) in enumerate(zip(self.take.truths, self._points, strict=True)):
+        """Yield the frames in order; all are rendered and matched before the first."""
+        cameras = () if self.calibrated_cameras is self.cameras else self.cameras
+        for i, (truth, points) in enumerate(zip(self.sequence.truths, self._points, strict=True)):
             index = self.first_frame + i
-            views = tuple(View(camera, self._images[i, k]) for k, camera in enumerate(self.told_cameras))
+            views = tuple(View(camera, self._images[i, k]) for k, camera in enumerate(self.calibrated_cameras))
             truth = replace(truth, cameras=cameras)
             yield Frame(index, index / self.rate_hz, views, truth, points=points)
 
     @cached_property
-    def take(self) -> Take:
-        """What the person does."""
-        return find_take(self)
+    def sequence(self) -> RenderedSequence:
+        """The person's motion."""
+        return find_sequence(self)
 
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
-        """The left and the right camera; rows of one image are rows of the other."""
-        return self._pair(take_camera(self, self.take, self.distance_m, "left"))
+        """The rectified left and right camera."""
+        return self._pair(sequence.sequence_camera(self, self.sequence, self.distance_m, "left"))
 
     @cached_property
-    def told_cameras(self) -> tuple[Camera, Camera]:
-        """Both cameras as a calibration found them: the pair as a whole is off."""
-        left = self.calibrated(self.cameras[0], self.take.motion)
+    def calibrated_cameras(self) -> tuple[Camera, Camera]:
+        """Both cameras with calibration errors, which are those of the pair as a whole."""
+        left = self.miscalibrated(self.cameras[0], self.sequence.motion)
         return self.cameras if left is self.cameras[0] else self._pair(left)
 
     def _pair(self, left: Camera) -> tuple[Camera, Camera]:
@@ -110,84 +118,92 @@ class Stereo(Scene):
 
     @cached_property
     def n_disparities(self) -> int:
-        """The number of disparities searched, px, a multiple of 16."""
-        nearest = self.cameras[0].to_camera(self.take.places)[..., 2].min() - _NEAREST_M
+        """Number of disparities searched, px, a multiple of 16."""
+        nearest = self.cameras[0].to_camera(self.sequence.places)[..., 2].min() - _SURFACE_MARGIN_M
         return int(np.ceil(self.focal_px * self.baseline_m / max(nearest, 0.4) / 16.0)) * 16
 
     @cached_property
     def _points(self) -> list[FloatArray]:
-        """The points (K, 3) of every frame, m."""
+        """Points (K, 3) of every frame, m."""
         left, right = self._images[:, 0], self._images[:, 1]
         pairs = tqdm(zip(left, right, strict=True), f"matching {self.motion}", len(left), unit="frame", disable=None)
-        seen = np.stack([disparities(*pair, self.n_disparities) for pair in pairs])
-        empty = empty_disparity(seen[self.n_frames :])
+        pair_disparities = np.stack([disparities(*pair, self.n_disparities) for pair in pairs])
+        empty = empty_disparity(pair_disparities[self.n_frames :])
         clouds = []
         for i in range(self.n_frames):
-            points = nearer_points(seen[i], empty, self.told_cameras[0], self.baseline_m)
-            chosen = stream(self.seed, "points", i).permutation(len(points))[: self.n_points]
-            clouds.append(points[chosen])
+            points = foreground_points(pair_disparities[i], empty, self.calibrated_cameras[0], self.baseline_m)
+            sample = stream(self.seed, "points", i).permutation(len(points))[: self.n_points]
+            clouds.append(points[sample])
         return clouds
 
     @cached_property
     def _images(self) -> ByteArray:
-        """The images, (n_frames + N_EMPTY, 2, height, width), from the cache or rendered; N_EMPTY of the empty room."""
+        """Images (n_frames + N_EMPTY, 2, height, width), from the cache or rendered; N_EMPTY of the empty room."""
         shape = (2 * (self.n_frames + N_EMPTY), self.height, self.width)
         return cached_images(self.cache, self._key, shape, self._render).reshape(-1, 2, *shape[1:])
 
     def _render(self) -> ByteArray:
-        """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
+        """Render the images (2 (n_frames + N_EMPTY), height, width), left and right alternating."""
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
-        body = self.take.subject.body
+        body = self.sequence.subject.body
         texture = render.clothes(body, outfit, self.contrast)
-        room = surroundings.room(self.take, self.cameras[0], wall, self.clutter)
+        room = surroundings.room(self.sequence, self.cameras[0], wall, self.clutter)
         views = ((camera, texture, surroundings.empty_view(room, camera)) for camera in self.cameras)
         scenes = [render.RenderedScene(body, *view) for view in views]
         images = []
-        poses = tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
+        poses = tqdm(self.sequence.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
-            shown = [self.take.subject.shown(scene, (self.first_frame + i) / self.rate_hz) for scene in scenes]
-            images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in shown]
-        images += [render.with_noise(scene.background, self.noise, sensor) for _ in range(N_EMPTY) for scene in scenes]
+            time_s = (self.first_frame + i) / self.rate_hz
+            pair = [render.render(self.sequence.subject.scene_at(scene, time_s), pose) for scene in scenes]
+            images += [render.with_noise(image, self.noise_std, sensor) for image in pair]
+        images += [
+            render.with_noise(scene.background, self.noise_std, sensor) for _ in range(N_EMPTY) for scene in scenes
+        ]
         return np.stack(images)
 
     def _key(self) -> str:
-        unseen = ("data", "cache", "start", "n_points")
-        return image_key(self, unseen, code_digest(render, sequence, subjects, surroundings), self.take.motion)
+        unseen = ("data", "cache", "initialization", "n_points")
+        return image_key(self, unseen, code_digest(render, sequence, subjects, surroundings), self.sequence.motion)
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
     """Return the disparities (height, width), px, of the left image in the right one; NaN where unknown.
 
-    n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
-    documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle."""
+    The smoothness penalties are those of OpenCV's documentation, 8 and 32 times the block's area. Patches of less than
+    100 px are removed as speckle. n_disparities: number of disparities searched, a multiple of 16.
+    """
     matcher = cv2.StereoSGBM.create(
         minDisparity=0, numDisparities=n_disparities, blockSize=_BLOCK_PX, P1=8 * _BLOCK_PX**2, P2=32 * _BLOCK_PX**2,
         disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=100, speckleRange=2,
     )  # fmt: skip
-    # the matcher leaves out a strip of n_disparities columns on the left, where a match might lie outside
+    # the matcher omits n_disparities columns on the left, whose matches might lie outside the image
     wide = [cv2.copyMakeBorder(image, 0, 0, n_disparities, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
-    found = matcher.compute(*wide)[:, n_disparities:] / 16.0
-    return np.where((found > 0.0) & (found <= np.arange(left.shape[1])), found, np.nan)  # else the match is outside
+    disparity = matcher.compute(*wide)[:, n_disparities:] / 16.0
+    inside = (disparity > 0.0) & (disparity <= np.arange(left.shape[1]))
+    return np.where(inside, disparity, np.nan)
 
 
 def empty_disparity(pairs: FloatArray) -> FloatArray:
-    """The largest disparity (height, width) in (n, height, width) of an empty room, NaN where few of them know it."""
-    known = np.isfinite(pairs)
-    largest = np.where(known, pairs, 0.0).max(axis=0)
-    return np.where(2 * known.sum(axis=0) > len(pairs), largest, np.nan)
+    """Return the largest disparity (height, width) of n image pairs (n, height, width) of an empty room; NaN where at
+    most half of them have one."""
+    finite = np.isfinite(pairs)
+    largest = np.where(finite, pairs, 0.0).max(axis=0)
+    return np.where(2 * finite.sum(axis=0) > len(pairs), largest, np.nan)
 
 
-def nearer_points(seen: FloatArray, empty: FloatArray, camera: Camera, baseline_m: float) -> FloatArray:
-    """The points (K, 3), m, in the world, of the pixels whose disparity (height, width) shows something before `empty`.
-    Where either is unknown, and in patches that are small beside the largest, there is no point. camera: the left one,
-    without distortion; the right one stands baseline_m along its x axis. A point of disparity d is at the depth f ·
-    baseline / d."""
+def foreground_points(disparity: FloatArray, empty: FloatArray, camera: Camera, baseline_m: float) -> FloatArray:
+    """Return points (K, 3), m, in the world, of the pixels in front of the empty room, outside small patches.
+
+    A point of disparity d has the depth f · baseline / d.
+    disparity, empty: (height, width), px, of a frame and of the empty room; NaN where unknown. camera: the left camera,
+    without distortion. baseline_m: distance of the right camera along the left one's x axis.
+    """
     with np.errstate(invalid="ignore"):
-        nearer = (seen >= empty + _NEARER_PX).astype(np.uint8)
-    _, patches, statistics, _ = cv2.connectedComponentsWithStats(nearer)
-    sizes = np.where(np.arange(len(statistics)) > 0, statistics[:, cv2.CC_STAT_AREA], 0)  # the first one is the rest
-    rows, columns = np.nonzero((nearer > 0) & (sizes >= _PATCH_SHARE * sizes.max())[patches])
-    depth = camera.matrix[0, 0] * baseline_m / seen[rows, columns]
+        foreground = (disparity >= empty + _MIN_DISPARITY_DIFFERENCE_PX).astype(np.uint8)
+    _, patches, statistics, _ = cv2.connectedComponentsWithStats(foreground)
+    sizes = statistics[:, cv2.CC_STAT_AREA] * (np.arange(len(statistics)) > 0)  # without the background, the first
+    rows, columns = np.nonzero((foreground > 0) & (sizes >= _MIN_PATCH_FRACTION * sizes.max())[patches])
+    depth = camera.matrix[0, 0] * baseline_m / disparity[rows, columns]
     x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0]
     y = (rows - camera.matrix[1, 2]) / camera.matrix[1, 1]
     in_camera = np.stack([x, y, np.ones(len(x))], axis=1) * depth[:, None]

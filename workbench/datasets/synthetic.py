@@ -1,4 +1,4 @@
-"""Rendered sequences of a walking person, with exact truth."""
+"""Dataset of rendered images of a moving person, with ground truth."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,11 +22,11 @@ from workbench.core.side_information import INITIAL_POSE
 from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
-from workbench.datasets.rendering.concatenation import splice
+from workbench.datasets.rendering.concatenation import concatenate
 from workbench.datasets.rendering.perturbations import calibration_error
 from workbench.datasets.rendering.sequence import Scene
-from workbench.datasets.rendering.subject import SceneSubject, subject_of
-from workbench.datasets.rendering.surroundings import passing_board
+from workbench.datasets.rendering.subject import SceneSubject, draw_subject
+from workbench.datasets.rendering.surroundings import passing_occluder
 from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import PATHS
@@ -35,30 +35,34 @@ from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
-_KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
+_MISSING_FRACTION = 0.1  # fraction of the joints that the simulated detector misses
 
 
 @dataclass(kw_only=True, eq=False)
 class Synthetic(Scene):
-    """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
+    """Ray-cast grey images of a moving person before a cluttered background in one static camera.
 
-    motion to departures: see `Scene`; the seed is of the person, the clothes, the background, the noise and the
-    keypoints. cache: a folder for rendered images; without one every process renders them anew. moving: names of the
-    pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in the first frame used;
-    None: everything moves. camera: a camera file, of which the first camera is used, and the scene's does not count;
-    without one the person is person_px tall half-way through, or smaller where the whole motion would not fit into
-    width × height.
-    occluder: whether a board passes in front of the person once, drawn by the seed, see `passing_board`. noise: σ of
-    the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
-    being about 24 and 35 grey levels. feet: whether the body that a tracker is told has neck and feet; who is shown has
-    their own, and by `exact` those that are told. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
-    _KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what
-    is known, for a motion that cannot be found or is too short, and a camera that never sees the person.
+    Raises InputError for parameters out of range. `info` does for a motion that does not exist or is too short, and a
+    camera that never sees the person.
+
+    Parameters
+    ----------
+    motion to perturbations : see `Scene`; the seed is also of clothes, background, noise and keypoints.
+    cache : folder for rendered images; None: every process renders them.
+    moving : names of pose parameters, or of body parts (`skeleton.PARTS`), that move; all others are constant as in the
+        first frame used. None: all move.
+    calibration_file : camera file whose first camera replaces the scene's. None: the person is person_px tall half-way
+        through, or smaller where the whole motion does not fit into width × height.
+    occluder : whether a rectangle drawn by the seed passes in front of the person once, see `passing_occluder`.
+    noise_std : σ of the sensor, grey levels.
+    contrast, clutter : strength of the clothes' texture and of the background; 1 is about 24 and 35 grey levels.
+    neck_and_feet : whether the tracker's body has neck and feet. A perturbed subject has its own.
+    keypoint_sigma_px : σ of a detector of 2-D joints, px, which misses a fraction _MISSING_FRACTION; None: no detector.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare images of one camera, a start, and detected joints where they are asked for."""
+        """Declare images of one camera, an initial pose, and detected joints where they are simulated."""
         keypoints = () if keys.get("keypoint_sigma_px") is None else (KEYPOINTS,)
         return component_traits(IMAGES, ONE_CAMERA, START, INITIAL_POSE, *keypoints)
 
@@ -66,159 +70,163 @@ class Synthetic(Scene):
     rate_hz: float = 30.0
     cache: str | None = None
     moving: Sequence[str] | None = None
-    camera: str | None = None
+    calibration_file: str | None = None
     person_px: float = 270.0
     occluder: bool = False
-    noise: float = 4.0
+    noise_std: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
-    feet: bool = False
+    neck_and_feet: bool = False
     keypoint_sigma_px: float | None = None
 
     def __post_init__(self) -> None:
         none_or_more = Range("at least 0 or null", lambda value: value is None or 0.0 <= value < np.inf)
-        self.check(path=one_of(*PATHS), person_px=at_least(1), noise=at_least(0), contrast=at_least(0))
+        self.check(path=one_of(*PATHS), person_px=at_least(1), noise_std=at_least(0), contrast=at_least(0))
         self.check(clutter=at_least(0), keypoint_sigma_px=none_or_more)
 
     @cached_property
     def info(self) -> SequenceInfo:
-        """The camera, the person's measurements and the pose in the first frame, each about as it really is."""
+        """The camera, the person's measurements and the initial pose, with perturbations."""
         motion = self._used_motion
         return SequenceInfo(
-            name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.told_camera,),
-            shape=motion.shape, body=self.body if self.feet else None, initial_pose=self._start,
-            has_keypoints=self.keypoint_sigma_px is not None,
-            departures={
-                **self._subject.factors, **calibration_error(self.view_camera, self.told_camera),
-                **sequence.start_error(self._start, motion.poses[0]),
+            name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
+            cameras=(self.calibrated_camera,), shape=motion.shape, body=self.body if self.neck_and_feet else None,
+            initial_pose=self._initial_pose, has_keypoints=self.keypoint_sigma_px is not None,
+            perturbations={
+                **self._subject.factors, **calibration_error(self.true_camera, self.calibrated_camera),
+                **sequence.initial_pose_error(self._initial_pose, motion.poses[0]),
             },
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
+        """Yield the frames in order, each with true pose and joints; all are rendered before the first."""
         poses = self._used_motion.poses
         places = joints(self._subject.body.skeleton, poses)
-        cameras = () if self.told_camera is self.view_camera else (self.view_camera,)
+        cameras = () if self.calibrated_camera is self.true_camera else (self.true_camera,)
         for i, image in enumerate(self._images):
             index = self.first_frame + i
             truth = Truth(pose=poses[i], joints=places[i], cameras=cameras)
-            views = (View(self.told_camera, image, self._keypoints(i, places[i])),)
+            views = (View(self.calibrated_camera, image, self._keypoints(i, places[i])),)
             yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
-        """Return the detections (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
+        """Return the detections (J, 3) of joints at places (J, 3), m, in frame i; NaN outside the image."""
         if self.keypoint_sigma_px is None:
             return None
-        rng, camera = stream(self.seed, "keypoints", i), self.view_camera
+        rng, camera = stream(self.seed, "keypoints", i), self.true_camera
         pixels = camera.project(places)
         keypoints = np.column_stack([pixels, np.ones(len(pixels))])
         keypoints[:, :2] += self.keypoint_sigma_px * rng.standard_normal(pixels.shape)
-        keypoints[~_inside(camera, pixels) | (rng.random(len(pixels)) < _KEYPOINTS_MISSED)] = np.nan
+        keypoints[~_inside(camera, pixels) | (rng.random(len(pixels)) < _MISSING_FRACTION)] = np.nan
         return keypoints
 
     @cached_property
-    def view_camera(self) -> Camera:
-        """The camera that takes the images: from the file, or placed automatically."""
+    def true_camera(self) -> Camera:
+        """The camera of the images: from the file, or placed automatically."""
         places = joints(self._subject.body.skeleton, self._used_motion.poses)
-        if self.camera is None:
+        if self.calibration_file is None:
             return self._automatic_camera(places)
-        camera = load_cameras(Path(self.camera).expanduser())[0]
+        camera = load_cameras(Path(self.calibration_file).expanduser())[0]
         if not _inside(camera, camera.project(places)).any():
-            raise InputError(f"{self.camera}: camera {camera.name!r} never sees the person of motion {self.motion!r}")
+            raise InputError(
+                f"{self.calibration_file}: camera {camera.name!r} never sees the person of motion {self.motion!r}"
+            )
         return camera
 
     @cached_property
-    def told_camera(self) -> Camera:
-        """The camera as a tracker is told."""
-        return self.calibrated(self.view_camera, self._used_motion)
+    def calibrated_camera(self) -> Camera:
+        """The camera with calibration errors."""
+        return self.miscalibrated(self.true_camera, self._used_motion)
 
     @cached_property
-    def _start(self) -> FloatArray:
-        """The first pose (P,) as a tracker is told."""
-        pose, off = self._used_motion.poses[0], self.departure
-        if off["start_m"] == off["start_rad"] == 0.0:
+    def _initial_pose(self) -> FloatArray:
+        """The initial pose (P,) with its errors."""
+        pose, sizes = self._used_motion.poses[0], self.perturbation_sizes
+        if sizes["start_m"] == sizes["start_rad"] == 0.0:
             return pose
-        return sequence.rough_pose(self.body.skeleton, pose, self.seed, off["start_m"], off["start_rad"])
+        return sequence.perturbed_pose(self.body.skeleton, pose, self.seed, sizes["start_m"], sizes["start_rad"])
 
     def _automatic_camera(self, places: FloatArray) -> Camera:
         tall = sequence.standing_height(self._used_motion, places)
-        wanted = self.focal_px * tall / self.person_px
-        camera, distance = sequence.automatic_camera(self, self._used_motion, places, wanted)
-        if distance > 1.01 * wanted:
-            tall_px = f"{self.focal_px * tall / distance:.0f} px tall instead of {self.person_px:g}"
-            words = f"synthetic: the person is {tall_px}, so that the whole motion fits into the image"
-            warnings.warn(words, stacklevel=2)
+        distance_m = self.focal_px * tall / self.person_px
+        camera, actual_m = sequence.automatic_camera(self, self._used_motion, places, distance_m)
+        if actual_m > 1.01 * distance_m:
+            tall_px = f"{self.focal_px * tall / actual_m:.0f} px tall instead of {self.person_px:g}"
+            message = f"synthetic: the person is {tall_px}, so that the whole motion fits into the image"
+            warnings.warn(message, stacklevel=2)
         return camera
 
     @cached_property
     def _used_motion(self) -> Motion:
-        """The motion at this dataset's rate, cut to the frames used."""
+        """The motion at the dataset's rate, cut to the frames used."""
         end = self.first_frame + self.n_frames
         motions = [find_motion(name, **self.source(self.rate_hz)) for name in sequence.motion_names(self.motion)]
-        motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
+        motion = motions[0] if len(motions) == 1 else concatenate(motions, end).motion
         if end > len(motion):
             frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected at least first_frame + n_frames = {end}"
             raise InputError(f"synthetic: motion {self.motion!r} has {frames}")
         poses = motion.poses[self.first_frame : end].copy()
         if self.moving is not None:
             moving = parameters("synthetic: moving", self.moving)
-            still = [i for i, name in enumerate(POSE_NAMES) if name not in moving]
-            poses[:, still] = poses[0, still]
+            constant = [i for i, name in enumerate(POSE_NAMES) if name not in moving]
+            poses[:, constant] = poses[0, constant]
         return replace(motion, poses=poses)
 
     @cached_property
     def body(self) -> Body:
-        """The person's body, as a tracker is told."""
-        plain = person(self._used_motion.shape)
-        return with_neck_and_feet(plain) if self.feet else plain
+        """The tracker's body."""
+        body = person(self._used_motion.shape)
+        return with_neck_and_feet(body) if self.neck_and_feet else body
 
     @cached_property
     def _subject(self) -> SceneSubject:
-        body = person(self._used_motion.shape) if self._own_feet else self.body
-        return subject_of(body, self.departure, self.seed)
+        body = person(self._used_motion.shape) if self._subject_has_feet else self.body
+        return draw_subject(body, self.perturbation_sizes, self.seed)
 
     @property
-    def _own_feet(self) -> bool:
-        """Whether who is shown has neck and feet of their own, whatever is told of these."""
-        return self.departure["profile"] > 0.0
+    def _subject_has_feet(self) -> bool:
+        """Whether the subject has its own neck and feet."""
+        return self.perturbation_sizes["profile"] > 0.0
 
     @cached_property
     def _images(self) -> ByteArray:
-        """The images, (n_frames, height, width), from the cache or rendered."""
-        shape = (self.n_frames, self.view_camera.height, self.view_camera.width)
+        """Images (n_frames, height, width), from the cache or rendered."""
+        shape = (self.n_frames, self.true_camera.height, self.true_camera.width)
         return cached_images(self.cache, self._key, shape, self._render)
 
     def _render(self) -> ByteArray:
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
-        camera, body = self.view_camera, self._subject.body
+        camera, body = self.true_camera, self._subject.body
         texture = render.clothes(body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
         scene, images = render.RenderedScene(body, camera, texture, background), []
-        board = passing_board(self._seen, self.rate_hz, stream(self.seed, "occluder")) if self.occluder else None
+        occluder = None
+        if self.occluder:
+            occluder = passing_occluder(self._joint_pixels, self.rate_hz, stream(self.seed, "occluder"))
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
-            shown = self._subject.shown(scene, (self.first_frame + i) / self.rate_hz)
-            image = render.render(shown, pose)
-            image = image if board is None else board.cover(image, i)
-            images.append(render.with_noise(image, self.noise, sensor))
+            frame_scene = self._subject.scene_at(scene, (self.first_frame + i) / self.rate_hz)
+            image = render.render(frame_scene, pose)
+            image = image if occluder is None else occluder.cover(image, i)
+            images.append(render.with_noise(image, self.noise_std, sensor))
         return np.stack(images)
 
     @property
-    def _seen(self) -> FloatArray:
-        """Where the camera sees the joints, (F, J, 2), px."""
-        return self.view_camera.project(joints(self._subject.body.skeleton, self._used_motion.poses))
+    def _joint_pixels(self) -> FloatArray:
+        """Projections of the joints, (F, J, 2), px."""
+        return self.true_camera.project(joints(self._subject.body.skeleton, self._used_motion.poses))
 
     def _key(self) -> str:
-        unseen, seen_by = ["data", "cache", "camera", "keypoint_sigma_px"], self.view_camera
-        unseen += ["feet"] if self._own_feet else []
-        calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
-        size = np.array([seen_by.width, seen_by.height])
+        unseen, camera = ["data", "cache", "calibration_file", "keypoint_sigma_px"], self.true_camera
+        unseen += ["neck_and_feet"] if self._subject_has_feet else []
+        calibration = (camera.matrix, camera.rotation, camera.translation, camera.distortion)
+        size = np.array([camera.width, camera.height])
         return image_key(
             self, unseen, code_digest(render, subjects, surroundings), self._used_motion, *calibration, size
         )
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:
-    """Return whether pixels (..., 2) lie between the centres of the image's outermost ones."""
+    """Return whether pixels (..., 2) lie between the centres of the image's outermost pixels."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=-1))

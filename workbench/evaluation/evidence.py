@@ -85,7 +85,7 @@ class Evidence:
         apart, meeting_points = meeting([view for view in frame.views if view.keypoints is not None])
         estimate = joints(skeleton, step.expected_pose[None])[0]
         has_feet = set(_FEET) <= set(skeleton.names)
-        marks = None if frame.truth is None else frame.truth.marks
+        marks = None if frame.truth is None else frame.truth.annotations
         groups = ("head", "arms", "legs", "root")
         views = {view.camera.name: self._view(view, estimate) for view in frame.views}
         self._rows.append(

@@ -172,8 +172,8 @@ def _pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray)
 
 def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
     camera = frame.views[0].camera
-    if truth.marks is not None:
-        marks = truth.marks
+    if truth.annotations is not None:
+        marks = truth.annotations
         if truth.annotations_visible is not None:
             marks = np.where(truth.annotations_visible[:, None], marks, np.nan)
         distances = _pixel_distances(camera, estimate, marks)

@@ -159,7 +159,7 @@ def _track(
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     parts = build_parts(config, partial(_timed, summary))
-    summary.counted = parts.clip.info.counted
+    summary.counted = parts.clip.info.input_counts
     if reason := no_evidence(config, names):
         summary.left_out["log_evidence"] = reason
     summary.constant = _constant(config, parts)
@@ -226,7 +226,7 @@ def record(
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
     evidence: takes in every step, too."""
-    recorder.set_departures(parts.clip.info.departures)
+    recorder.set_perturbations(parts.clip.info.perturbations)
     meter, disable = Meter(parts), True if quiet else None
     n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
     tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)

@@ -115,15 +115,24 @@ _KEYS: dict[str, dict[str, str]] = {
     "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
 }  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
-_VALUES: dict[str, dict[str, dict[Any, Any]]] = {}
+_INITIALIZATION = {"initialization": {"given": "perturbed_truth"}}
+_VALUES: dict[str, dict[str, dict[Any, Any]]] = {
+    _POINTS: _INITIALIZATION,
+    f"{_DATASETS}.points.Points": _INITIALIZATION,
+    f"{_DATASETS}.stereo.Stereo": _INITIALIZATION,
+}
 """Values of keys that have another name today, by target and today's key: old and new."""
+_INVERSES = {"exact": "perturb"}
+"""Flags that today's key inverts, of the targets in _SCENES: old and new."""
+# The recorded property `departures` is `perturbations` today.
+_SCENES = tuple(f"{_DATASETS}.{name}" for name in ("points.Points", "stereo.Stereo", "synthetic.Synthetic"))
 
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration with today's keys; a warning names each key whose value changes.
 
     Targets, keys and values get the names they have today, a video's `last_frame` becomes `n_frames`, the `first_frame`
-    of files of points becomes `truth_first`, and keys whose values are fixed today are removed.
+    of files of points becomes `truth_first_frame`, and keys whose values are fixed today are removed.
 
     Parameters
     ----------
@@ -162,6 +171,9 @@ def _today(path: Path, place: str, value: Any) -> Any:
             )
     renamed = _KEYS.get(target, {})
     today = {renamed.get(key, key): item for key, item in today.items()}
+    for key, inverse in _INVERSES.items() if target in _SCENES else ():
+        if isinstance(flag := today.pop(key, None), bool):
+            today[inverse] = not flag
     for key, values in _VALUES.get(target, {}).items():
         if key in today and not isinstance(today[key], list | dict):
             today[key] = values.get(today[key], today[key])
@@ -179,7 +191,7 @@ def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:
             warnings.warn(f"dataset.last_frame={last} is dataset.n_frames={dataset['n_frames']} today", stacklevel=3)
     elif target == _POINTS and "n_frames" not in dataset:  # which they took no part of
         first = dataset.pop("first_frame", 0)
-        dataset["truth_first"] = -first
+        dataset["truth_first_frame"] = -first
         if first:
-            warnings.warn(f"dataset.first_frame={first} is dataset.truth_first={-first} today", stacklevel=3)
+            warnings.warn(f"dataset.first_frame={first} is dataset.truth_first_frame={-first} today", stacklevel=3)
     return dataset

@@ -11,7 +11,7 @@ import scipy
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
-from workbench.datasets.rendering.perturbations import sizes
+from workbench.datasets.rendering.perturbations import perturbation_sizes
 from workbench.evaluation.headline import ERRORS
 from workbench.evaluation.verdict import WINDOW, lost_and_found
 from workbench.experiment.config.options import name_parts, packages
@@ -79,7 +79,7 @@ def changes_of(config: Mapping[str, Any]) -> Iterator[Change]:
     for name in _PRIORS:
         if not str((config["prior"] or {}).get("_target_")).lower().endswith(name):
             yield Change(f"prior={name}", (f"prior={name}",), whole=True)
-    if "departures" in config["dataset"]:
+    if "perturbations" in config["dataset"]:
         yield from _changes_of_scene(config["body"], config["dataset"])
 
 
@@ -89,10 +89,10 @@ def _changes_of_scene(body: Mapping[str, Any], dataset: Mapping[str, Any]) -> It
     of_dataset = str(body["_target_"]).endswith("person.of_dataset")
     if not of_dataset or body.get("scale", 1.0) != 1.0:
         yield Change("the true body", ("body.scale=1.0" if of_dataset else "body=dataset",), whole=True)
-    perturbed = sizes(bool(dataset.get("exact")), dataset["departures"])
+    perturbed = perturbation_sizes(bool(dataset.get("perturb", True)), dataset["perturbations"])
     for name in (each for each, size in perturbed.items() if size):
         words = ",".join(f"{key}:{value}" for key, value in (perturbed | {name: 0.0}).items())
-        yield Change(f"without perturbation {name}", (f"dataset.departures={{{words}}}",), whole=True)
+        yield Change(f"without perturbation {name}", (f"dataset.perturbations={{{words}}}",), whole=True)
 
 
 def diagnose(

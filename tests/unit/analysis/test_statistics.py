@@ -90,11 +90,11 @@ def test_every_row_of_a_table_can_be_run():
         config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
         assert first_conflict(config, {}) is None
         assert "02" in config.learn.leave_out
-        assert config.dataset.exact == row.endswith("exact")
+        assert config.dataset.perturb == (not row.endswith("exact"))
     for overrides in sensitivity.ROWS.values():
         for key, value in (override.split("=", 1) for override in overrides):
-            if key == "dataset.departures":
-                Synthetic(exact=True, departures=yaml.safe_load(value))  # refuses what it does not know
+            if key == "dataset.perturbations":
+                Synthetic(perturb=False, perturbations=yaml.safe_load(value))  # refuses what it does not know
     for choice in weights.CHOICES.values():
         rows = weights.rows_of(choice)
         likelihoods = {

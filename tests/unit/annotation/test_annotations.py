@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.annotation.annotations import Annotations
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 
@@ -13,7 +13,7 @@ def test_datasets_read_the_annotations(tmp_path):
     annotations.put((4, "left_knee"), (100.25, 20.0, False))
     annotations.put((2, "neck"), (5.123, 6.0, True))
     assert (tmp_path / "m.csv").read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
-    marks = read_marks(tmp_path / "m.csv")
+    marks = read_annotations(tmp_path / "m.csv")
     np.testing.assert_array_equal(marks.frames, [2, 4])
     assert marks.at(4)[1].sum() == 0
 
@@ -67,9 +67,9 @@ def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
 
 def test_a_file_of_another_video_is_refused(tmp_path):
     Annotations(tmp_path / "m.csv", 9, (640, 480)).put((8, "neck"), (600.0, 1.0, True))
-    with pytest.raises(InputError, match="another video"):
+    with pytest.raises(InputError, match="do not match the video"):
         Annotations(tmp_path / "m.csv", 5, (640, 480))
-    with pytest.raises(InputError, match="another video"):
+    with pytest.raises(InputError, match="do not match the video"):
         Annotations(tmp_path / "m.csv", 9, (320, 240))
     with pytest.raises(InputError, match="expected a folder"):
         Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))

@@ -11,7 +11,7 @@ import pytest
 from workbench.annotation.annotations import Annotations
 from workbench.annotation.frames import Frames
 from workbench.annotation.server import Server
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 N = 70
@@ -66,7 +66,7 @@ def test_annotations_are_posted_undone_and_continued(server):
         200, {"frame": 5, "joint": "left_knee", "annotations": {"left_knee": [10.5, 20.0, False]}},
     )  # fmt: skip
     put(server, 5, "neck", 30, 4)
-    assert read_marks(server.annotations.path).at(5)[1].sum() == 1
+    assert read_annotations(server.annotations.path).at(5)[1].sum() == 1
     assert list(Annotations(server.annotations.path, N, (64, 48)).by_frame()[5]) == ["neck", "left_knee"]
     status, _, body = ask(server, "POST", "undo", {})
     assert (status, json.loads(body)["joint"]) == (200, "neck")

@@ -11,11 +11,11 @@ from rendered_boards import COLUMNS, ROWS, SQUARE_M, board_poses, lens, rendered
 from workbench.body.camera import load_cameras
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.camera_calibration.checkerboard import (
-    TO_BOARD,
-    BoardDetections,
+    TO_CHECKERBOARD,
     Checkerboard,
+    CheckerboardDetections,
     calibrate_lens,
-    find_boards,
+    find_checkerboards,
     find_corners,
     place_level,
     place_on_floor,
@@ -35,7 +35,7 @@ def found():
 def exact(cameras, poses, name=""):
     """Detections by projection alone, without images."""
     return [
-        BoardDetections(name, (camera.width, camera.height), len(poses), {
+        CheckerboardDetections(name, (camera.width, camera.height), len(poses), {
             k: camera.project(BOARD.corners_m @ turn.T + at) for k, (turn, at) in enumerate(poses)
         }) for camera in cameras
     ]  # fmt: skip
@@ -67,7 +67,7 @@ def test_the_first_corner_is_the_same_whichever_way_up_the_board_is_held():
 
 
 def test_a_lens_is_recovered_from_rendered_boards():
-    seen = BoardDetections("film", (640, 480), 10, dict(enumerate(found())))
+    seen = CheckerboardDetections("film", (640, 480), 10, dict(enumerate(found())))
     calibrated = calibrate_lens("one", seen, BOARD)
     assert calibrated.error_px < 0.2
     assert calibrated.camera.matrix[0, 0] == pytest.approx(700.0, abs=4.0 * calibrated.sigma_px + 1.0)
@@ -110,7 +110,7 @@ def test_a_board_on_the_floor_is_the_worlds_ground():
     cameras, (turn, at) = [lens(), second()], board_poses()[2]
     first, other = place_on_floor(cameras, exact(cameras, board_poses()), BOARD, 2)
     corner = BOARD.corners_m[-1]
-    np.testing.assert_allclose(first.to_camera(TO_BOARD @ corner), turn @ corner + at, atol=1e-6)
+    np.testing.assert_allclose(first.to_camera(TO_CHECKERBOARD @ corner), turn @ corner + at, atol=1e-6)
     assert first.position[2] > 0.3  # above the floor
     between = other.rotation @ first.rotation.T
     np.testing.assert_allclose(between, second().rotation, atol=1e-9)
@@ -140,14 +140,14 @@ def test_bad_input_is_one_sentence(tmp_path):
     with pytest.raises(InputError, match="squares of"):
         Checkerboard(9, 6, 25.0)
     with pytest.raises(InputError, match=r"found it in 2 of 10"):
-        calibrate_lens("one", BoardDetections("f", (640, 480), 10, dict(enumerate(found()[:2]))), BOARD)
+        calibrate_lens("one", CheckerboardDetections("f", (640, 480), 10, dict(enumerate(found()[:2]))), BOARD)
     alike = Checkerboard(7, 5, SQUARE_M)
     seen = exact([lens(), second()], board_poses())
     with pytest.raises(InputError, match="distinguish its two ends"):
         pose_cameras([lens(), second()], seen, alike)
-    with pytest.raises(InputError, match="do the videos start together"):
-        pose_cameras([lens(), second()], [seen[0], BoardDetections("", (640, 480), 1, {})], BOARD)
-    with pytest.raises(InputError, match="image 77 of some camera"):
+    with pytest.raises(InputError, match="videos are synchronized"):
+        pose_cameras([lens(), second()], [seen[0], CheckerboardDetections("", (640, 480), 1, {})], BOARD)
+    with pytest.raises(InputError, match="image 77 of at least one camera"):
         place_on_floor([lens()], seen[:1], BOARD, 77)
     with pytest.raises(InputError, match="no such video"):
-        find_boards(tmp_path / "none.mp4", BOARD)
+        find_checkerboards(tmp_path / "none.mp4", BOARD)

@@ -18,15 +18,15 @@ def turned(camera, degrees):
 
 
 def wrong(seen, height_m=HEIGHT_M):
-    return " ".join(finding.sentence for finding in check_calibration(seen, height_m).findings if finding.fits is False)
+    return " ".join(finding.message for finding in check_calibration(seen, height_m).findings if finding.fits is False)
 
 
 def test_rays_of_exact_marks_meet_in_the_joints_also_through_a_bent_lens():
     cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in around())
     seen = seen_by(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulate(cameras, seen.marks), walked(), atol=1e-5)
-    seen.marks[1:, 0, 3] = np.nan  # one camera is not enough
-    assert np.isnan(triangulate(cameras, seen.marks)[0, 3]).all()
+    np.testing.assert_allclose(triangulate(cameras, seen.keypoints), walked(), atol=1e-5)
+    seen.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
+    assert np.isnan(triangulate(cameras, seen.keypoints)[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -45,7 +45,7 @@ def test_cameras_that_are_exchanged_disagree():
 
 def test_a_camera_in_which_the_person_is_not_found_is_reported():
     seen = seen_by(around(3))
-    seen.marks[1] = np.nan
+    seen.keypoints[1] = np.nan
     assert "c1: the person in the other cameras is not found" in wrong(seen)
     seen.searched[1] = False
     assert wrong(seen) == ""
@@ -90,7 +90,7 @@ def test_an_axis_far_from_the_middle_is_of_another_size():
 
 def test_without_marks_nothing_is_judged():
     seen = seen_by(around(2))
-    empty = replace(seen, marks=seen.marks[:, :0])
+    empty = replace(seen, keypoints=seen.keypoints[:, :0])
     assert check_calibration(empty, None).fits is None
 
 
@@ -104,12 +104,12 @@ def test_the_place_of_an_upright_person_is_exact():
 def test_axes_and_marks_are_drawn_where_they_are_projected():
     camera = around(3)[0]  # from aside, so that no axis hides another
     seen = seen_by([camera], sigma_px=0.0)
-    picture = draw_overlay(camera, seen.images[0], seen.marks[0, 0], np.full((15, 3), np.nan), 0.0)
+    picture = draw_overlay(camera, seen.images[0], seen.keypoints[0, 0], np.full((15, 3), np.nan), 0.0)
     assert picture.shape == (960, 1280, 3)
     for way, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
         u, v = np.round(camera.project(way)).astype(int)
         near = picture[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3)
         assert (near == colour).all(axis=1).any(), colour
-    u, v = np.round(seen.marks[0, 0, 9, :2]).astype(int)  # the left hip
+    u, v = np.round(seen.keypoints[0, 0, 9, :2]).astype(int)  # the left hip
     around_hip = picture[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
     assert np.abs(around_hip - LEFT).sum(axis=1).min() < 60  # its edges are smoothed

@@ -8,7 +8,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.person_height import Measurements, calibrate_by_height, head_foot_segments
-from workbench.datasets.files.joint_annotations import Marks
+from workbench.datasets.files.joint_annotations import JointAnnotations
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)
@@ -76,7 +76,7 @@ def marks(frames, joints):
     pixels = np.full((frames, len(JOINT_NAMES), 2), np.nan)
     for name, place in joints.items():
         pixels[:, JOINT_NAMES.index(name)] = place
-    return Marks("marks.csv", np.arange(frames), pixels, np.isfinite(pixels[..., 0]))
+    return JointAnnotations("marks.csv", np.arange(frames), pixels, np.isfinite(pixels[..., 0]))
 
 
 def test_a_segment_runs_from_between_the_ankles_to_the_head():
@@ -89,7 +89,7 @@ def test_a_segment_runs_from_between_the_ankles_to_the_head():
 
 
 def test_bad_input_is_one_sentence():
-    with pytest.raises(InputError, match="found them in 0"):
+    with pytest.raises(InputError, match="found 0"):
         head_foot_segments(marks(5, {"left_ankle": (10, 90)}))
     with pytest.raises(InputError, match=r"0.5 to 2.5 m"):
         Measurements(165.0)

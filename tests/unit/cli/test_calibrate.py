@@ -93,7 +93,7 @@ def test_bad_words_are_one_sentence(films, tmp_path, monkeypatch, capsys, words,
 def folder(tmp_path):
     (camera,) = around(1)
     write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
-    marks = seen_by([camera]).marks[0]
+    marks = seen_by([camera]).keypoints[0]
     (tmp_path / "film").mkdir()
     rows = ["frame,joint,u,v,visible"]
     for t in range(3):
@@ -104,12 +104,12 @@ def folder(tmp_path):
 
 
 def words(folder, marks="keypoints"):
-    files = {"source": "film", "camera": "camera.toml", marks: "marks.csv"}
+    files = {"source": "film", "calibration_file": "camera.toml", marks: "marks.csv"}
     keys = [f"dataset.{key}={folder / name}" for key, name in files.items()]
     return ["check-calibration", "dataset=video", *keys, "dataset.rate_hz=10", "-o", str(folder / "out")]
 
 
-@pytest.mark.parametrize("marks", ["keypoints", "initial_annotations", "eval_marks"])
+@pytest.mark.parametrize("marks", ["keypoints", "initial_annotations", "eval_annotations"])
 def test_a_video_is_checked_whatever_its_annotations_are_for(folder, capsys, marks):
     assert main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
     said = capsys.readouterr().out

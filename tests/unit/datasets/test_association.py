@@ -10,8 +10,8 @@ from openpose_scenes import points, standing, write
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association.assignment import Tracks
 from workbench.datasets.association.detections import DetectorView
-from workbench.datasets.association.left_right import PARTS, _cheapest, _cost, exchanged_sides, undone
-from workbench.datasets.association.target_selection import follow
+from workbench.datasets.association.left_right import PARTS, _cheapest, _cost, exchanged_labels, with_corrected_labels
+from workbench.datasets.association.target_selection import select_target
 from workbench.datasets.association.track_stitching import stitched, without_short
 from workbench.motion.formats.openpose import People, read_openpose
 from workbench.utils.errors import InputError
@@ -33,7 +33,7 @@ def first_row(made, name, who):
 
 def followed(made, who):
     name = next(name for name in made.cameras if who in next(order for order in made.owners[name] if len(order)))
-    return follow(made.people, made.cameras, RATE_HZ, {name: first_row(made, name, who)})
+    return select_target(made.people, made.cameras, RATE_HZ, {name: first_row(made, name, who)})
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -45,7 +45,7 @@ def test_two_who_cross_are_told_apart(seed):
         assert set(owner.ravel().tolist()) <= {-1, who}  # no frame of two people, none of the other one
         shown_twice = there[:, :, who].sum(axis=1) >= 2
         assert (owner == who).any(axis=0)[shown_twice].mean() >= 0.95
-        assert found.counted["people"] == 2
+        assert found.counts["people"] == 2
 
 
 def test_without_others_every_joint_is_kept():
@@ -53,7 +53,7 @@ def test_without_others_every_joint_is_kept():
     found = followed(made, 0)
     for view, name in enumerate(made.cameras):
         np.testing.assert_array_equal(found.joints[view], [rows[0] for rows in made.people[name].joints])
-    assert found.counted == {"people": 1, "frames_unseen": 0, "swapped_sides": 0}
+    assert found.counts == {"people": 1, "frames_unseen": 0, "swapped_sides": 0}
 
 
 def test_who_leaves_and_comes_back_is_the_same(caplog):
@@ -73,8 +73,8 @@ def test_who_leaves_and_comes_back_is_the_same(caplog):
     assert seen[:14].all()
     assert not seen[14:58].any()
     assert seen[60:].mean() > 0.6  # two views at once make sure who it is
-    assert found.counted["people"] == 2
-    assert "left: the person is not found in frames 14 to" in caplog.text
+    assert found.counts["people"] == 2
+    assert "left: the target is not detected in frames 14 to" in caplog.text
 
 
 def test_exchanged_sides_are_put_right_and_counted(caplog):
@@ -87,8 +87,8 @@ def test_exchanged_sides_are_put_right_and_counted(caplog):
         found = followed(made, 0)
     for view, name in enumerate(CAMERAS):
         np.testing.assert_array_equal(found.joints[view], right[name][0])
-    assert found.counted["swapped_sides"] == n_swapped
-    assert "were exchanged" in caplog.text
+    assert found.counts["swapped_sides"] == n_swapped
+    assert "left and right labels of" in caplog.text
 
 
 def test_by_one_camera_people_are_followed_in_the_image(tmp_path):
@@ -101,11 +101,11 @@ def test_by_one_camera_people_are_followed_in_the_image(tmp_path):
     people = {"one": read_openpose(write(tmp_path, frames))}
     head = JOINT_NAMES.index("head_centre")
     for person, (u, v, _) in enumerate(ways):
-        heads = follow(people, None, RATE_HZ, person).joints[0, :, head, 0]
+        heads = select_target(people, None, RATE_HZ, person).joints[0, :, head, 0]
         seen = np.isfinite(heads)
         assert seen.sum() >= 29
         np.testing.assert_allclose(heads[seen], (u + v * np.arange(30.0))[seen])
-    np.testing.assert_allclose(follow(people, None, RATE_HZ).joints[0, 0, head, 0], 400.0)  # the surest
+    np.testing.assert_allclose(select_target(people, None, RATE_HZ).joints[0, 0, head, 0], 400.0)  # the surest
 
 
 def test_neither_the_order_of_people_nor_empty_ones_among_them_matter():
@@ -114,12 +114,12 @@ def test_neither_the_order_of_people_nor_empty_ones_among_them_matter():
     def changed(change):
         return {n: People(n, "COCO_17", p.frames, tuple(map(change, p.joints))) for n, p in made.people.items()}
 
-    plain = follow(made.people, made.cameras, RATE_HZ)
+    plain = select_target(made.people, made.cameras, RATE_HZ)
     padded = changed(lambda rows: np.concatenate([nothing, rows]))
     for people in (changed(lambda rows: rows[::-1]), padded):
-        np.testing.assert_array_equal(follow(people, made.cameras, RATE_HZ).joints, plain.joints)
-    with pytest.raises(InputError, match="person 0 in frame 0 cannot be followed"):
-        follow(padded, made.cameras, RATE_HZ, 0)
+        np.testing.assert_array_equal(select_target(people, made.cameras, RATE_HZ).joints, plain.joints)
+    with pytest.raises(InputError, match="person 0 in frame 0 cannot be tracked"):
+        select_target(padded, made.cameras, RATE_HZ, 0)
 
 
 def test_people_whose_rays_do_not_meet_are_refused():
@@ -128,11 +128,11 @@ def test_people_whose_rays_do_not_meet_are_refused():
     upstairs = [one + np.array([0.0, 0.0, 1.0]) for one in walkers(CROSSING[1:])]
     other = crowd(CAMERAS, shown(CAMERAS, upstairs, rng), rng, missing=0.0)
     apart = {"front": made.people["front"], "left": other.people["left"]}
-    with pytest.raises(InputError, match="front, left: expected somebody that two cameras see at once"):
-        follow(apart, made.cameras, RATE_HZ)
+    with pytest.raises(InputError, match="front, left: expected a person in two cameras at once"):
+        select_target(apart, made.cameras, RATE_HZ)
     alone = {**made.people, "front": People("front", "COCO_17", np.array([0]), (np.empty((0, 15, 3)),))}
-    with pytest.raises(InputError, match="front: no person 0: nobody is found in the frames used"):
-        follow(alone, made.cameras, RATE_HZ, {"front": 0})
+    with pytest.raises(InputError, match="front: no person 0: no person is detected in the frames used"):
+        select_target(alone, made.cameras, RATE_HZ, {"front": 0})
 
 
 def tracks(*spans, n_frames=90):
@@ -191,7 +191,7 @@ def seen(names, n_frames=40, seed=0):
 @pytest.mark.parametrize("names", [["left"], ["front", "left"], list(CAMERAS)])
 def test_nothing_is_exchanged_where_nothing_was(names):
     eyes, joints = seen(names)
-    assert not exchanged_sides(eyes, joints, RATE_HZ).any()
+    assert not exchanged_labels(eyes, joints, RATE_HZ).any()
 
 
 @pytest.mark.parametrize("names", [["left"], ["front", "left"], list(CAMERAS)])
@@ -201,9 +201,9 @@ def test_what_was_exchanged_is_found(names, frames):
     swapped = np.zeros((len(names), 40, len(PARTS)), dtype=bool)
     swapped[0, frames] = True
     swapped[-1, 25:28, 1] = True
-    found = exchanged_sides(eyes, undone(joints, swapped), RATE_HZ)
+    found = exchanged_labels(eyes, with_corrected_labels(joints, swapped), RATE_HZ)
     np.testing.assert_array_equal(found, swapped)
-    np.testing.assert_array_equal(undone(undone(joints, swapped), found), joints)
+    np.testing.assert_array_equal(with_corrected_labels(with_corrected_labels(joints, swapped), found), joints)
 
 
 def test_the_path_is_the_cheapest_of_all():

@@ -8,7 +8,7 @@ from workbench.body.shape import from_height
 from workbench.core.dataset import SequenceInfo
 from workbench.datasets.blank import Blank
 from workbench.datasets.person import of_dataset, of_height
-from workbench.datasets.rendering.surroundings import passing_board
+from workbench.datasets.rendering.surroundings import passing_occluder
 from workbench.datasets.synthetic import Synthetic
 from workbench.motion.full_skeleton import full_body
 from workbench.motion.sources import find_motion
@@ -45,13 +45,13 @@ def test_a_dataset_that_measured_its_person_gives_them():
 
 
 def test_who_is_not_known_is_refused():
-    with pytest.raises(InputError, match="does not know the person's size; choose body=height"):
+    with pytest.raises(InputError, match="has no body measurements of the person; set body=height"):
         of_dataset(SequenceInfo("clip", 1))
 
 
 def test_somebody_of_a_height_may_have_neck_and_feet():
     assert len(of_height(height_m=1.8).limbs) == 12
-    assert of_height(height_m=1.8, feet=True).limbs.names[12:] == ("neck", "left_foot", "right_foot")
+    assert of_height(height_m=1.8, neck_and_feet=True).limbs.names[12:] == ("neck", "left_foot", "right_foot")
 
 
 def standing(n=50):
@@ -60,15 +60,15 @@ def standing(n=50):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_it_passes_once_and_is_beside_the_person_before_and_after(seed):
-    board = passing_board(standing(), 30.0, np.random.default_rng(seed))
-    width = board.picture.shape[1]
+    board = passing_occluder(standing(), 30.0, np.random.default_rng(seed))
+    width = board.texture.shape[1]
     left, right = board.corners[:, 1], board.corners[:, 1] + width
     hides = (left < 340) & (right > 300)
     assert 3 <= hides.sum() <= 25
     assert np.abs(np.diff(np.flatnonzero(hides))).max() == 1  # once
     assert not hides[0]
     assert not hides[-1]
-    assert 0.5 * 270 <= board.picture.shape[0] <= 1.1 * 270 + 1
+    assert 0.5 * 270 <= board.texture.shape[0] <= 1.1 * 270 + 1
 
 
 def test_a_scene_with_it_differs_only_where_it_is():

@@ -27,7 +27,7 @@ def test_prediction_is_that_of_the_process_it_stands_for():
     both = expm(np.block([[-drift, noise], [np.zeros((2, 2)), drift.T]]) * 0.2)
     moves, added = both[2:, 2:].T, both[2:, 2:].T @ both[:2, 2:]
     for joint in (JOINT_NAMES.index("left_wrist"), JOINT_NAMES.index("neck")):
-        variance = beliefs.OWN_M_S[joint] ** 2 + beliefs.WALKING_M_S**2
+        variance = beliefs.INDIVIDUAL_M_S[joint] ** 2 + beliefs.WALKING_M_S**2
         expected = moves @ np.diag([0.1**2, variance]) @ moves.T + variance * added
         place = np.array([3 * joint, 45 + 3 * joint])
         np.testing.assert_allclose(belief.covariance[np.ix_(place, place)], expected, rtol=1e-9)
@@ -73,7 +73,7 @@ def test_joints_astray_cost_what_is_agreed_and_move_nothing():
     assert wrist not in match.rows
     assert len(match.rows) == 14
     right.places[wrist] = np.nan
-    assert match.log_density == pytest.approx(expected.match(right).log_density + beliefs.LOG_ASTRAY)
+    assert match.log_density == pytest.approx(expected.match(right).log_density + beliefs.LOG_OUTLIER)
     np.testing.assert_allclose(expected.updated(match).mean, expected.updated(expected.match(right)).mean)
 
 

@@ -49,7 +49,7 @@ def scene(tmp_path_factory):
 
 def dataset(scene, **given):
     usual = {
-        "sources": {name: str(scene / name) for name in LENGTHS}, "camera": str(scene / "cameras.toml"),
+        "sources": {name: str(scene / name) for name in LENGTHS}, "calibration_file": str(scene / "cameras.toml"),
         "keypoints": {name: str(scene / f"{name}_json") for name in LENGTHS}, "rate_hz": 10.0,
     }  # fmt: skip
     return MultiView(**{**usual, **given})
@@ -69,11 +69,11 @@ def test_every_frame_has_a_view_of_every_camera_and_the_shortest_ends_it(scene):
 
 
 def test_cameras_are_chosen_and_ordered_by_name(scene):
-    frames = list(dataset(scene, which=["right"], scale=0.5).frames())
+    frames = list(dataset(scene, cameras=["right"], scale=0.5).frames())
     assert [view.camera.name for view in frames[0].views] == ["right"]
     assert frames[0].views[0].image.shape == (150, 200, 3)
     assert frames[2].views[0].keypoints[JOINT_NAMES.index("left_shoulder"), 0] == pytest.approx(0.5 * 164.5 - 0.5)
-    swapped = next(dataset(scene, which=["right", "left"], keypoints={}).frames())
+    swapped = next(dataset(scene, cameras=["right", "left"], keypoints={}).frames())
     assert [view.camera.name for view in swapped.views] == ["right", "left"]
     assert all(view.keypoints is None for view in swapped.views)
 
@@ -98,12 +98,12 @@ def test_who_is_followed_is_chosen_in_one_view_for_all(scene, tmp_path):
     for person in (None, 1, {"right": 0}):  # the surest, as they are as large as each other
         np.testing.assert_allclose(heads(person), [[250.0 + t, 300.0 + t] for t in range(5)])
     found = dataset(scene, keypoints=folders).info
-    assert found.counted == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}
+    assert found.input_counts == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}
     assert found.has_keypoints
     for person, said in (
-        (2, "left: no person 2 in frame 0, where the first are found, expected 0 to 1"),
-        ({"left": 0, "right": 0}, "expected numbers of one person, found that 0 of left, 0 of right are 2"),
-        ("all", "sweep over the numbers"),
+        (2, "left: no person 2 in frame 0, the first with detections; expected 0 to 1"),
+        ({"left": 0, "right": 0}, "expected indices of one person, found 2 people: 0 of left, 0 of right"),
+        ("all", "sweep over the indices"),
         ({"middle": 0}, "some of left, right"),
     ):
         with pytest.raises(InputError, match=said):
@@ -115,7 +115,7 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
     neck = JOINT_NAMES.index("neck")
     found = [
         frame.truth.joints[neck, 0]
-        for frame in dataset(scene, truth=str(scene / "truth.trc"), truth_first=first, first_frame=1).frames()
+        for frame in dataset(scene, truth=str(scene / "truth.trc"), truth_first_frame=first, first_frame=1).frames()
     ]  # fmt: skip
     np.testing.assert_allclose(found, metres, atol=1e-6)
 
@@ -123,10 +123,10 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"which": ["middle"]}, "no source for camera 'middle', expected one of left, right"),
+        ({"cameras": ["middle"]}, "no source for camera 'middle', expected one of left, right"),
         ({"keypoints": {"middle": "x"}}, "no source for camera 'middle'"),
-        ({"which": []}, "expected one camera or more, each once, found none"),
-        ({"which": ["left", "left"]}, "expected one camera or more, each once, found left, left"),
+        ({"cameras": []}, "expected one camera or more, each once, found none"),
+        ({"cameras": ["left", "left"]}, "expected one camera or more, each once, found left, left"),
         ({"truth": "nowhere.trc"}, "no such file"),
         ({"n_frames": 6}, "no frame 5"),
     ],

@@ -182,14 +182,14 @@ def test_a_million_points_are_thinned_with_a_sentence(tmp_path):
         (tmp_path / name).write_bytes(
             ply_header("binary_little_endian", len(points), [kind]).encode() + points.tobytes()
         )
-    with pytest.warns(UserWarning, match=r"2 of 2 frames have more than 3000 .* frame_1.ply with 1000000"):
-        _ = (dataset := PointFiles(str(tmp_path), most_points=3000)).info
+    with pytest.warns(UserWarning, match=r"2 of 2 frames have more than max_points=3000 .* frame_1.ply with 1000000"):
+        _ = (dataset := PointFiles(str(tmp_path), max_points=3000)).info
     first, second = (frame.points for frame in dataset.frames())
     assert first.shape == (3000, 3)
     assert np.isin(first.astype(np.float32)[:, 0], points[:, 0]).all()
     assert not np.array_equal(first, second)  # each frame its own
-    with pytest.warns(UserWarning, match="thinned"):
-        _ = (again := PointFiles(str(tmp_path), most_points=3000)).info
+    with pytest.warns(UserWarning, match="subsampled"):
+        _ = (again := PointFiles(str(tmp_path), max_points=3000)).info
     assert np.array_equal(first, next(again.frames()).points)
 
 
@@ -199,7 +199,7 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     (tmp_path / "clouds").mkdir()
     folder = str(folder_of(tmp_path / "clouds", [np.ones((5, 3))] * 15))
     truth = f"{tmp_path / 'lib.h5'}:{motion.name}"
-    dataset = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-2, start="given")
+    dataset = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first_frame=-2, initialization="perturbed_truth")
     for i, frame in enumerate(dataset.frames()):
         assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
         assert frame.truth.activity == "walk"
@@ -207,16 +207,16 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     # 3 cm and 0.05 rad; a normal number is beyond 5 deviations once in two million
     assert 0.0 < np.abs(dataset.info.initial_pose - motion.poses[8]).max() < 0.25
     assert dataset.info.phase_ends[1] > dataset.info.phase_ends[0]
-    with pytest.raises(InputError, match="start=given needs the truth"):
-        _ = PointFiles(folder, start="given").info
+    with pytest.raises(InputError, match="perturbed_truth needs the ground truth"):
+        _ = PointFiles(folder, initialization="perturbed_truth").info
     with pytest.raises(InputError, match=r"lasts 6\.0\d s"):
-        _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-100).info
+        _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first_frame=-100).info
 
 
 def test_some_frames_are_as_they_are_among_all(tmp_path):
     folder = str(folder_of(tmp_path, [np.full((40, 3), float(i)) + np.arange(40)[:, None] for i in range(5)]))
-    whole, some = (PointFiles(folder, most_points=30, **few) for few in ({}, {"first_frame": 1, "n_frames": 3}))
-    with pytest.warns(UserWarning, match="frames have more than 30 points"):
+    whole, some = (PointFiles(folder, max_points=30, **few) for few in ({}, {"first_frame": 1, "n_frames": 3}))
+    with pytest.warns(UserWarning, match="frames have more than max_points=30 points"):
         whole, some = list(whole.frames()), list(some.frames())
     assert [(frame.index, frame.time_s) for frame in some] == [(i, i / 14.0) for i in (1, 2, 3)]
     assert all(np.array_equal(here.points, there.points) for here, there in zip(some, whole[1:], strict=False))
@@ -225,7 +225,7 @@ def test_some_frames_are_as_they_are_among_all(tmp_path):
 def test_the_truth_begins_in_the_frame_that_is_said(tmp_path):
     folder = str(folder_of(tmp_path, [np.ones((5, 3))] * 6))
     whole = PointFiles(folder, truth="builtin")
-    later = PointFiles(folder, truth="builtin", first_frame=4, truth_first=3)
+    later = PointFiles(folder, truth="builtin", first_frame=4, truth_first_frame=3)
     (_, second, *_), (frame, _) = whole.frames(), later.frames()
     assert frame.index == 4
     assert np.allclose(frame.truth.pose, second.truth.pose, atol=1e-9)
@@ -233,7 +233,7 @@ def test_the_truth_begins_in_the_frame_that_is_said(tmp_path):
 
 @pytest.mark.parametrize(
     ("files", "words"),
-    [([], ["found none"]), (["note.txt"], ["found none"]), (["a.ply", "b.csv"], ["one kind", ".csv, .ply"])],
+    [([], ["found none"]), (["note.txt"], ["found none"]), (["a.ply", "b.csv"], ["one format", ".csv, .ply"])],
 )
 def test_folders_without_points_are_named(tmp_path, files, words):
     for name in files:

@@ -11,8 +11,8 @@ SMALL = {"n_frames": 3, "n_points": 200}
 
 
 def scene(**parameters):
-    """Just what a tracker is told; what else is shown by default has tests of its own (test_departures)."""
-    return Points(**{**SMALL, "exact": True, **parameters})
+    """Just what a tracker is told; what else is shown by default has tests of its own (test_perturbations)."""
+    return Points(**{**SMALL, "perturb": False, **parameters})
 
 
 def clouds(dataset):
@@ -21,31 +21,31 @@ def clouds(dataset):
 
 def off_surface(dataset, i, points):
     """How far along the line of sight points are from the body, m; inf where the line misses it."""
-    depth = dataset.view_camera.to_camera(points)[:, 2]
-    return depth - first_depth(dataset.take.body, dataset.take.motion.poses[i], dataset.view_camera, points)
+    depth = dataset.true_camera.to_camera(points)[:, 2]
+    return depth - first_depth(dataset.sequence.body, dataset.sequence.motion.poses[i], dataset.true_camera, points)
 
 
 def test_without_errors_all_points_lie_on_what_the_camera_sees():
-    dataset = scene(sigma_m=0.0, outliers=0.0)
+    dataset = scene(sigma_m=0.0, outlier_fraction=0.0)
     for i, points in enumerate(clouds(dataset)):
         assert np.abs(off_surface(dataset, i, points)).max() < 1e-3
 
 
 def test_errors_and_outliers_are_as_large_and_as_many_as_asked_for():
-    dataset = scene(n_points=4000, n_frames=2, outliers=0.3)
+    dataset = scene(n_points=4000, n_frames=2, outlier_fraction=0.3)
     points = next(dataset.frames()).points
     near = np.abs(off_surface(dataset, 0, points)) < 0.08  # four deviations
     # of 30 % outliers, anywhere in a box of 5.6 m³, some 2 % are as near as that; the edges' points may miss the body
     assert near.mean() == pytest.approx(0.7, abs=0.05)
-    root = dataset.take.motion.poses[0, :3]
+    root = dataset.sequence.motion.poses[0, :3]
     assert (np.abs(points[~near] - root) < BOX_M + 0.1).all()
-    depth = dataset.view_camera.to_camera(points[near])[:, 2] / 4.0
+    depth = dataset.true_camera.to_camera(points[near])[:, 2] / 4.0
     sigma = off_surface(dataset, 0, points[near]) / depth**2
     assert np.quantile(sigma, 0.84) - np.quantile(sigma, 0.16) == pytest.approx(2 * 0.02, rel=0.1)
 
 
 def test_the_order_of_points_tells_nothing():
-    dataset = scene(n_points=4000, n_frames=2, outliers=0.3)
+    dataset = scene(n_points=4000, n_frames=2, outlier_fraction=0.3)
     near = np.abs(off_surface(dataset, 0, next(dataset.frames()).points)) < 0.08
     # 4 standard errors of a share in 1000 points
     assert near[-1000:].mean() == pytest.approx(near.mean(), abs=4 * np.sqrt(0.25 / 1000))
@@ -53,19 +53,20 @@ def test_the_order_of_points_tells_nothing():
 
 def test_the_camera_stands_where_asked():
     dataset = scene(n_frames=20, distance_m=5.0)
-    depth = dataset.view_camera.to_camera(dataset.take.motion.poses[10, :3][None])[0, 2]
+    depth = dataset.true_camera.to_camera(dataset.sequence.motion.poses[10, :3][None])[0, 2]
     assert depth == pytest.approx(5.0)
     with pytest.warns(UserWarning, match=r"the camera is \d\.\d m away instead of 4"):
-        _ = scene(motion="builtin_run", n_frames=40).view_camera
+        _ = scene(motion="builtin_run", n_frames=40).true_camera
 
 
 def test_the_same_seed_gives_the_same_bits_and_every_parameter_counts():
     first = clouds(scene())
-    for again in (scene(), Points(**SMALL, exact=True)):
+    for again in (scene(), Points(**SMALL, perturb=False)):
         assert all(np.array_equal(a, b) for a, b in zip(first, clouds(again), strict=True))
     for change in (
-        {"seed": 1}, {"n_points": 199}, {"sigma_m": 0.03}, {"outliers": 0.2}, {"clutter": 20}, {"bar_m": 0.3},
-        {"distance_m": 5.0}, {"view_deg": 60.0}, {"first_frame": 1}, {"path": "circle"}, {"rate_hz": 30.0},
+        {"seed": 1}, {"n_points": 199}, {"sigma_m": 0.03}, {"outlier_fraction": 0.2},
+        {"n_clutter_points": 20}, {"occluder_width_m": 0.3},
+        {"distance_m": 5.0}, {"view_azimuth_deg": 60.0}, {"first_frame": 1}, {"path": "circle"}, {"rate_hz": 30.0},
         {"motion": "builtin_run"}, {"motion": ["builtin"] * 2, "n_frames": 8},
     ):  # fmt: skip
         assert not np.array_equal(first[2], clouds(scene(**change))[2]), change
@@ -78,8 +79,11 @@ def test_one_frame_does_not_depend_on_the_others():
 
 
 def test_a_bar_hides_what_is_behind_it():
-    open_view, barred = scene(n_frames=3, outliers=0.0), scene(n_frames=3, outliers=0.0, bar_m=0.12)
-    camera, middle = barred.view_camera, barred.take.motion.poses[1, :3]
+    open_view, barred = (
+        scene(n_frames=3, outlier_fraction=0.0),
+        scene(n_frames=3, outlier_fraction=0.0, occluder_width_m=0.12),
+    )
+    camera, middle = barred.true_camera, barred.sequence.motion.poses[1, :3]
     eye, behind = camera.position, 2.0 * 0.06 * 1.01
     sight = (middle - eye)[:2] / np.linalg.norm((middle - eye)[:2])
     for seen, left in zip(clouds(open_view), clouds(barred), strict=True):
@@ -88,14 +92,14 @@ def test_a_bar_hides_what_is_behind_it():
         along = (left[:, :2] - eye[:2]) @ sight
         # the bar of radius 6 cm half-way at 2 m hides what lines of sight pass within 6 cm of its axis there
         assert (np.abs(side / along) * 2.0 > 0.06 * 0.99).all(), behind
-    assert len(clouds(scene(outliers=0.0, bar_m=4.0))[0]) == 0
+    assert len(clouds(scene(outlier_fraction=0.0, occluder_width_m=4.0))[0]) == 0
 
 
 def test_clutter_is_floor_wall_and_bins_in_the_box_and_not_in_front_of_the_person():
-    dataset = scene(sigma_m=0.0, outliers=0.0, clutter=600)
-    around, camera = dataset._surroundings, dataset.view_camera
+    dataset = scene(sigma_m=0.0, outlier_fraction=0.0, n_clutter_points=600)
+    around, camera = dataset._surroundings, dataset.true_camera
     for i, points in enumerate(clouds(dataset)):
-        root = dataset.take.motion.poses[i, :3]
+        root = dataset.sequence.motion.poses[i, :3]
         distance = off_surface(dataset, i, points)
         others = points[~(np.abs(distance) < 1e-3)]
         assert 300 < len(others) <= 600
@@ -108,4 +112,4 @@ def test_clutter_is_floor_wall_and_bins_in_the_box_and_not_in_front_of_the_perso
         assert floor.any()
         assert wall.any()
         assert depth.max() <= around.wall_m + 1e-9
-    assert around.wall_m > camera.to_camera(dataset.take.motion.poses[:, :3])[:, 2].max() + WALL_M - 1e-9
+    assert around.wall_m > camera.to_camera(dataset.sequence.motion.poses[:, :3])[:, 2].max() + WALL_M - 1e-9

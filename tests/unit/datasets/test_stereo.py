@@ -11,7 +11,7 @@ from workbench.body.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
 from workbench.datasets.rendering.surroundings import empty_view, room
 from workbench.datasets.rendering.visible import surface_points
-from workbench.datasets.stereo import Stereo, disparities, empty_disparity, nearer_points
+from workbench.datasets.stereo import Stereo, disparities, empty_disparity, foreground_points
 
 SMALL = {"n_frames": 2, "width": 320, "height": 240, "focal_px": 350.0, "baseline_m": 0.4, "n_points": 300}
 
@@ -45,7 +45,7 @@ def test_what_is_nearer_than_the_empty_scene_becomes_points_at_its_depth():
     seen[10:40, 20:40], seen[50:52, 60:62] = 12.5, 14.0  # someone, and a patch of 4 px beside their 600
     seen[10:12, 20:40], seen[12:14, 20:40] = np.nan, 11.9  # unknown, and less than two pixels nearer
     empty[14:16, 20:40] = np.nan
-    points = nearer_points(seen, empty, camera, baseline)
+    points = foreground_points(seen, empty, camera, baseline)
     assert len(points) == 24 * 20
     in_camera = camera.to_camera(points)
     assert np.allclose(in_camera[:, 2], 100.0 * 0.5 / 12.5)
@@ -54,7 +54,7 @@ def test_what_is_nearer_than_the_empty_scene_becomes_points_at_its_depth():
     assert (pixels.min(axis=0), pixels.max(axis=0)) == (pytest.approx([20, 16]), pytest.approx([39, 39]))
     right = replace(camera, translation=camera.translation - [baseline, 0.0, 0.0])
     assert np.allclose(pixels - right.project(points), [12.5, 0.0])
-    assert nearer_points(empty, empty, camera, baseline).shape == (0, 3)
+    assert foreground_points(empty, empty, camera, baseline).shape == (0, 3)
 
 
 def test_the_empty_scene_is_the_nearest_that_was_seen_of_it():
@@ -66,7 +66,7 @@ def test_the_empty_scene_is_the_nearest_that_was_seen_of_it():
 def test_the_rooms_pictures_are_seen_where_they_are(dataset, surface):
     """A white spot of 11 × 11 texels, 40 cm to the right and 60 cm up the wall, or out on the floor."""
     camera = dataset.cameras[0]
-    place = room(dataset.take, camera, np.random.default_rng(0), clutter=0.0)
+    place = room(dataset.sequence, camera, np.random.default_rng(0), clutter=0.0)
     picture = np.zeros(getattr(place, surface).shape)
     column = picture.shape[1] // 2 + 40
     picture[55:66, column - 5 : column + 6] = 255.0
@@ -85,7 +85,7 @@ def test_frames_carry_both_images_and_points_of_the_person(dataset):
         assert frame.views[0].image.shape == (240, 320)
         assert frame.points.shape == (300, 3)
         assert frame.truth.activity == "walk"
-        surface = surface_points(dataset.take.body, frame.truth.pose, 20000, np.random.default_rng(0))
+        surface = surface_points(dataset.sequence.body, frame.truth.pose, 20000, np.random.default_rng(0))
         apart = np.linalg.norm(frame.points[:, None] - surface[None], axis=2).min(axis=1)
         # a pixel of disparity is z² / (f b) = 11 cm of depth here; most points are right to half of one
         assert np.median(apart) < 0.055
@@ -95,7 +95,7 @@ def test_frames_carry_both_images_and_points_of_the_person(dataset):
 def test_the_right_camera_stands_a_baseline_to_the_right(dataset):
     left, right = dataset.cameras
     assert np.allclose(left.rotation @ (right.position - left.position), [0.4, 0.0, 0.0])
-    rows = [camera.project(dataset.take.places)[..., 1] for camera in (left, right)]
+    rows = [camera.project(dataset.sequence.places)[..., 1] for camera in (left, right)]
     assert np.allclose(*rows)
 
 
@@ -121,8 +121,10 @@ def test_the_cache_gives_the_same_bits_without_rendering(dataset, tmp_path, monk
 
     monkeypatch.setattr(stereo_module.render, "render", refuse)
     assert all(np.array_equal(a, b.points) for a, b in zip(first, replace(kept).frames(), strict=True))
-    assert len(next(replace(kept, n_points=50, start="given").frames()).points) == 50  # no parameter of the images
-    for change in ({"seed": 1}, {"baseline_m": 0.3}, {"noise": 3.0}, {"first_frame": 1}, {"motion": "builtin_run"}):
+    assert (
+        len(next(replace(kept, n_points=50, initialization="perturbed_truth").frames()).points) == 50
+    )  # no parameter of the images
+    for change in ({"seed": 1}, {"baseline_m": 0.3}, {"noise_std": 3.0}, {"first_frame": 1}, {"motion": "builtin_run"}):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             with pytest.raises(AssertionError, match="rendered again"):

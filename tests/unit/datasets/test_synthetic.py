@@ -17,8 +17,8 @@ SMALL = {"n_frames": 3, "width": 160, "height": 120, "person_px": 70.0, "focal_p
 
 
 def scene(**parameters):
-    """Just what a tracker is told; what else is shown by default has tests of its own (test_departures)."""
-    return Synthetic(**{**SMALL, "exact": True, **parameters})
+    """Just what a tracker is told; what else is shown by default has tests of its own (test_perturbations)."""
+    return Synthetic(**{**SMALL, "perturb": False, **parameters})
 
 
 def images(dataset):
@@ -41,10 +41,10 @@ def test_frames_carry_pictures_and_truth():
 
 def test_the_person_is_where_the_truth_says():
     """A bright person before a flat wall: what differs from the wall surrounds the projected joints, and only them."""
-    dataset = scene(noise=0.0, clutter=0.0, n_frames=2)
+    dataset = scene(noise_std=0.0, clutter=0.0, n_frames=2)
     frame = next(dataset.frames())
     rows, columns = np.nonzero(frame.views[0].image != 125)
-    pixels = dataset.view_camera.project(frame.truth.joints)
+    pixels = dataset.true_camera.project(frame.truth.joints)
     radius_px = 70.0 / 1.75 * dataset.info.shape.head_radius + 1.0  # the largest distance from a joint to the outline
     head = JOINT_NAMES.index("head_centre")
     assert rows.min() == pytest.approx(pixels[head, 1] - radius_px, abs=2.0)
@@ -53,19 +53,19 @@ def test_the_person_is_where_the_truth_says():
     assert rows.max() - rows.min() == pytest.approx(70.0, abs=3.0)  # person_px, give or take the bob of the walk
 
 
-@pytest.mark.parametrize("view_deg", [0.0, 45.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("view_azimuth_deg", [0.0, 45.0, 90.0, 180.0, 270.0])
 @pytest.mark.parametrize("path", ["straight", "circle"])
-def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view_deg):
+def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view_azimuth_deg):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # views along the walk have to step back
-        dataset = scene(n_frames=40, path=path, view_deg=view_deg)
-    camera, motion = dataset.view_camera, dataset._used_motion
+        dataset = scene(n_frames=40, path=path, view_azimuth_deg=view_azimuth_deg)
+    camera, motion = dataset.true_camera, dataset._used_motion
     pixels = camera.project(joints(person_skeleton(dataset.info.shape), motion.poses))
     assert (pixels > 0.05 * np.array([160, 120]) - 1.0).all()
     assert (pixels < 0.95 * np.array([160, 120])).all()
     way, frame_likelihood = motion.poses[-1, :2] - motion.poses[0, :2], camera.rotation[2, :2]
     angle = np.degrees(np.arctan2(way[0] * frame_likelihood[1] - way[1] * frame_likelihood[0], way @ frame_likelihood))
-    assert (angle - view_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-6)
+    assert (angle - view_azimuth_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-6)
     assert camera.rotation[2, 2] == pytest.approx(0.0)  # level
 
 
@@ -73,7 +73,8 @@ def test_the_same_seed_gives_the_same_bits_and_every_parameter_counts():
     first = images(scene())
     assert np.array_equal(first, images(scene()))
     for change in (
-        {"seed": 1}, {"noise": 2.0}, {"contrast": 2.0}, {"clutter": 0.5}, {"view_deg": 60.0}, {"first_frame": 1},
+        {"seed": 1}, {"noise_std": 2.0}, {"contrast": 2.0}, {"clutter": 0.5}, {"view_azimuth_deg": 60.0},
+        {"first_frame": 1},
         {"path": "circle"}, {"person_px": 60.0}, {"rate_hz": 60.0},
     ):  # fmt: skip
         assert not np.array_equal(first, images(scene(**change))), change
@@ -90,7 +91,7 @@ def test_the_cache_gives_the_same_bits_without_rendering(tmp_path, monkeypatch):
 
     monkeypatch.setattr(synthetic.render, "render", refuse)
     assert np.array_equal(first, images(scene(cache=str(tmp_path))))
-    for change in ({"seed": 1}, {"noise": 3.0}, {"first_frame": 1}, {"height": 121}):
+    for change in ({"seed": 1}, {"noise_std": 3.0}, {"first_frame": 1}, {"height": 121}):
         with pytest.raises(AssertionError, match="rendered again"):
             images(scene(cache=str(tmp_path), **change))
     monkeypatch.undo()
@@ -141,13 +142,13 @@ translation = [0.0, 1.0, {depth}]
 """
     file = tmp_path / "camera.toml"
     file.write_text(template.format(depth=4.0))
-    dataset = scene(camera=str(file), noise=0.0, clutter=0.0)
+    dataset = scene(calibration_file=str(file), noise_std=0.0, clutter=0.0)
     picture = next(dataset.frames()).views[0].image
     assert picture.shape == (150, 200)
     assert (picture != 125).any()
     file.write_text(template.format(depth=-4.0))
     with pytest.raises(InputError, match="'wide' never sees the person"):
-        _ = scene(camera=str(file)).info
+        _ = scene(calibration_file=str(file)).info
 
 
 def test_without_a_cache_that_can_be_written_the_images_are_the_same_and_it_is_said_once(tmp_path, caplog):
@@ -163,7 +164,7 @@ def test_keypoints_are_the_true_joints_with_noise_and_some_missing():
     dataset = Synthetic(n_frames=40, width=160, height=120, person_px=60.0, focal_px=160.0, keypoint_sigma_px=2.0)
     frames = list(dataset.frames())
     seen = np.array([frame.views[0].keypoints for frame in frames])
-    apart = seen[:, :, :2] - np.array([dataset.view_camera.project(frame.truth.joints) for frame in frames])
+    apart = seen[:, :, :2] - np.array([dataset.true_camera.project(frame.truth.joints) for frame in frames])
     found = np.isfinite(seen).all(axis=2)
     # of 600 joints: the share missed has a deviation of 0.012, that of 1080 numbers or so one of 0.043 px
     assert found.mean() == pytest.approx(0.9, abs=0.04)

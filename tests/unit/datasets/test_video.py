@@ -50,10 +50,10 @@ def scene(tmp_path):
 
 
 def video(scene, **parameters):
-    marked = ("initial_annotations", "eval_marks", "keypoints")
+    marked = ("initial_annotations", "eval_annotations", "keypoints")
     files = {name: str(scene / value) for name, value in parameters.items() if name in marked}
     source = scene / parameters.pop("source", "images")
-    camera = scene / parameters.pop("camera", "camera.toml")
+    camera = scene / parameters.pop("calibration_file", "camera.toml")
     return Video(str(source), str(camera), **{"rate_hz": 25.0, **parameters, **files})
 
 
@@ -77,37 +77,43 @@ def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
 
 
 def test_marks_become_the_start_and_the_truth(scene):
-    dataset = video(scene, first_frame=3, initial_annotations="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
+    dataset = video(
+        scene, first_frame=3, initial_annotations="marks.csv", eval_annotations="marks.csv", occluded_weight=0.2
+    )
     (start,) = dataset.info.initial_annotations.keypoints
     assert np.array_equal(start[NECK], [31.0, 23.0, 1.0])
     assert np.array_equal(start[ANKLE], [10.5, 40.0, 0.2])
     assert np.isnan(np.delete(start, [NECK, ANKLE], axis=0)).all()
     truths = {frame.index: frame.truth for frame in dataset.frames()}
     assert [index for index, truth in truths.items() if truth is not None] == [3, 10]
-    assert np.array_equal(truths[3].marks[ANKLE], [10.5, 40.0])
+    assert np.array_equal(truths[3].annotations[ANKLE], [10.5, 40.0])
     assert truths[3].annotations_visible[NECK]
     assert not truths[3].annotations_visible[ANKLE]
-    assert np.isfinite(truths[10].marks).sum() == 2
+    assert np.isfinite(truths[10].annotations).sum() == 2
 
 
 def test_marks_of_later_frames_may_help_the_start(scene):
-    marks = video(scene, first_frame=3, initial_annotations="marks.csv", start_last=10).info.initial_annotations
+    marks = video(scene, first_frame=3, initial_annotations="marks.csv", initial_last_frame=10).info.initial_annotations
     assert marks.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
     assert np.array_equal(marks.keypoints[1, NECK], [5.0, 6.0, 1.0])
     assert (
-        len(video(scene, first_frame=3, initial_annotations="marks.csv", start_last=9).info.initial_annotations.times_s)
+        len(
+            video(
+                scene, first_frame=3, initial_annotations="marks.csv", initial_last_frame=9
+            ).info.initial_annotations.times_s
+        )
         == 1
     )
 
 
 def test_marks_become_keypoints_but_for_those_held_out(scene):
-    dataset = video(scene, scale=0.5, keypoints="marks.csv", hidden_weight=0.2)
+    dataset = video(scene, scale=0.5, keypoints="marks.csv", occluded_weight=0.2)
     seen = {frame.index: frame.views[0].keypoints for frame in dataset.frames()}
     assert [index for index, keypoints in seen.items() if keypoints is not None] == [3, 10]
     assert seen[3][ANKLE] == pytest.approx([5.0, 19.75, 0.2])  # (u + ½) / 2 − ½
     assert np.isfinite(seen[10]).all(axis=1).sum() == 1
     assert all(frame.truth is None for frame in dataset.frames())
-    dataset = video(scene, keypoints="marks.csv", eval_marks="marks.csv", held_out=[10])
+    dataset = video(scene, keypoints="marks.csv", eval_annotations="marks.csv", eval_frames=[10])
     frames = list(dataset.frames())
     assert [frame.index for frame in frames if frame.views[0].keypoints is not None] == [3]
     assert [frame.index for frame in frames if frame.truth is not None] == [10]
@@ -149,7 +155,7 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
     assert count_frames(path, at_most=3) == 3
     whole, cut = path.read_bytes(), scene / "cut.avi"
     cut.write_bytes(whole[: len(whole) * 3 // 4])
-    with pytest.warns(UserWarning, match="announces 8 frames"):
+    with pytest.warns(UserWarning, match="declares 8 frames"):
         assert 0 < count_frames(cut) < 8
 
 
@@ -159,8 +165,8 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"source": "none.mp4"}, ["none.mp4", "no such"]),
         ({"source": "marks.csv"}, ["marks.csv", "expected a video"]),
         ({"source": "."}, ["expected images"]),
-        ({"camera": "none.toml"}, ["none.toml"]),
-        ({"which": "middle"}, ["middle", "left, right"]),
+        ({"calibration_file": "none.toml"}, ["none.toml"]),
+        ({"camera_name": "middle"}, ["middle", "left, right"]),
         ({"rate_hz": None}, ["rate_hz"]),
         ({"rate_hz": 0.0}, ["rate_hz", "0.0"]),
         ({"first_frame": 5, "n_frames": 8}, ["no frame 12", "0 to 11"]),
@@ -168,13 +174,13 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"first_frame": -1}, ["-1"]),
         ({"scale": 0.0}, ["scale"]),
         ({"scale": 0.1}, ["scale", "6×5"]),
-        ({"hidden_weight": 2.0}, ["hidden_weight"]),
-        ({"initial_annotations": "marks.csv"}, ["no marks in frame 0", "3, 10"]),
+        ({"occluded_weight": 2.0}, ["occluded_weight"]),
+        ({"initial_annotations": "marks.csv"}, ["annotations in first_frame=0", "3, 10"]),
         (
-            {"initial_annotations": "marks.csv", "first_frame": 3, "start_last": 2},
-            ["start_last", "first_frame, 3", "found 2"],
+            {"initial_annotations": "marks.csv", "first_frame": 3, "initial_last_frame": 2},
+            ["initial_last_frame", "first_frame=3", "found 2"],
         ),
-        ({"keypoints": "marks.csv", "held_out": [4]}, ["no marks in frame 4", "held out"]),
+        ({"keypoints": "marks.csv", "eval_frames": [4]}, ["eval_frames", "found 4 without"]),
     ],
 )
 def test_mistakes_are_named(scene, parameters, words):

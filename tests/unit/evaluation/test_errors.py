@@ -65,10 +65,10 @@ def test_marks_count_where_visible():
     marks[3] += [30.0, 40.0]
     marks[4:] = np.nan
     marks[0] = np.nan
-    errors = step_errors(step_of(pose[None], Truth(marks=marks, annotations_visible=visible)), BODY)
+    errors = step_errors(step_of(pose[None], Truth(annotations=marks, annotations_visible=visible)), BODY)
     assert errors["error_px"] == pytest.approx(50 / 3)
     visible[3] = False
-    errors = step_errors(step_of(pose[None], Truth(marks=marks, annotations_visible=visible)), BODY)
+    errors = step_errors(step_of(pose[None], Truth(annotations=marks, annotations_visible=visible)), BODY)
     assert errors["error_px"] == pytest.approx(0, abs=1e-9)
     assert "error_abs_mm" not in errors
 

@@ -29,16 +29,16 @@ def test_the_last_frame_is_a_number_of_frames(target, recorded, today):
 
 
 def test_the_first_frame_of_a_truth_is_where_it_begins():
-    with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first=-2 today"):
+    with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first_frame=-2 today"):
         found = in_todays_words(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
-    assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first": -2}
+    assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first_frame": -2}
 
 
 @pytest.mark.parametrize(
     "settings",
     [
         {"dataset": None}, {}, {"dataset": {"_target_": VIDEO, "first_frame": 3, "n_frames": 2}},
-        {"dataset": {"_target_": POINTS, "first_frame": 3, "n_frames": None, "truth_first": 1}},
+        {"dataset": {"_target_": POINTS, "first_frame": 3, "n_frames": None, "truth_first_frame": 1}},
         {"dataset": {"_target_": "workbench.datasets.synthetic.Synthetic", "first_frame": 3}},
     ],
 )  # fmt: skip
@@ -46,6 +46,25 @@ def test_what_is_said_in_todays_words_stays(settings):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert in_todays_words(PATH, settings) == settings
+
+
+SCENE = "workbench.datasets.points.Points"
+
+
+@pytest.mark.parametrize(
+    ("target", "recorded", "today"),
+    [
+        (SCENE, {"exact": True, "departures": {"camera": 0.01}}, {"perturb": False, "perturbations": {"camera": 0.01}}),
+        (SCENE, {"exact": False, "start": "given"}, {"perturb": True, "initialization": "perturbed_truth"}),
+        (SCENE, {"perturb": False, "initialization": "auto"}, {"perturb": False, "initialization": "auto"}),
+        (VIDEO, {"camera": "c.toml", "which": "left"}, {"calibration_file": "c.toml", "camera_name": "left"}),
+        (MULTI, {"camera": "c.toml", "which": ["left"]}, {"calibration_file": "c.toml", "cameras": ["left"]}),
+        ("workbench.datasets.person.of_height", {"feet": True}, {"neck_and_feet": True}),
+    ],
+)
+def test_renamed_keys_of_datasets_have_todays_names(target, recorded, today):
+    dataset = in_todays_words(PATH, {"dataset": {"_target_": target, **recorded}})["dataset"]
+    assert dataset == {"_target_": target, **today}
 
 
 PRODUCT = {"_target_": "workbench.likelihoods.product.Product", "weights": {"edges": 0.5}}

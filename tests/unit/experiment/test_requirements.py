@@ -46,22 +46,23 @@ def test_a_conflict_is_one_sentence(words, sentence):
     [
         (
             ["dataset=video"], {"dataset": "video"},
-            "config: dataset=video needs source, camera: say dataset.source=… dataset.camera=… (camera: TOML of the "
+            "config: dataset=video needs source, calibration_file: say dataset.source=… "
+            "dataset.calibration_file=… (calibration_file: TOML of the "
             "Pose2Sim and Sports2D form)",
         ),
         (
             ["dataset=video", "dataset.source=x.mp4"], {},
-            "config: workbench.datasets.video.Video needs camera: say dataset.camera=…",
+            "config: workbench.datasets.video.Video needs calibration_file: say dataset.calibration_file=…",
         ),
         (
-            ["dataset=multi_view", "dataset.camera=c.toml"], {"dataset": "multi_view"},
+            ["dataset=multi_view", "dataset.calibration_file=c.toml"], {"dataset": "multi_view"},
             "config: dataset=multi_view needs sources: say dataset.sources=…",
         ),
-        (["dataset=multi_view", "dataset.camera=c.toml", "dataset.sources.a=a.mp4"], {}, None),
+        (["dataset=multi_view", "dataset.calibration_file=c.toml", "dataset.sources.a=a.mp4"], {}, None),
         (["dataset=video", "body=height"], NAMES, "config: body=height needs height_m: say body.height_m=…"),
         (
-            ["dataset=video", "body=height", "body.height_m=1.7", "dataset.source=x", "dataset.camera=y"], NAMES,
-            None,
+            ["dataset=video", "body=height", "body.height_m=1.7", "dataset.source=x", "dataset.calibration_file=y"],
+            NAMES, None,
         ),
         (["paths.data=null"], {}, None),
     ],

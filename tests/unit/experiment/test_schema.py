@@ -80,7 +80,7 @@ def test_typos_within_parts_and_at_the_top_are_named_too(override, match):
 def test_mappings_that_a_class_leaves_empty_are_filled_without_a_plus_and_with_one(plus):
     files = [f"{plus}dataset.sources={{a: a.mp4, b: b.mp4}}", f"{plus}dataset.keypoints={{a: a.csv}}"]
     files += ["+prior.sigma_velocity.elbow=4.0" if plus else "prior.sigma_velocity={elbow: 4.0}"]
-    words = ["experiment=custom", "dataset=multi_view", "dataset.camera=c.toml", "prior=smooth", *files]
+    words = ["experiment=custom", "dataset=multi_view", "dataset.calibration_file=c.toml", "prior=smooth", *files]
     config = compose("config", overrides=words)
     assert (config.dataset.sources, config.dataset.keypoints) == ({"a": "a.mp4", "b": "b.mp4"}, {"a": "a.csv"})
     assert config.prior.sigma_velocity.elbow == 4.0

@@ -58,7 +58,7 @@ def test_what_a_run_shows_is_drawn_for_every_clip_and_seed(listed):
             assert config.protocol.half == "report"
             assert config.dataset.seed == seed
             assert (config.protocol.shown == "a board passing") == config.dataset.occluder
-            shown.update([config.dataset.view_deg, config.dataset.occluder])
+            shown.update([config.dataset.view_azimuth_deg, config.dataset.occluder])
     assert set(shown) == {0.0, 90.0, 180.0, 270.0, True}
 
 

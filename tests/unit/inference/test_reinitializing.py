@@ -27,7 +27,7 @@ PARTICLES = 150
 def scene(cache):
     numba.set_num_threads(1)  # for so few points more than one costs more than it saves
     size = {"width": 160, "height": 120, "person_px": 65.0, "focal_px": 175.0}
-    dataset = Synthetic(n_frames=CUT + LEFT_OUT + AFTER, keypoint_sigma_px=1.0, exact=True, **size)
+    dataset = Synthetic(n_frames=CUT + LEFT_OUT + AFTER, keypoint_sigma_px=1.0, perturb=False, **size)
     prior = walking(motions="builtin", cache=str(cache), n_components=3, sigma_rotation=(0.0, 0.0, 0.0))
     shown = []
     for frame in dataset.frames():

@@ -70,7 +70,9 @@ def test_a_pose_that_the_prior_knows_comes_before_all_others():
 
 def test_nothing_to_start_from_is_refused():
     for capabilities in ({}, {"motion": SineModel()}, {"examples": examples}):
-        with pytest.raises(InputError, match=r"no initial pose: annotate joints .*dataset.start=given"):
+        with pytest.raises(
+            InputError, match=r"no initial pose: annotate joints .*dataset.initialization=perturbed_truth"
+        ):
             initial_poses(prior(**capabilities), BODY, clip())
 
 

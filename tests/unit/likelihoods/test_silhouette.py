@@ -68,7 +68,7 @@ def test_a_rod_gets_the_mean_ratio_of_what_it_covers():
 
 def test_how_far_away_a_person_is_is_told_without_bias():
     """The summed ratio of a walk's true poses, moved along the line of sight, is highest within 1 cm of the truth."""
-    dataset = Synthetic(n_frames=24, rate_hz=8.0, exact=True)  # so that any bias is the likelihood's own
+    dataset = Synthetic(n_frames=24, rate_hz=8.0, perturb=False)  # so that any bias is the likelihood's own
     frames, away = list(dataset.frames()), np.linspace(-0.1, 0.1, 41)
     likelihood, total = Silhouette(dataset.body, of_frames(frames)), np.zeros(41)
     camera = frames[0].views[0].camera
@@ -136,11 +136,11 @@ def test_where_somebody_sways_nothing_is_known_of_what_is_behind():
 
 def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background():
     person = Synthetic(
-        n_frames=12, width=160, height=120, person_px=80.0, focal_px=175.0, moving=["left_arm"], exact=True, seed=1
+        n_frames=12, width=160, height=120, person_px=80.0, focal_px=175.0, moving=["left_arm"], perturb=False, seed=1
     )
     frames, pose = list(person.frames()), person.info.initial_pose
     beside = np.stack([frames[5].truth.pose] * 2)
-    beside[1, :3] += 0.1 * person.view_camera.rotation[0]
+    beside[1, :3] += 0.1 * person.true_camera.rotation[0]
     told = {}
     for standing in (False, True):
         term = Silhouette(person.body, FrameCache(person), standing=standing)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.motion.formats.openpose import LAYOUTS, read_openpose
 from workbench.utils.errors import InputError
 
@@ -73,7 +73,7 @@ def test_whatever_is_written_is_read(frames):
 
 def test_a_folder_can_stand_where_a_file_of_marks_does(tmp_path):
     joints = standing(300.0, 100.0)
-    marks = read_marks(write(tmp_path, {3: [points("COCO_17", joints, 0.4)], 5: []}))
+    marks = read_annotations(write(tmp_path, {3: [points("COCO_17", joints, 0.4)], 5: []}))
     weighted = marks.weighted(3, 0.35)
     np.testing.assert_allclose(weighted[JOINT_NAMES.index("left_knee")], [*joints["left_knee"], 0.4])
     assert np.isnan(weighted[JOINT_NAMES.index("pelvis")]).all()

@@ -24,8 +24,8 @@ def changes(*overrides):
 
 
 def test_one_thing_is_changed_at_a_time():
-    departures = "dataset.departures={camera_deg:2.0,start_m:0.0,start_rad:0.0,lengths:0.0,radii:0.0,profile:0.0}"
-    given = ("prior=walking", "likelihood=product", "dataset.occluder=true", "body.scale=1.2", departures)
+    perturbations = "dataset.perturbations={camera_deg:2.0,start_m:0.0,start_rad:0.0,lengths:0.0,radii:0.0,profile:0.0}"
+    given = ("prior=walking", "likelihood=product", "dataset.occluder=true", "body.scale=1.2", perturbations)
     found = changes("dataset=synthetic", *given)
     assert list(found) == [
         "4 times the particles", "without image_motion", "without background", "without appearance", "without edges",
@@ -35,12 +35,12 @@ def test_one_thing_is_changed_at_a_time():
     assert found["without edges"] == Change("without edges", ("likelihood.weights.edges=0.0",))
     assert found["the true body"] == Change("the true body", ("body.scale=1.0",), whole=True)
     (word,) = found["without perturbation camera"].overrides
-    sizes = OmegaConf.from_dotlist([word.replace(":", ": ")]).dataset.departures
+    sizes = OmegaConf.from_dotlist([word.replace(":", ": ")]).dataset.perturbations
     assert (sizes.camera, sizes.camera_deg, sizes.clothes_m) == (0.0, 2.0, 0.005)
 
 
 def test_only_what_applies_is_changed():
-    found = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.exact=true")
+    found = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.perturb=false")
     assert list(found) == ["4 times the particles", "prior=jitter"]
 
 

@@ -1,4 +1,4 @@
-"""People detected in one view in normalised image coordinates, and how a view sees points and rays."""
+"""Detections of people in normalised image coordinates, and the projection model of a view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ J = len(JOINT_NAMES)
 HEIGHT_M = 1.5
 """Height from head to ankles of a standing person: the unit of a view without a camera."""
 SIGMA_M = 0.03
-"""Standard deviation of a confident joint at the person's distance, m: detectors are off by 1 to 2 cm, and in all
-joints of a view alike, which means another place on the body from each side."""
+"""Standard deviation of a confident joint at the person's distance, m. Detectors have errors of 1 to 2 cm, which are
+common to all joints of a view and differ between views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Detection:
     """One person detected in one view.
 
     places: (J, 2) coordinates of `DetectorView`, NaN for a joint that was not detected. sigma: (J,) standard deviation,
-    m at the person's distance. missing: (J,) whether a joint was not detected that the detector finds in others.
+    m at the person's distance. missing: (J,) undetected joints that the detector outputs for other people.
     """
 
     places: FloatArray
@@ -38,24 +38,24 @@ class Detection:
 
 @dataclass(frozen=True, eq=False)
 class DetectorView:
-    """How a view sees joints (J, D), m.
+    """Projection model of a view for joints (J, D), m.
 
     With a camera D is 3 and places are x/z, y/z in its frame, undistorted; without one D is 2 and places are pixels
-    over px_per_m, m: everybody is assumed at the distance of the median person. finds: (J,) joints that the detector
-    finds at all.
+    over px_per_m, m: all people are assumed at the distance of the median person. detectable: (J,) joints that the
+    detector outputs at all.
     """
 
     camera: Camera | None
-    finds: BoolArray
+    detectable: BoolArray
     px_per_m: float = 1.0
 
     def places(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return places (..., 2) of joints (..., D), m, and the factors (...,) from places to metres: the depths."""
         if self.camera is None:
             return joints, np.ones(joints.shape[:-1])
-        seen = self.camera.to_camera(joints)
-        depth = np.maximum(seen[..., 2], 0.1)  # whatever is nearer, or behind the camera, is seen far off
-        return seen[..., :2] / depth[..., None], depth
+        in_camera = self.camera.to_camera(joints)
+        depth = np.maximum(in_camera[..., 2], 0.1)  # nearer joints, and those behind the camera, are projected far off
+        return in_camera[..., :2] / depth[..., None], depth
 
     def project(self, joints: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return places (J, 2) of joints (J, D), m, their derivatives (J, 2, D), and the depths (J,)."""
@@ -78,7 +78,7 @@ class DetectorView:
         """Convert a detector's joints (J, 3), [u px, v px, confidence]."""
         sigma, pixels = SIGMA_M / np.sqrt(np.clip(joints[:, 2], 0.1, 1.0)), joints[:, :2]
         places = pixels / self.px_per_m if self.camera is None else self.camera.undistorted(pixels)
-        return Detection(places, sigma, self.finds & ~np.isfinite(joints[:, 0]))
+        return Detection(places, sigma, self.detectable & ~np.isfinite(joints[:, 0]))
 
     def rays(self, places: FloatArray) -> FloatArray:
         """Return unit directions (..., 3) in the world of a camera's rays to places (..., 2)."""
@@ -104,12 +104,12 @@ def triangulate_places(views: Sequence[DetectorView], places: FloatArray) -> tup
 def detector_view(people: People, camera: Camera | None) -> DetectorView:
     """Return the view in which people were detected; without a camera its scale comes from their median height."""
     joints = np.concatenate(people.joints)
-    finds = np.asarray(np.isfinite(joints[..., 0]).any(axis=0), bool)
-    return DetectorView(camera, finds, max(median_height(joints[..., :2]) or HEIGHT_M, 1e-3 * HEIGHT_M) / HEIGHT_M)
+    detectable = np.asarray(np.isfinite(joints[..., 0]).any(axis=0), bool)
+    return DetectorView(camera, detectable, max(median_height(joints[..., :2]) or HEIGHT_M, 1e-3 * HEIGHT_M) / HEIGHT_M)
 
 
 def median_height(places: FloatArray) -> float:
     """Return the median of the longer sides of the boxes around joints (n, J, 2), NaN where unknown; 0 for none."""
-    seen = places[np.isfinite(places[..., 0]).sum(axis=1) > 1]
-    heights = (np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1)).max(axis=1)
+    detected = places[np.isfinite(places[..., 0]).sum(axis=1) > 1]
+    heights = (np.nanmax(detected, axis=1) - np.nanmin(detected, axis=1)).max(axis=1)
     return float(np.median(heights)) if len(heights) else 0.0

@@ -1,4 +1,4 @@
-"""Track initiation: unassigned detections of several cameras that can be of one person, by where their rays meet."""
+"""Track initiation: grouping of unassigned detections in several cameras by the distances of their rays."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,18 +16,18 @@ Group = tuple[Place, ...]
 
 _OTHER_SIGMA_M = 0.5
 """Standard deviation of the distance between rays to joints of two people."""
-_ASTRAY = 0.05
+_OUTLIER_FRACTION = 0.05
 """Fraction of wrongly detected joints."""
 _THRESHOLD = 5.0
-"""Log odds, over all joints of two views, above which they are assumed to show one person."""
-_MET_M, _ALONE_M = 0.1, 0.4
-"""Standard deviations of a joint that two cameras show or more, and of others about the middle of these."""
+"""Log odds, over all joints of two views, above which two detections are assumed to be of one person."""
+_TRIANGULATED_M, _SINGLE_RAY_M = 0.1, 0.4
+"""Standard deviations of a joint detected in two or more cameras, and of others around the mean of these."""
 
 
 def initiate(views: Sequence[DetectorView], detections: Mapping[Place, Detection]) -> list[tuple[Group, KeypointState]]:
-    """Return the people shown by unassigned detections: which are theirs, and their states.
+    """Return new people from unassigned detections: their detections and initial states.
 
-    With several cameras a person is seen by two at least; a single view shows as many people as detections.
+    With several cameras a person needs two detections; in a single view every detection is a person.
     """
     if len(views) == 1:
         return [((place,), _state_in_image(one)) for place, one in detections.items() if one.detected.any()]
@@ -38,26 +38,26 @@ def initiate(views: Sequence[DetectorView], detections: Mapping[Place, Detection
 def _state_in_image(detection: Detection) -> KeypointState:
     detected, places = detection.detected, detection.places
     joints = np.where(detected[:, None], places, places[detected].mean(axis=0))
-    return initial_state(joints, np.where(detected, detection.sigma, _ALONE_M))
+    return initial_state(joints, np.where(detected, detection.sigma, _SINGLE_RAY_M))
 
 
 def _affinities(
     views: Sequence[DetectorView], detections: Mapping[Place, Detection]
 ) -> dict[tuple[Place, Place], float]:
-    """Return the log odds, for every pair of different views, the first before the second, that they show one person.
+    """Return the log odds that two detections in different views, the first before the second, are of one person.
 
-    The distance between two rays to a joint has the detections' sigma for one person, but for wrongly detected joints,
-    and _OTHER_SIGMA_M for two. Rays that would meet behind a camera are of two people.
+    The distance between two rays to a joint has the detections' sigma for one person, except for outliers, and
+    _OTHER_SIGMA_M for two people. Rays whose nearest points are behind a camera belong to two people.
     """
     rays = {place: views[place[0]].rays(one.places) for place, one in detections.items()}
     affinities = dict[tuple[Place, Place], float]()
     for a, b in ((a, b) for a in rays for b in rays if a[0] < b[0]):
         distance_m, ahead = _distances(rays[a], rays[b], views[b[0]].position - views[a[0]].position)
-        both = np.isfinite(distance_m)
-        sigma = np.hypot(detections[a].sigma, detections[b].sigma)[both]
-        one = (1.0 - _ASTRAY) * _half_normal(distance_m[both], sigma) * ahead[both]
-        two = _half_normal(distance_m[both], np.full(both.sum(), _OTHER_SIGMA_M))
-        affinities[a, b] = float(np.log(one / two + _ASTRAY).sum()) - _THRESHOLD
+        common = np.isfinite(distance_m)
+        sigma = np.hypot(detections[a].sigma, detections[b].sigma)[common]
+        same = (1.0 - _OUTLIER_FRACTION) * _half_normal(distance_m[common], sigma) * ahead[common]
+        different = _half_normal(distance_m[common], np.full(common.sum(), _OTHER_SIGMA_M))
+        affinities[a, b] = float(np.log(same / different + _OUTLIER_FRACTION).sum()) - _THRESHOLD
     return affinities
 
 
@@ -66,7 +66,7 @@ def _half_normal(x: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _distances(rays: FloatArray, others: FloatArray, between: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the distances (J,), m, of rays (J, 3) to others (J, 3) that start `between` (3,), m, away from them, and
+    """Return the distances (J,), m, of rays (J, 3) to others (J, 3), whose origin is offset by `between` (3,), m, and
     whether the nearest points are in front of both cameras, (J,)."""
     across = np.cross(rays, others)
     squares = np.maximum((across**2).sum(axis=1), 1e-9)
@@ -75,25 +75,25 @@ def _distances(rays: FloatArray, others: FloatArray, between: FloatArray) -> tup
 
 
 def _partition(affinities: Mapping[tuple[Place, Place], float], places: Sequence[Place]) -> list[Group]:
-    """Return groups of at most one detection a view: view after view, detections join groups or begin their own."""
+    """Return groups of at most one detection per view: view after view, detections join groups or start new ones."""
     groups: list[Group] = []
     for view in sorted({view for view, _ in places}):
-        own = [place for place in places if place[0] == view]
-        gains = [[sum(affinities[other, place] for other in group) for group in groups] for place in own]
-        costs = np.full((len(own), len(groups) + len(own)), np.inf)
-        costs[:, : len(groups)] = -np.array(gains).reshape(len(own), -1)
+        in_view = [place for place in places if place[0] == view]
+        gains = [[sum(affinities[other, place] for other in group) for group in groups] for place in in_view]
+        costs = np.full((len(in_view), len(groups) + len(in_view)), np.inf)
+        costs[:, : len(groups)] = -np.array(gains).reshape(len(in_view), -1)
         np.fill_diagonal(costs[:, len(groups) :], 0.0)
-        groups += [()] * len(own)
+        groups += [()] * len(in_view)
         for row, column in zip(*scipy.optimize.linear_sum_assignment(costs), strict=True):
-            groups[column] = (*groups[column], own[row])
+            groups[column] = (*groups[column], in_view[row])
         groups = [group for group in groups if group]
     return groups
 
 
 def _triangulated(views: Sequence[DetectorView], detections: Mapping[Place, Detection]) -> KeypointState:
-    """Return the state with every joint nearest to its rays, those of one ray about the middle of the others."""
+    """Return the state with triangulated joints; joints with fewer than two rays are at the mean of the others."""
     places = np.stack([one.places for one in detections.values()])
     joints, n_rays = triangulate_places([views[view] for view, _ in detections], places)
-    met = n_rays > 1
-    joints[~met] = joints[met].mean(axis=0)
-    return initial_state(joints, np.where(met, _MET_M, _ALONE_M))
+    triangulated = n_rays > 1
+    joints[~triangulated] = joints[triangulated].mean(axis=0)
+    return initial_state(joints, np.where(triangulated, _TRIANGULATED_M, _SINGLE_RAY_M))

@@ -1,7 +1,7 @@
-"""Images out of a video file or a folder, one after the other.
+"""Sequential decoding of the images of a video file or a folder.
 
-A source is a file or a folder that is there. It is opened by its absolute path and as a container of its own: FFmpeg,
-which OpenCV opens videos with, would take a name such as `http:/…` for an address, and fetch what a playlist names.
+A source is an existing file or folder. It is opened by its absolute path and only as a media container: FFmpeg, which
+OpenCV uses for videos, would interpret a name such as `http:/…` as an address, and open the files of a playlist.
 """
 
 import os
@@ -21,21 +21,23 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
-MOST_BYTES = 1 << 45
-"""Of a video or an image file; it is read piece by piece."""
+MAX_BYTES = 1 << 45
+"""Size of a video or an image file, which is read in chunks."""
 
 _OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 _CONTAINERS = (
     "asf,avi,dv,flv,gif,h264,hevc,ivf,m4v,matroska,webm,mjpeg,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,mxf,nut,ogg,"
     "wtv,yuv4mpegpipe"
 )
-"""FFmpeg's names of what holds pictures itself; the others are lists of other files, streams and devices."""
+"""FFmpeg's names of formats that contain images; the others are lists of other files, streams and devices."""
 
 
 def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[ByteArray]:
-    """The images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0. A
-    video is decoded from its start, since seeking in one lands on other frames. It stops early where the source does.
-    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder."""
+    """Yield images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0.
+
+    A video is decoded from its start, because seeking is inexact. The iteration ends early where the source does.
+    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder.
+    """
     if source.is_dir():
         files = image_files(source)
         for file in files[first : None if last is None else last + 1]:
@@ -56,23 +58,23 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 
 
 def count_frames(source: Path, at_most: int | None = None) -> int:
-    """Count the images that can be decoded, up to `at_most`, by decoding them; warns where a video file announces more
-    than it holds, raises InputError as `decode` does."""
+    """Return the number of decodable images, up to `at_most`, by decoding them; warns where a video file declares more
+    frames, and raises InputError as `decode` does."""
     if source.is_dir():
         return len(image_files(source))
     n = 0
     with _opened(source) as video, tqdm(desc=f"counting frames of {source.name}", unit="frame", disable=None) as bar:
-        announced = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         while (at_most is None or n < at_most) and video.grab():
             n += 1
             bar.update()
-    if n < announced and (at_most is None or n < at_most):
-        warnings.warn(f"{source}: announces {announced} frames, but only {n} can be decoded", stacklevel=2)
+    if n < declared and (at_most is None or n < at_most):
+        warnings.warn(f"{source}: declares {declared} frames, but only {n} can be decoded", stacklevel=2)
     return n
 
 
 def frame_rate(source: Path) -> float | None:
-    """Frames per second as a video file states it; None where it does not, and for a folder."""
+    """Return the frame rate of a video file, Hz; None without one, and for a folder."""
     if source.is_dir():
         return None
     with _opened(source) as video:
@@ -81,7 +83,7 @@ def frame_rate(source: Path) -> float | None:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The images of a folder in natural order: frame_9 before frame_10. Raises InputError where there are none."""
+    """Return the images of a folder in natural order: frame_9 before frame_10; raises InputError for none."""
     files = [file.name for file in folder.iterdir() if file.suffix.lower() in _IMAGE_SUFFIXES]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(_IMAGE_SUFFIXES)}), found none")
@@ -92,8 +94,8 @@ def image_files(folder: Path) -> list[Path]:
 def _opened(source: Path) -> Iterator[Any]:
     if not source.is_file():
         raise InputError(f"{source}: no such video file or folder of images")
-    check_file(source, MOST_BYTES)
-    with _own_pictures_only():
+    check_file(source, MAX_BYTES)
+    with _containers_only():
         video = cv2.VideoCapture(os.path.abspath(source), cv2.CAP_FFMPEG)
     try:
         if not video.isOpened():
@@ -104,8 +106,8 @@ def _opened(source: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def _own_pictures_only() -> Iterator[None]:
-    """Let FFmpeg open nothing but files, and of these nothing but _CONTAINERS."""
+def _containers_only() -> Iterator[None]:
+    """Restrict FFmpeg to files in the formats _CONTAINERS."""
     before = os.environ.get(_OPTIONS)
     os.environ[_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{_CONTAINERS}"
     try:
@@ -118,10 +120,10 @@ def _own_pictures_only() -> Iterator[None]:
 
 
 def _image(file: Path) -> Any:
-    check_file(file, MOST_BYTES)
+    check_file(file, MAX_BYTES)
     try:
         image = cv2.imread(os.path.abspath(file), cv2.IMREAD_COLOR)
-    except cv2.error:  # more pixels than OpenCV takes, and what its decoders do not check
+    except cv2.error:  # too many pixels for OpenCV, or damage that its decoders do not handle
         image = None
     if image is None:
         raise InputError(f"{file}: expected an image, found a file that cannot be read as one")

@@ -1,6 +1,6 @@
-"""Point clouds out of files: PLY (Turk 1994; ascii and binary), NPZ, CSV and HDF5, read strictly.
+"""Strict readers of point clouds: PLY (Turk 1994; ascii and binary), NPZ, CSV and HDF5.
 
-PLY has a parser of its own because the usual package for it is under the GPL and this project under the MIT licence.
+PLY has its own parser here, because the common package is under the GPL and this project under the MIT licence.
 """
 
 import csv
@@ -30,8 +30,8 @@ _PLY_TYPES = {
 }  # fmt: skip
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_BYTES = 1 << 16
-_BEYOND = 1e12  # larger coordinates are mistakes in any unit
-_DAMAGES = (
+_MAX_COORDINATE = 1e12  # larger ones are errors in any unit
+_DAMAGE_ERRORS = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError,
 )  # fmt: skip
@@ -39,28 +39,28 @@ _DAMAGES = (
 
 
 def read_ply(path: Path) -> FloatArray:
-    """Read the points (K, 3) of a PLY file's vertices, skipping other properties; raises InputError for anything but a
-    whole PLY file whose first element is `vertex` with scalar x, y and z."""
+    """Read the points (K, 3) of a PLY file's vertices, ignoring other properties; raises InputError unless the file is
+    complete and its first element is `vertex` with scalar x, y and z."""
     content = _bytes(path)
-    n, columns, order, begin, others = _ply_header(path, content)
+    n, columns, order, begin, has_more = _ply_header(path, content)
     missing = [axis for axis in AXES if axis not in columns]
     if missing:
         raise InputError(f"{path}: expected vertices with x, y and z, found {', '.join(columns) or 'no property'}")
     if order == "":
         first_line = content[:begin].count(b"\n") + 1
         lines = _text(path, content[begin:]).split("\n")
-        return _rows(path, lines if others else _stripped(lines), first_line, list(columns), None, n, others)
+        return _rows(path, lines if has_more else _stripped(lines), first_line, list(columns), None, n, has_more)
     kind = np.dtype([(name, order + code) for name, code in columns.items()])
-    found = len(content) - begin
-    if found < n * kind.itemsize or (found > n * kind.itemsize and not others):
-        raise InputError(f"{path}: expected {n} vertices of {kind.itemsize} bytes, {n * kind.itemsize}, found {found}")
+    n_bytes = len(content) - begin
+    if n_bytes < n * kind.itemsize or (n_bytes > n * kind.itemsize and not has_more):
+        expected = f"{n} vertices of {kind.itemsize} bytes, {n * kind.itemsize}"
+        raise InputError(f"{path}: expected {expected}, found {n_bytes}")
     vertices = np.frombuffer(content, kind, n, begin)
     return checked(path, np.stack([vertices[axis].astype(np.float64) for axis in AXES], axis=1), "vertex")
 
 
 def read_csv(path: Path) -> FloatArray:
-    """Read the points (K, 3) of a CSV file whose first line names its columns, x, y and z among them; raises
-    InputError, naming the line, for anything else."""
+    """Read the points (K, 3) of a CSV file with a header that includes x, y and z; raises InputError with the line."""
     lines = _stripped(_text(path, _bytes(path)).removeprefix("\ufeff").split("\n"))
     columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
     if len(set(columns)) < len(columns) or not set(AXES) <= set(columns):
@@ -69,7 +69,7 @@ def read_csv(path: Path) -> FloatArray:
 
 
 def read_npz(path: Path) -> FloatArray:
-    """The points of an NPZ file: its array `points`, or its only one, (K, 3). Raises InputError for anything else."""
+    """Read the array `points` (K, 3) of an NPZ file, or its only array; raises InputError for other contents."""
     _bytes(path, 1)
     try:
         with zipfile.ZipFile(path) as packed:
@@ -82,17 +82,17 @@ def read_npz(path: Path) -> FloatArray:
                 values = stored[name] if name in names else None
     except InputError:
         raise
-    except _DAMAGES as error:
-        raise InputError(f"{path}: expected a whole NPZ file of numbers: {_said(error)}") from None
+    except _DAMAGE_ERRORS as error:
+        raise InputError(f"{path}: expected a complete NPZ file of numbers: {_message(error)}") from None
     if values is None:
         raise InputError(f"{path}: expected one array, or one called 'points', found {', '.join(names) or 'none'}")
     return _table(f"{path}: {name}", values)
 
 
 def read_hdf5(path: Path) -> Iterator[FloatArray]:
-    """Read the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order; raises
-    InputError for anything else."""
-    file = hdf5.read_hdf5(path, "a whole file of points")
+    """Yield the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order;
+    raises InputError for other contents."""
+    file = hdf5.read_hdf5(path, "a complete file of points")
     places = [place for place in (*file.attributes, *file.arrays) if place.startswith("/frames/")]
     if not places:
         raise InputError(f"{path}: expected frames of points in the group /frames, found none")
@@ -102,14 +102,14 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
         yield _table(f"{path}: {place}", file.arrays[place])
 
 
-READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file
+READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by file extension: one frame per file
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
-    """The points (K, 3) themselves; InputError for none, and for the first (rows from 1) that is not finite or huge."""
+    """Return points (K, 3); raises InputError for none, and the first (rows from 1) that is not finite or too large."""
     if not len(points):
         raise InputError(f"{place}: expected points, found none")
-    bad = ~(np.abs(points) < _BEYOND).all(axis=1)
+    bad = ~(np.abs(points) < _MAX_COORDINATE).all(axis=1)
     if bad.any():
         k = int(np.argmax(bad))
         raise InputError(f"{place}, {row} {k + 1}: expected finite x, y, z, found {points[k].tolist()}")
@@ -117,7 +117,7 @@ def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
 
 
 def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, int, bool]:
-    """The number of vertices, their properties' types by name, the byte order, where the header ends, what follows."""
+    """Return number of vertices, types of their properties, byte order, end of the header, and whether more follows."""
     end = re.search(rb"(?:^|\n)end_header[ \t]*\r?\n", content[:_HEADER_BYTES])
     if not re.match(rb"ply[ \t]*\r?\n", content) or end is None:
         raise InputError(f"{path}: expected a PLY file with a header from 'ply' to 'end_header', found none")
@@ -144,10 +144,10 @@ def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, i
 
 
 def _rows(
-    path: Path, lines: Sequence[str], first: int, columns: Sequence[str], delimiter: str | None, n: int, more: bool
+    path: Path, lines: Sequence[str], first: int, columns: Sequence[str], delimiter: str | None, n: int, has_more: bool
 ) -> FloatArray:
-    """Read points (n, 3), one a line, the first line's number being `first`; more: other lines may follow."""
-    if len(lines) < n or (len(lines) > n and not more):
+    """Read points (n, 3), one per line, from line number `first` on; has_more: whether other lines may follow."""
+    if len(lines) < n or (len(lines) > n and not has_more):
         raise InputError(f"{path}: expected {n} rows of points from line {first} on, found {len(lines)} lines")
     rows = lines[:n]
     if not rows:
@@ -157,7 +157,7 @@ def _rows(
     except (ValueError, csv.Error):
         values = np.empty((0, 0))
     at = [columns.index(axis) for axis in AXES]
-    if values.shape == (n, len(columns)) and (np.abs(values[:, at]) < _BEYOND).all():
+    if values.shape == (n, len(columns)) and (np.abs(values[:, at]) < _MAX_COORDINATE).all():
         return values[:, at]
     for number, line in enumerate(rows, first):
         cells = line.split(delimiter)
@@ -174,22 +174,22 @@ def _is_number(cell: str, finite: bool) -> bool:
         value = float(cell)
     except ValueError:
         return False
-    return "_" not in cell and (abs(value) < _BEYOND or not finite)
+    return "_" not in cell and (abs(value) < _MAX_COORDINATE or not finite)
 
 
 def _table(place: str, values: AnyArray) -> FloatArray:
-    """The array (K, 3) as float64 if it is one of finite real numbers."""
+    """Return an array (K, 3) of finite real numbers as float64; raises InputError for another one."""
     values = np.asarray(values)
     if values.ndim != 2 or values.shape[1] != 3 or values.dtype.kind not in "fiu":
         raise InputError(f"{place}: expected points (K, 3) of numbers, found {values.shape} {values.dtype}")
     return checked(place, values.astype(np.float64))
 
 
-def _bytes(path: Path, most: int = -1) -> bytes:
+def _bytes(path: Path, max_bytes: int = -1) -> bytes:
     check_file(path)
     try:
         with path.open("rb") as file:
-            return file.read(most)
+            return file.read(max_bytes)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
@@ -198,15 +198,15 @@ def _text(path: Path, content: bytes) -> str:
     try:
         return content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected text, found bytes that are none at {error.start}") from None
+        raise InputError(f"{path}: expected UTF-8 text, found other bytes at {error.start}") from None
 
 
 def _stripped(lines: list[str]) -> list[str]:
-    """The lines without blank ones at the end."""
+    """Return the lines without trailing blank ones."""
     while lines and not lines[-1].strip():
         lines = lines[:-1]
     return lines
 
 
-def _said(error: BaseException) -> str:
+def _message(error: BaseException) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Rendered images kept in compressed files between runs; such a file may be deleted at any time."""
+"""On-disk cache of rendered images, in compressed files that may be deleted at any time."""
 
 import hashlib
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.datasets.rendering.perturbations import SHOWN
+from workbench.datasets.rendering.perturbations import VISIBLE
 from workbench.datasets.rendering.sequence import Scene
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, ByteArray
@@ -19,12 +19,13 @@ from workbench.utils.atomic_write import kept_for_later, whole_file
 
 
 def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *arrays: AnyArray) -> str:
-    """Name a scene's images: a digest of the code, the motion, further arrays, and the parameters but those unseen."""
-    apart = {*unseen, "exact", "departures"}
-    parameters = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in apart}
-    drawn = {name: scene.departure[name] for name in SHOWN}
-    shown = [code, parameters | drawn | {"motion": motion.name}, motion.shape.as_dict()]
-    digest = hashlib.sha256(json.dumps(shown).encode())
+    """Return the cache key of a scene's images. unseen: parameters of the scene that do not change its images. code:
+    digest of the rendering code. motion, arrays: further inputs."""
+    excluded = {*unseen, "perturb", "perturbations"}
+    parameters = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in excluded}
+    sizes = {name: scene.perturbation_sizes[name] for name in VISIBLE}
+    inputs = [code, parameters | sizes | {"motion": motion.name}, motion.shape.as_dict()]
+    digest = hashlib.sha256(json.dumps(inputs).encode())
     for array in (motion.poses, *arrays):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -33,8 +34,8 @@ def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *a
 def cached_images(
     cache: str | None, key: Callable[[], str], shape: tuple[int, int, int], render: Callable[[], ByteArray]
 ) -> ByteArray:
-    """Return the images (F, height, width) that the folder `cache` keeps under a key, or else render them and, where
-    there is a folder, keep them there as far as it can be written to."""
+    """Return the images (F, height, width) of a key from the folder `cache`, or else render and, where possible, store
+    them; None: no cache."""
     if cache is None:
         return render()
     file = Path(cache).expanduser() / "scenes" / f"{key()[:32]}.npz"
@@ -47,7 +48,7 @@ def cached_images(
 
 
 def _read(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
-    """Return the images in `file`, or None where there is no such file or, with a warning, no sound one."""
+    """Return the images in `file`; None without a file and, with a warning, for a damaged one."""
     if not file.exists():
         return None
     try:
@@ -55,8 +56,8 @@ def _read(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
             images: ByteArray = stored["images"]
         if images.dtype == np.uint8 and images.shape == shape:
             return images
-        found = f"{images.dtype} {images.shape}"
+        defect = f"expected {shape} uint8, found {images.shape} {images.dtype}"
     except (OSError, ValueError, LookupError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
-        found = f"{type(error).__name__}: {error}"
-    warnings.warn(f"{file}: damaged ({found}), so its images are rendered again", stacklevel=2)
+        defect = f"{type(error).__name__}: {error}"
+    warnings.warn(f"{file}: damaged ({defect}); its images are rendered again", stacklevel=2)
     return None

@@ -1,8 +1,8 @@
-"""Rendering: a body in a pose, ray-cast limb by limb through a camera, over a cluttered background.
+"""Ray casting of a body in a pose over a cluttered background.
 
-Limbs are what `workbench.body.limbs` says they are, elliptical truncated cones and spheres, not the planar patches
-that likelihoods compare: pictures and likelihoods share no geometry but the body's. Open ends are capped with half an
-ellipsoid, so that joints have no holes.
+Limbs are the elliptical truncated cones and spheres of `workbench.body.limbs`, not the planar patches of likelihoods:
+images and likelihoods have only the body's geometry in common. Open ends are capped with half an ellipsoid, so that
+joints have no holes.
 """
 
 from dataclasses import dataclass
@@ -24,34 +24,36 @@ CLUTTER_GREY = 35.0  # standard deviation of the background at clutter 1, grey l
 _AMBIENT = 0.6
 _LIGHT = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])  # towards the light, in the world
 _NEAR_M = 0.02
-_EVEN = 1e-9  # sections whose semi-axes have one ratio, but for rounding
+_RATIO_TOLERANCE = 1e-9  # of the ratio of semi-axes along a limb, for rounding
 VOXEL_M = 0.0125
 _SHIRT, _TROUSERS = ("torso", "upper_arm"), ("thigh", "calf", "foot")
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """A camera's lines of sight, `samples` × `samples` per pixel, in its own frame. directions: (height · samples,
-    width · samples, 2), (x, y) at depth 1, lens distortion undone."""
+    """A camera's rays, `samples` × `samples` per pixel, in its own frame. directions: (height · samples, width ·
+    samples, 2), (x, y) at depth 1, without lens distortion."""
 
     samples: int
     directions: Float32Array
 
     @cached_property
     def across(self) -> Float32Array:
-        """The lowest and the highest x of every column, (2, width · samples)."""
+        """The smallest and the largest x of every column, (2, width · samples)."""
         return np.stack([self.directions[..., 0].min(axis=0), self.directions[..., 0].max(axis=0)])
 
     @cached_property
     def down(self) -> Float32Array:
-        """The lowest and the highest y of every row, (2, height · samples)."""
+        """The smallest and the largest y of every row, (2, height · samples)."""
         return np.stack([self.directions[..., 1].min(axis=1), self.directions[..., 1].max(axis=1)])
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Hits of the rays of a rectangle of the picture with its corner at rays (top, left), outside which there are none.
-    depth: (h, w) along the camera's axis, m, inf where nothing is. limb: (h, w) the body's, -1 where nothing is."""
+    """Intersections of rays with a body. Outside the rectangle of rays with its corner at (top, left) there are none.
+
+    depth: (h, w) along the camera's axis, m, inf for none. limb: (h, w) index of the body's limb, -1 for none.
+    """
 
     top: int
     left: int
@@ -61,9 +63,15 @@ class Hits:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """One person's clothes, fixed to the limbs: noise in space, cut by the limbs' surfaces. volume: (n, n, n) periodic
-    band-limited noise of unit variance, in voxels of 12.5 mm. offsets: (L, 3) voxels, where each limb lies in it. grey:
-    (L,) mean grey level of the limbs. contrast: grey levels per unit of noise."""
+    """One person's clothes, fixed to the limbs: a noise volume, evaluated at the limbs' surfaces.
+
+    Parameters
+    ----------
+    volume : (n, n, n) periodic band-limited noise of unit variance, in voxels of 12.5 mm.
+    offsets : (L, 3) position of each limb in the volume, voxels.
+    grey : (L,) mean grey levels of the limbs.
+    contrast : grey levels per unit of noise.
+    """
 
     volume: Float32Array
     offsets: FloatArray
@@ -73,7 +81,7 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class RenderedScene:
-    """All that stays the same from frame to frame. background: (height, width) grey levels."""
+    """The constant part of a scene. background: (height, width) grey levels."""
 
     body: Body
     camera: Camera
@@ -88,19 +96,26 @@ class RenderedScene:
 
 @dataclass(frozen=True, eq=False)
 class _PlacedLimbs:
-    """Limbs seen by a camera. A limb's own frame starts at its axis' start, z along the axis. rotations: (L, 3, 3)
-    camera to limb. eyes: (L, 3) the camera's centre in the limb's frame, m. sizes: (L, 5) length of the axis and
-    semi-axes x, y at its start, x, y at its end, m."""
+    """Limbs in relation to a camera. A limb's frame has its origin at the axis' start, and z along the axis.
+
+    Parameters
+    ----------
+    rotations : (L, 3, 3) camera to limb.
+    centres : (L, 3) the camera's centre in the limb's frame, m.
+    sizes : (L, 5) length of the axis and semi-axes x, y at its start, x, y at its end, m.
+    """
 
     rotations: FloatArray
-    eyes: FloatArray
+    centres: FloatArray
     sizes: FloatArray
 
 
 @lru_cache(maxsize=2)
 def camera_rays(camera: Camera, samples: int = 2) -> Rays:
-    """The camera's rays, `samples` × `samples` evenly spread over every pixel; those of the last two cameras are kept,
-    as they take longer to compute than a picture."""
+    """Return the camera's rays, `samples` × `samples` on a regular grid in every pixel.
+
+    Those of the last two cameras are cached, because they take longer to compute than an image.
+    """
     u, v = ((np.arange(size * samples) + 0.5) / samples - 0.5 for size in (camera.width, camera.height))
     if camera.distortion.any():
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
@@ -114,7 +129,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
 
 
 def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Texture:
-    """A random outfit: plain shirt, trousers and skin with noise of wavelengths about 5 to 25 cm on each."""
+    """Draw a random outfit: uniform shirt, trousers and skin, each with noise of wavelengths of about 5 to 25 cm."""
     n = 64
     frequency = np.stack(np.meshgrid(*[np.fft.fftfreq(n, VOXEL_M)] * 2, np.fft.rfftfreq(n, VOXEL_M), indexing="ij"))
     octaves = np.log2(np.maximum(np.linalg.norm(frequency, axis=0), 1e-9) * 0.11)
@@ -131,7 +146,7 @@ def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Text
 
 
 def background(height: int, width: int, rng: np.random.Generator, clutter: float = 1.0) -> FloatArray:
-    """A still, cluttered wall, (height, width) grey levels: noise at five scales, and furniture with sharp edges."""
+    """Draw a cluttered wall, (height, width) grey levels: noise at five scales, and rectangles with sharp edges."""
     wall: FloatArray = np.zeros((height, width))
     for octave in range(2, 7):
         coarse = rng.standard_normal((height // 2**octave + 2, width // 2**octave + 2))
@@ -147,26 +162,26 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
 
 
 def render(scene: RenderedScene, pose: FloatArray) -> FloatArray:
-    """The noiseless picture (height, width), grey levels 0 to 255, of the body in a pose (P,)."""
+    """Return the noiseless image (height, width), grey levels 0 to 255, of the body in a pose (P,)."""
     placed = _place(scene.body, pose, scene.camera)
     hits, n, image = _cast_placed(placed, scene.rays), scene.rays.samples, scene.background.copy()
     height, width = hits.depth.shape[0] // n, hits.depth.shape[1] // n
     window = image[hits.top // n :, hits.left // n :][:height, :width]
     fine = np.repeat(np.repeat(window, n, axis=0), n, axis=1)
-    seen = hits.limb >= 0
-    fine[seen] = _shade(scene, placed, hits, seen)
+    hit = hits.limb >= 0
+    fine[hit] = _shade(scene, placed, hits, hit)
     window[:] = fine.reshape(height, n, width, n).mean(axis=(1, 3))
     return image
 
 
 def with_noise(image: FloatArray, sigma: float, rng: np.random.Generator) -> ByteArray:
-    """The picture as a sensor gives it: Gaussian noise of `sigma` grey levels, rounded and clipped to 8 bits."""
+    """Return an image with Gaussian sensor noise of `sigma` grey levels, rounded and clipped to 8 bits."""
     noisy = image + sigma * rng.standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
 def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
-    """Depth and limb where the camera's rays meet the body in a pose (P,)."""
+    """Return depth and limb of the intersections of the camera's rays with the body in a pose (P,)."""
     return _cast_placed(_place(body, pose, camera), rays)
 
 
@@ -178,7 +193,7 @@ def _place(body: Body, pose: FloatArray, camera: Camera) -> _PlacedLimbs:
     starts = at + np.einsum("lij,lj->li", from_joint, limbs.starts)
     return _PlacedLimbs(
         rotations=np.ascontiguousarray(to_limb @ camera.rotation.T),
-        eyes=np.einsum("lij,lj->li", to_limb, camera.position - starts),
+        centres=np.einsum("lij,lj->li", to_limb, camera.position - starts),
         sizes=np.column_stack([limbs.lengths, limbs.radii.reshape(-1, 4)]),
     )
 
@@ -193,24 +208,24 @@ def _cast_placed(placed: _PlacedLimbs, rays: Rays) -> Hits:
     bottom, right = -(-used[:, 1].max() // n) * n, -(-used[:, 3].max() // n) * n
     depth = np.full((bottom - top, right - left), np.inf)
     limb = np.full(depth.shape, -1)
-    _cast(rays.directions, placed.rotations, placed.eyes, placed.sizes, boxes, top, left, depth, limb)
+    _cast(rays.directions, placed.rotations, placed.centres, placed.sizes, boxes, top, left, depth, limb)
     return Hits(int(top), int(left), depth, limb)
 
 
 def _box(placed: _PlacedLimbs, k: int, rays: Rays) -> tuple[int, int, int, int]:
-    """Rows and columns (from, to, from, to) of the rays that may meet limb k: those that meet a cube at each end."""
+    """Return rows and columns (from, to, from, to) of the rays through a cube at each end of limb k."""
     from_limb = placed.rotations[k].T
     length, *radii = placed.sizes[k]
-    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]]) - placed.eyes[k]
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]]) - placed.centres[k]
     cube = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(8, 3)
-    reach = np.array([max(radii[:2]), max(radii[2:])])
-    corners = ((ends @ from_limb.T)[:, None] + reach[:, None, None] * cube).reshape(16, 3)
+    half_sides = np.array([max(radii[:2]), max(radii[2:])])
+    corners = ((ends @ from_limb.T)[:, None] + half_sides[:, None, None] * cube).reshape(16, 3)
     if corners[:, 2].max() <= _NEAR_M:
         return 0, 0, 0, 0
     if corners[:, 2].min() <= _NEAR_M:
         return 0, rays.directions.shape[0], 0, rays.directions.shape[1]
-    seen = corners[:, :2] / corners[:, 2:]
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    projected = corners[:, :2] / corners[:, 2:]
+    low, high = projected.min(axis=0), projected.max(axis=0)
     columns = np.flatnonzero((rays.across[1] >= low[0]) & (rays.across[0] <= high[0]))
     rows = np.flatnonzero((rays.down[1] >= low[1]) & (rays.down[0] <= high[1]))
     if len(rows) == 0 or len(columns) == 0:
@@ -218,25 +233,25 @@ def _box(placed: _PlacedLimbs, k: int, rays: Rays) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
-def _shade(scene: RenderedScene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatArray:
-    """Grey levels of the rays that `seen` (h, w) marks: textured, Lambert's law under one light and ambient light."""
-    rows, columns = np.nonzero(seen)
+def _shade(scene: RenderedScene, placed: _PlacedLimbs, hits: Hits, hit: Any) -> FloatArray:
+    """Return grey levels of the rays in the mask `hit` (h, w): texture times Lambert's law with ambient light."""
+    rows, columns = np.nonzero(hit)
     limb, depth = hits.limb[rows, columns], hits.depth[rows, columns]
     direction = scene.rays.directions[rows + hits.top, columns + hits.left]
     towards = np.column_stack([direction, np.ones(len(direction))]) * depth[:, None]
     grey, light, texture = np.empty(len(limb)), scene.camera.rotation @ _LIGHT, scene.texture
     for k in np.unique(limb):
-        those = np.flatnonzero(limb == k)
-        points = placed.eyes[k] + towards[those] @ placed.rotations[k].T
-        cells = (points / VOXEL_M + texture.offsets[k]).T
-        pattern = scipy.ndimage.map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
+        of_limb = np.flatnonzero(limb == k)
+        points = placed.centres[k] + towards[of_limb] @ placed.rotations[k].T
+        voxels = (points / VOXEL_M + texture.offsets[k]).T
+        pattern = scipy.ndimage.map_coordinates(texture.volume, voxels, order=1, mode="grid-wrap")
         lit = np.maximum(_normals(points, placed.sizes[k]) @ (placed.rotations[k] @ light), 0.0)
-        grey[those] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
+        grey[of_limb] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
     return np.clip(grey, 0.0, 255.0)
 
 
 def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
-    """Unit normals (M, 3) of one limb's surface at points (M, 3) on it, in its frame."""
+    """Return unit normals (M, 3) of one limb's surface at points (M, 3) on it, in its frame."""
     length, ax, ay, bx, by = size
     on_side = (points[:, 2] >= 0.0) & (points[:, 2] <= length) & (length > 0.0)
     t = np.clip(points[:, 2] / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(points))
@@ -250,54 +265,54 @@ def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
 
 @kernel()
 def _cast(
-    directions: Any, rotations: Any, eyes: Any, sizes: Any, boxes: Any, top: int, left: int, depth: Any, limb: Any
+    directions: Any, rotations: Any, centres: Any, sizes: Any, boxes: Any, top: int, left: int, depth: Any, limb: Any
 ) -> None:
     for k in range(sizes.shape[0]):
-        m, eye, size = rotations[k], eyes[k], sizes[k]
+        m, centre, size = rotations[k], centres[k], sizes[k]
         for row in range(boxes[k, 0], boxes[k, 1]):
             for column in range(boxes[k, 2], boxes[k, 3]):
                 x, y = np.float64(directions[row, column, 0]), np.float64(directions[row, column, 1])
                 dx = m[0, 0] * x + m[0, 1] * y + m[0, 2]
                 dy = m[1, 0] * x + m[1, 1] * y + m[1, 2]
                 dz = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-                s = _limb_depth(eye, dx, dy, dz, size)
+                s = _limb_depth(centre, dx, dy, dz, size)
                 if s < depth[row - top, column - left]:
                     depth[row - top, column - left] = s
                     limb[row - top, column - left] = k
 
 
 @kernel()
-def _limb_depth(eye: Any, dx: float, dy: float, dz: float, size: Any) -> float:
-    ox, oy, oz = eye[0], eye[1], eye[2]
+def _limb_depth(centre: Any, dx: float, dy: float, dz: float, size: Any) -> float:
+    ox, oy, oz = centre[0], centre[1], centre[2]
     length, ax, ay, bx, by = size[0], size[1], size[2], size[3], size[4]
     depth = min(_cap_depth(ox, oy, oz, dx, dy, dz, ax, ay), _cap_depth(ox, oy, oz - length, dx, dy, dz, bx, by))
     if length == 0.0:
         return depth
     gx, gy = (bx - ax) / length, (by - ay) / length
-    # With one ratio of the semi-axes all along, k = (rx / ry)², the surface is a quadric. Where the ratio varies, that
-    # of the place where the ray passes nearest to the axis, on a limb a tenth fatter, starts Newton's method outside.
+    # With a constant ratio of the semi-axes, k = (rx / ry)², the surface is a quadric. Where the ratio varies, that at
+    # the ray's nearest point to the axis, on a limb thicker by a tenth, starts Newton's method outside.
     t = min(max((oz - dz * (ox * dx + oy * dy) / (dx * dx + dy * dy)) / length, 0.0), 1.0)
     k = ((ax + t * (bx - ax)) / (ay + t * (by - ay))) ** 2
-    exact = abs(ax * by - ay * bx) < _EVEN * ax * by
-    fat = 1.0 if exact else 1.1
-    r, g = fat * (ax + gx * oz), fat * gx
+    exact = abs(ax * by - ay * bx) < _RATIO_TOLERANCE * ax * by
+    scale = 1.0 if exact else 1.1
+    r, g = scale * (ax + gx * oz), scale * gx
     a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
     s = _entry(a, b, ox * ox + k * oy * oy - r * r)
-    settled = exact or s == np.inf
+    converged = exact or s == np.inf
     for _ in range(8):
-        if settled:
+        if converged:
             break
         x, y, t = ox + s * dx, oy + s * dy, min(max((oz + s * dz) / length, 0.0), 1.0)
         rx, ry = ax + t * (bx - ax), ay + t * (by - ay)
         f = (x / rx) ** 2 + (y / ry) ** 2 - 1.0
         rate = x * (dx - x * gx * dz / rx) / rx**2 + y * (dy - y * gy * dz / ry) / ry**2
-        settled = abs(f) < 1e-7
-        if not settled:
+        converged = abs(f) < 1e-7
+        if not converged:
             if rate >= 0.0:  # beyond the point nearest to the axis: the ray misses
                 return depth
             s -= 0.5 * f / rate
     z = oz + s * dz
-    return min(s, depth) if settled and 0.0 <= z <= length else depth
+    return min(s, depth) if converged and 0.0 <= z <= length else depth
 
 
 @kernel()

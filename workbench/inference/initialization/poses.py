@@ -235,7 +235,7 @@ def initial_poses(prior: Prior | None, body: Body, clip: FrameCache) -> tuple[Fl
         return _pose_from_points(prior, body, clip), "initial pose fitted to the points of the first second"
     raise InputError(
         "dataset: no initial pose: annotate joints in a video's first frame (dataset.initial_annotations=FILE.csv), "
-        "give the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
+        "for points set dataset.initialization=perturbed_truth, or fit by inference=least_squares, which finds it"
     )
 
 

@@ -82,9 +82,9 @@ def _rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, Flo
     for scene in range(SCENES):
         dataset = Synthetic(
             path=("straight", "circle")[scene % 2], n_frames=FRAMES, rate_hz=4.0,
-            view_deg=float(rng.uniform(30.0, 150.0)), person_px=float(rng.uniform(200.0, 340.0)),
+            view_azimuth_deg=float(rng.uniform(30.0, 150.0)), person_px=float(rng.uniform(200.0, 340.0)),
             contrast=float(rng.uniform(0.5, 1.5)), clutter=float(rng.uniform(0.5, 1.5)), seed=_FIRST_SEED + scene,
-            exact=True,  # where limbs are is to be learned from, as if they were marked by hand
+            perturb=False,  # where limbs are is to be learned from, as if they were marked by hand
         )  # fmt: skip
         for frame in dataset.frames():
             if frame.truth is not None and frame.truth.pose is not None:

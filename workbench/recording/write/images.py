@@ -96,7 +96,7 @@ def overlay(
 
 def truth_marks(shown: RecordedCamera, known: Truth | None, names: tuple[str, ...]) -> Entities:
     """Yield the annotated joints as points in the straightened image, dark where hidden; none where there are none."""
-    places = np.full((len(names), 2), np.nan) if known is None or known.marks is None else known.marks
+    places = np.full((len(names), 2), np.nan) if known is None or known.annotations is None else known.annotations
     visible = (
         np.ones(len(names), bool) if known is None or known.annotations_visible is None else known.annotations_visible
     )

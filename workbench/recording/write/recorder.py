@@ -232,9 +232,9 @@ class Recorder:
         self._file.send_property("run", {"stopped": sentence})
         self._file.status = "stopped"
 
-    def set_departures(self, departures: Mapping[str, FloatArray]) -> None:
-        """Record how the person and the cameras differ from what the run was given, as the property `departures`."""
-        self._file.send_property("departures", departures)
+    def set_perturbations(self, perturbations: Mapping[str, FloatArray]) -> None:
+        """Record how the person and the cameras differ from what the run was given, as the property `perturbations`."""
+        self._file.send_property("perturbations", perturbations)
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
         """Record the run's time and memory as the property `cost`, in which equal runs differ."""
@@ -268,7 +268,7 @@ class Recorder:
             self._places.append(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._marks |= bool(views) and known is not None and known.marks is not None
+        self._marks |= bool(views) and known is not None and known.annotations is not None
         if views and self._marks:  # as the keypoints
             self._file.send(images.truth_marks(self._camera(views[0].camera), known, figure.skeleton.names))
 
@@ -335,7 +335,7 @@ def _drawn(step: Step) -> frozenset[str]:
     known, views = step.frame.truth, step.frame.views
     shown = {
         "truth": known is not None and (known.joints is not None or known.pose is not None),
-        "marks": bool(views) and known is not None and known.marks is not None,
+        "marks": bool(views) and known is not None and known.annotations is not None,
         "particles": len(step.particles) > 1,
         "keypoints": any(view.keypoints is not None for view in views),
     }

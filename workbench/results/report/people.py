@@ -7,7 +7,7 @@ from workbench.motion.formats.names import GENERATED, left_out, performer
 
 MOTION = "dataset.motion"
 _HALF = "protocol.half"
-_DRAWN = ("dataset.view_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.shown")
+_DRAWN = ("dataset.view_azimuth_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.shown")
 """Keys that a protocol draws for every clip and seed, so that they do not tell groups of runs apart."""
 
 

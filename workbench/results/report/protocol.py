@@ -15,7 +15,7 @@ _METRICS = ["held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
     "shown with": lambda settings: settings["protocol"].get("shown"),
-    "camera at": lambda settings: f"{settings['dataset'].get('view_deg', 0.0):g}°",
+    "camera at": lambda settings: f"{settings['dataset'].get('view_azimuth_deg', 0.0):g}°",
 }
 
 

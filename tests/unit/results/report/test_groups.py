@@ -150,12 +150,12 @@ CLIPS = {
 }  # fmt: skip
 
 
-def run(motion, seed, view_deg, error):
+def run(motion, seed, view_azimuth_deg, error):
     """A run of a protocol whose doubt is 1 + seed mm in every frame."""
     half, activity = CLIPS[motion]
     made = made_up(seed=seed, motion=motion, error_abs_mm=error, held=float(error < 100.0))
     settings = made.settings
-    settings["dataset"] |= {"view_deg": view_deg, "occluder": seed == 1, "first_frame": seed}
+    settings["dataset"] |= {"view_azimuth_deg": view_azimuth_deg, "occluder": seed == 1, "first_frame": seed}
     settings["protocol"] = {"half": half, "activity": activity, "shown": "a board" if seed == 1 else "nothing"}
     properties = {**made.properties, "config": {"TextDocument:text": yaml.safe_dump(settings)}}
     series = {"doubt_arms_mm": [0.0, *[1.0 + seed] * 3], "missed_arms_mm": [500.0, error, error, error]}
@@ -249,8 +249,8 @@ def test_what_an_experiment_or_a_motion_brings_with_it_follows():
     found = what_varied([settings(n=n, experiment=name) for name, n in (("walk_straight", 500), ("walk_circle", 900))])
     assert (found.keys, found.following) == (("experiment",), ("inference.n_particles",))
     motions = [
-        settings({**WALKING, "leave_out": [motion]}, dataset={"motion": motion, "view_deg": view})
+        settings({**WALKING, "leave_out": [motion]}, dataset={"motion": motion, "view_azimuth_deg": view})
         for motion, view in (("35_02", 30.0), ("07_01", 60.0), ("16_15", 30.0))
     ]
     found = what_varied(motions)
-    assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_deg"))
+    assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_azimuth_deg"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.rendering.concatenation import gait_phases, splice
-from workbench.datasets.rendering.sequence import Scene, find_take
+from workbench.datasets.rendering.concatenation import concatenate, gait_phases
+from workbench.datasets.rendering.sequence import Scene, find_sequence
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
 
@@ -27,7 +27,7 @@ def turned(motion, angle, offset):
 
 
 def test_one_motion_is_cut_to_the_bit():
-    cut = splice([WALK], 40, 7)
+    cut = concatenate([WALK], 40, 7)
     assert np.array_equal(cut.motion.poses, WALK.poses[7:47])
     assert np.array_equal(cut.phases, gait_phases(WALK)[7:47])
     assert not cut.clips.any()
@@ -51,7 +51,7 @@ def test_a_motion_without_cycles_has_no_phases():
 
 @pytest.mark.parametrize(("first", "second"), [(WALK, OTHER), (WALK, RUN), (RUN, WALK)])
 def test_place_heading_and_angles_are_continuous(first, second):
-    joined = splice([first, second], 200, 20)
+    joined = concatenate([first, second], 200, 20)
     steps = np.abs(np.diff(joined.motion.poses, axis=0))
     either = np.maximum(
         np.abs(np.diff(first.poses, axis=0)).max(axis=0), np.abs(np.diff(second.poses, axis=0)).max(axis=0)
@@ -69,7 +69,7 @@ def test_place_heading_and_angles_are_continuous(first, second):
 
 
 def test_before_and_after_the_blend_each_motion_is_itself():
-    joined = splice([WALK, turned(WALK, 1.2, [5.0, -3.0])], 200, 20).motion
+    joined = concatenate([WALK, turned(WALK, 1.2, [5.0, -3.0])], 200, 20).motion
     assert np.allclose(joined.poses[:90], WALK.poses[20:110], atol=1e-12)  # sums of steps
     tail = joined.poses[110:, 3:]
     distances = [np.abs(tail[:, 1:] - WALK.poses[i : i + 90, 4:]).max() for i in range(len(WALK) - 90)]
@@ -78,7 +78,7 @@ def test_before_and_after_the_blend_each_motion_is_itself():
 
 def test_the_next_motion_is_entered_in_phase():
     """A walk spliced with itself is the walk: its curves are periodic, so the same phase is the same pose."""
-    joined = splice([WALK, WALK], 200, 20)
+    joined = concatenate([WALK, WALK], 200, 20)
     subject = average_subject()
     expected = subject.angles(subject.phase + subject.stride_hz * (np.arange(200) + 20) / RATE)
     # phases agree to 0.02 of a cycle and half a frame; an angle rises by up to 7.5 rad a cycle (the knee in its swing)
@@ -89,12 +89,14 @@ def test_the_next_motion_is_entered_in_phase():
 def test_where_in_the_world_the_next_motion_was_does_not_matter():
     moved = turned(OTHER, 2.0, [30.0, 4.0])
     moved.poses[:, 6:] += 2.0 * np.pi * np.round(np.random.default_rng(0).uniform(-2, 2, 19))
-    assert np.allclose(splice([WALK, OTHER], 200).motion.poses, splice([WALK, moved], 200).motion.poses, atol=1e-9)
+    assert np.allclose(
+        concatenate([WALK, OTHER], 200).motion.poses, concatenate([WALK, moved], 200).motion.poses, atol=1e-9
+    )
 
 
 def test_longer_legs_take_longer_steps():
     tall = replace(WALK, shape=WALK.shape.scaled(1.1))
-    plain, scaled = splice([WALK, WALK], 240).motion, splice([WALK, tall], 240).motion
+    plain, scaled = concatenate([WALK, WALK], 240).motion, concatenate([WALK, tall], 240).motion
     way = [np.linalg.norm(m.poses[-1, :2] - m.poses[140, :2]) for m in (plain, scaled)]
     assert way[1] / way[0] == pytest.approx(1 / 1.1)  # the walk of the tall one, done by the first, smaller person
     assert scaled.poses[-1, 2] / plain.poses[-1, 2] == pytest.approx(1 / 1.1)
@@ -102,14 +104,14 @@ def test_longer_legs_take_longer_steps():
 
 def test_three_motions_and_motions_without_cycles():
     still = replace(WALK, poses=np.repeat(WALK.poses[:1], 300, axis=0))
-    joined = splice([WALK, still, RUN], 210)
+    joined = concatenate([WALK, still, RUN], 210)
     assert list(np.bincount(joined.clips)) == [70, 70, 70]
     assert np.allclose(joined.motion.poses[90:120, 6:], still.poses[0, 6:])
     assert np.isfinite(joined.motion.poses).all()
 
 
 def test_a_take_is_the_motion_at_its_rate_with_its_truth():
-    take = find_take(Scene(motion="builtin", n_frames=20, first_frame=3))
+    take = find_sequence(Scene(motion="builtin", n_frames=20, first_frame=3))
     assert np.array_equal(take.motion.poses, find_motion("builtin", data=None, rate_hz=56.0).poses[12:89:4])
     assert [truth.activity for truth in take.truths] == ["walk"] * 20
     first, last = take.phase_ends
@@ -119,7 +121,7 @@ def test_a_take_is_the_motion_at_its_rate_with_its_truth():
 
 
 def test_a_take_of_several_motions_tells_each_ones_activity():
-    take = find_take(Scene(motion=["builtin", "builtin_run"], n_frames=28))
+    take = find_sequence(Scene(motion=["builtin", "builtin_run"], n_frames=28))
     activities = [truth.activity for truth in take.truths]
     assert activities == ["walk"] * 14 + ["run"] * 14
     speeds = 14.0 * np.linalg.norm(np.diff(take.motion.poses[:, :2], axis=0), axis=1)
@@ -127,9 +129,9 @@ def test_a_take_of_several_motions_tells_each_ones_activity():
 
 
 def test_the_rough_start_is_as_far_off_as_it_says_and_the_same_every_time():
-    take = find_take(Scene(motion="builtin", n_frames=4))
-    assert np.array_equal(take.rough_start(3), take.rough_start(3))
-    errors = np.stack([take.rough_start(seed) for seed in range(400)]) - take.motion.poses[0]
+    take = find_sequence(Scene(motion="builtin", n_frames=4))
+    assert np.array_equal(take.perturbed_initial_pose(3), take.perturbed_initial_pose(3))
+    errors = np.stack([take.perturbed_initial_pose(seed) for seed in range(400)]) - take.motion.poses[0]
     # 4 standard errors of a σ from 1200 numbers; angles at their limits are left out
     assert errors[:, :3].std() == pytest.approx(0.03, rel=4 / np.sqrt(2400))
     assert errors[:, 3:6].std() == pytest.approx(0.05, rel=4 / np.sqrt(2400))

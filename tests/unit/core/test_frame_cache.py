@@ -59,34 +59,34 @@ def test_beyond_the_limit_frames_are_decoded_again_and_that_is_said_once(monkeyp
     said = []
     monkeypatch.setattr(clip_module.log, "info", lambda sentence, *given: said.append(sentence % given))
     film = Film(6)
-    clip = FrameCache(film, most_bytes=2 * BYTES + 1)  # of three images the third is the one that goes over it
+    clip = FrameCache(film, max_bytes=2 * BYTES + 1)  # of three images the third is the one that goes over it
     assert indices(clip) == list(range(6))
     assert film.decoded == list(range(6))  # the first to go beyond opens nothing again
     assert not said
     assert indices(clip) == indices(clip) == list(range(6))
     assert film.decoded == list(range(6)) * 3
-    assert said == ["film: frames beyond the first 3 are decoded again"]
+    assert said == ["film: frames after the first 3 are decoded again"]
     assert indices(islice(clip, 3)) == [0, 1, 2]
     assert film.decoded == list(range(6)) * 3  # what is kept is not
 
 
 def test_beyond_the_limit_several_may_go_through_at_once():
-    one, other = iter(clip := FrameCache(Film(6), most_bytes=1)), iter(clip)
+    one, other = iter(clip := FrameCache(Film(6), max_bytes=1)), iter(clip)
     pairs = [(next(one).index, next(other).index) for _ in range(6)]
     assert pairs == [(k, k) for k in range(6)]
     assert next(one, None) is next(other, None) is None
 
 
-@pytest.mark.parametrize("most_bytes", [0, 100])
-def test_a_dataset_of_no_frames_has_none(most_bytes):
+@pytest.mark.parametrize("max_bytes", [0, 100])
+def test_a_dataset_of_no_frames_has_none(max_bytes):
     film = Film(0)
-    clip = FrameCache(film, most_bytes)
+    clip = FrameCache(film, max_bytes)
     assert (len(clip), list(clip), list(clip)) == (0, [], [])
 
 
-@pytest.mark.parametrize("most_bytes", [1, BYTES + 1, 1000])
-def test_everyone_meets_a_frame_that_cannot_be_decoded(most_bytes):
-    clip = FrameCache(Film(6, broken=3), most_bytes)
+@pytest.mark.parametrize("max_bytes", [1, BYTES + 1, 1000])
+def test_everyone_meets_a_frame_that_cannot_be_decoded(max_bytes):
+    clip = FrameCache(Film(6, broken=3), max_bytes)
     for _ in range(3):
         with pytest.raises(InputError, match="frame 3 cannot be decoded"):
             list(clip)

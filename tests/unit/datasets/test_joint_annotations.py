@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import COLUMNS, read_marks
+from workbench.datasets.files.joint_annotations import COLUMNS, read_annotations
 from workbench.utils.errors import InputError
 
 HEADER = "frame,joint,u,v,visible\n"
@@ -24,7 +24,7 @@ def file(tmp_path):
 def outcome(file, text):
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError) as caught:
-        read_marks(file)
+        read_annotations(file)
     return str(caught.value)
 
 
@@ -37,7 +37,7 @@ def test_every_mark_comes_back_whatever_the_order(file, marks, columns, blank, b
     ]
     lines = [",".join(columns), *(",".join(str(row[c]) for c in columns) for row in rows)]
     file.write_text(("\n\n" if blank else "\r\n").join(lines), encoding="utf-8-sig" if bom else "utf-8", newline="")
-    read = read_marks(file)
+    read = read_annotations(file)
     assert list(read.frames) == sorted({f for f, _ in marks})
     assert np.isfinite(read.pixels[..., 0]).sum() == len(marks)
     assert not read.visible[np.isnan(read.pixels[..., 0])].any()
@@ -54,7 +54,7 @@ def test_any_bytes_are_read_or_refused(file, text):
     file.write_bytes(text)
     message = ""
     try:
-        read = read_marks(file)
+        read = read_annotations(file)
         assert len(read.frames) > 0
     except InputError as error:
         message = str(error)
@@ -69,9 +69,9 @@ def test_any_bytes_are_read_or_refused(file, text):
         (HEADER + "1,neck,1,2,1\n\n2,nose,1,2,1\n", 4, "nose"),
         (HEADER + "1,neck,1,2\n", 2, "5 cells, found 4"),
         (HEADER + "1,neck,abc,2,1\n", 2, "u must be a number of pixels, found 'abc'"),
-        (HEADER + "٣,neck,1,2,1\n", 2, "frame's number"),
+        (HEADER + "٣,neck,1,2,1\n", 2, "a frame number"),
         (HEADER + "1,neck,1,2,yes\n", 2, "0 or 1"),
-        (HEADER + "1,neck,1,2,1\n2,neck,1,2,1\n1,neck,3,4,1\n", 4, "already marked in line 2"),
+        (HEADER + "1,neck,1,2,1\n2,neck,1,2,1\n1,neck,3,4,1\n", 4, "already annotated in line 2"),
     ],
 )
 def test_a_wrong_row_is_named_with_its_line(file, text, line, words):
@@ -81,9 +81,9 @@ def test_a_wrong_row_is_named_with_its_line(file, text, line, words):
 
 
 def test_a_file_without_marks_or_without_text_or_no_file_at_all(file, tmp_path):
-    assert "at least one mark" in outcome(file, HEADER)
+    assert "at least one annotation" in outcome(file, HEADER)
     assert "text file" in outcome(file, b"\xff\xfe\x00")
     with pytest.raises(InputError, match="no such file"):
-        read_marks(tmp_path / "none.csv")
+        read_annotations(tmp_path / "none.csv")
     with pytest.raises(InputError, match="expected a folder of OpenPose's JSON files, found none"):
-        read_marks(tmp_path / "..")
+        read_annotations(tmp_path / "..")
