@@ -2,8 +2,8 @@
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.perturb=false`), except for the row's
-perturbation. FILE caches every run, so that an interrupted table can be resumed, see `cached_runs`.
+Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.perturb=false`), except for the
+row's perturbation. FILE caches every run, so that an interrupted table can be resumed, see `cached_runs`.
 """
 
 import argparse

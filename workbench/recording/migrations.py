@@ -89,6 +89,7 @@ _FIXED: dict[str, dict[str, Any]] = {
 _OPTIONS = {"inference": {"kalman": "iterated_ekf", "restarting": "reinitializing"}}
 """Options that have another name today, by group: old and new."""
 _SMC = "workbench.inference.smc"
+_SCENE = {"departures": "perturbations", "view_deg": "view_azimuth_deg"}
 _KEYS: dict[str, dict[str, str]] = {
     _EKF: {
         "flatten": "curvature_weight", "postures": "pose_prior_power", "sudden": "outlier_motion_probability",
@@ -110,7 +111,24 @@ _KEYS: dict[str, dict[str, str]] = {
     "workbench.studies.dimension.ParticlesByDimension": {"n_most": "max_particles", "off": "tolerance_std"},
     "workbench.studies.learning_activities.LearnWalkRun": {"leave_out": "exclude", "most_per_clip": "max_per_clip"},
     "workbench.studies.walk_cycles.PeriodSnr": {"missing": "missing_fraction"},
-    f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
+    "workbench.datasets.person.of_height": {"feet": "neck_and_feet", "lengths": "limb_lengths_m"},
+    f"{_DATASETS}.multi_view.MultiView": {
+        "camera": "calibration_file", "which": "cameras", "truth_first": "truth_first_frame",
+    },
+    _POINTS: {"most_points": "max_points", "start": "initialization", "truth_first": "truth_first_frame"},
+    f"{_DATASETS}.points.Points": {
+        **_SCENE, "bar_m": "occluder_width_m", "clutter": "n_clutter_points", "outliers": "outlier_fraction",
+        "start": "initialization",
+    },
+    f"{_DATASETS}.stereo.Stereo": {**_SCENE, "noise": "noise_std", "start": "initialization"},
+    f"{_DATASETS}.synthetic.Synthetic": {
+        **_SCENE, "camera": "calibration_file", "feet": "neck_and_feet", "noise": "noise_std",
+    },
+    f"{_DATASETS}.video.Video": {
+        "camera": "calibration_file", "eval_marks": "eval_annotations", "held_out": "eval_frames",
+        "hidden_weight": "occluded_weight", "start_last": "initial_last_frame", "start_marks": "initial_annotations",
+        "which": "camera_name",
+    },
     "workbench.inference.least_squares.least_squares.LeastSquares": {"most_points": "max_points"},
     "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
 }  # fmt: skip
