@@ -32,9 +32,9 @@ from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
-from workbench.priors.ar_offsets import Jitter
+from workbench.priors.ar_offsets import AROffsets
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import Flipping
+from workbench.priors.kinematic_flips import KinematicFlips
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -51,7 +51,7 @@ def still_clip():
 
 
 def of_camera(prior, **options):
-    return Flipping(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
+    return KinematicFlips(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
 
 
 MAKERS = {
@@ -67,8 +67,8 @@ MAKERS = {
     "backward_simulation": lambda cache, **given: BackwardSimulation(PLAIN, **given),
     "motion_fit": lambda cache, **given: MotionFit(**given),
     "synthesis": lambda cache, **given: Synthesis(Smooth(), BODY, **given),
-    "jitter": lambda cache, **given: Jitter(Smooth(), **given),
-    "flipping": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
+    "ar_offsets": lambda cache, **given: AROffsets(Smooth(), **given),
+    "kinematic_flips": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
     "walking": lambda cache, **given: from_motions.walking(motions="builtin", cache=cache, n_components=3, **given),
     "smooth": lambda cache, **given: Smooth(**given),
     "implicit": lambda cache, **given: Implicit(learn_windows(builtin_motions(n_subjects=1)), **given),
@@ -86,9 +86,9 @@ filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_t
 gauss_newton share=1.0 flatten=-0.1 steps=0 | partitioned flatten=2.0 | tempered_smc moves=0 ess_threshold=1.0
 annealed layers=0 | restarting share=0.0 n_particles=0 | fixed_lag lag=0 least_ancestors=0
 backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis smoothing_s=-1.0 look_ahead=-1
-jitter sigma=0.0 keep=1.0
-flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
-implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5
+ar_offsets sigma=0.0 ar_coefficient=1.0
+kinematic_flips probability=0.0 proposal_fraction=1.0 | smooth damping=-1.0 | walking transition=C
+implicit search=linear prediction=guess leaf=nearest beta=0.0 blend_rate=1.5
 image_motion sigma=0 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving
 background k=0 epsilon=0 n_frames=2 n_samples=0 | appearance k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0 | edges k=0
 silhouette k=0 epsilon=1 n_frames=2 rim_px=-1 | keypoints sigma_px=0 temper=1.5 loss=cauchy scale=0
@@ -109,16 +109,16 @@ def test_a_value_out_of_range_is_named(name, key, text, cache):
 
 
 LIST_OF_OPTIONS = [
-    ("jitter", {"parameters": ["root_x"]}, "parameters"),
+    ("ar_offsets", {"parameters": ["root_x"]}, "parameters"),
     ("walking", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
     ("implicit", {"sigma_position": (0.1, 0.2)}, "sigma_position"),
     ("smooth", {"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
     ("smooth", {"parameters": []}, "at least one"),
-    ("smooth", {"start_uniform": ["left_elbow_flexion"] * 2}, "named twice"),
-    ("smooth", {"start_uniform": ["root_x"]}, "root_x has no limits"),
+    ("smooth", {"initial_uniform": ["left_elbow_flexion"] * 2}, "named twice"),
+    ("smooth", {"initial_uniform": ["root_x"]}, "root_x has no limits"),
     ("smooth", {"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
     ("smooth", {"sigma_velocity": {"elbow": float("nan")}}, r"sigma_velocity\.elbow"),
-    ("smooth", {"lowest": {"elbow_flexion": 3.0}}, "lowest and highest of left_elbow_flexion .* found 3.0 and 2.7"),
+    ("smooth", {"lower": {"elbow_flexion": 3.0}}, "lower and upper of left_elbow_flexion .* found 3.0 and 2.7"),
     ("smooth", {"penalty": {"speed": 1.0}}, "'speed'"),
     ("smooth", {"penalty": {"angle": 0.0}}, "penalty.angle"),
     ("synthesis", {"look_ahead": 3}, "look_ahead"),
@@ -147,7 +147,7 @@ TOGETHER = {
     "all of which are in one part": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(parts=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
-    "as smooth and jitter have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
+    "as smooth and ar_offsets have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],

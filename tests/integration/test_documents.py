@@ -101,5 +101,5 @@ def test_the_pages_are_built_without_a_warning_and_ask_for_nothing_from_elsewher
         assert picture.stat().st_size <= 60_000
         assert picture.name in experiments
     options = (tmp_path / "html" / "_generated" / "options.html").read_text(encoding="utf-8")
-    assert "prior=jitter" in options
+    assert "prior=ar_offsets" in options
     assert "ess_threshold" in options or "sigma_phase" in options

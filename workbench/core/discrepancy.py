@@ -8,7 +8,7 @@ import numpy as np
 from workbench.utils.arrays import FloatArray
 
 LEARNED_HZ = 30.0
-"""The frames a second for which `Discrepancy.keep` is given."""
+"""The frames a second for which `Discrepancy.ar_coefficients` is given."""
 LEAST_PEOPLE = 3
 """Of fewer the spread has no finite estimate; they count as so many."""
 
@@ -17,16 +17,16 @@ LEAST_PEOPLE = 3
 class Discrepancy:
     """Residuals δ of C joint angles between a person and the nearest pose of a model, as a Gaussian autoregression:
 
-        δ_t ~ N(0, W Wᵀ + diag(s²)),  corr(δ_t,c, δ_t+Δt,c) = keep_c^(Δt · 30 Hz)
+        δ_t ~ N(0, W Wᵀ + diag(s²)),  corr(δ_t,c, δ_t+Δt,c) = a_c^(Δt · 30 Hz)
 
-    angles: the C names of degrees of freedom. loadings: (C, r), W, rad. rest: (C,), s, rad. keep: (C,), from 0 to below
+    angles: the C names of degrees of freedom. loadings: (C, r), W, rad. rest: (C,), s, rad. ar_coefficients: (C,), a, from 0 to below
     1. n_people: how many were left out in turn to learn it.
     """
 
     angles: tuple[str, ...]
     loadings: FloatArray
     rest: FloatArray
-    keep: FloatArray
+    ar_coefficients: FloatArray
     n_people: int
 
     @property

@@ -140,7 +140,7 @@ class Synthesis:
         """Return a state (1, D) at the pose (P,), and what there is to say about it."""
         if not isinstance(self.prior, _Recorded):
             return self.prior.sample_initial(pose, 1, rng), ()
-        library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
+        library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.window_frames + 1
         poses = np.empty((0, len(pose)))
         if self.info.pose_history is not None and self.info.rate_hz is not None:
             poses = _backwards(self.info.pose_history, self.info.rate_hz, library_hz)[:n_poses][::-1]

@@ -65,8 +65,8 @@ class Cyclic(AllFree):
         sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
-        transition: str = "stationary",
+        initial_position_std: float = 0.01, initial_rotation_std: float = 0.02,
+        penalty: Mapping[str, float] | None = None, transition: str = "stationary",
     ) -> None:  # fmt: skip
         if transition not in TRANSITIONS:
             raise InputError(f"prior: transition must be one of {', '.join(TRANSITIONS)}, found {transition!r}")
@@ -86,7 +86,8 @@ class Cyclic(AllFree):
         )  # fmt: skip
         self._start = by_column(
             self.space, coefficients=START_COEFFICIENTS, phase=START_PHASE, **self._of_speed(model.cycle_rate_hz[1]),
-            root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
+            root_position=initial_position_std,
+            root_rotation=np.where(np.array(sigma_rotation) > 0.0, initial_rotation_std, 0.0),
         )  # fmt: skip
         self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), _motion_model(model)

@@ -25,7 +25,7 @@ class Trajectory:
 
 
 @records_arguments
-class Following(Appended):
+class FittedRest(Appended):
     """Another prior's parameters, with all others as a known trajectory has them: an arm of a balancing person.
 
     A state is the base prior's and then `time`, s since the trajectory's first pose; between its poses parameters are

@@ -40,14 +40,14 @@ class Implicit:
     frames and the rest of `Windows.memory`. A step searches an entry i with probability p(Ψ_i | Φ_t), predicts by what
     follows it, and slides the window on by that.
 
-    search: "exact" draws from p(c_i | c_t) but for the part `epsilon` of its mass, once for all particles with the same
+    search: "exact" draws from p(c_i | c_t) but for the part `tail_probability` of its mass, once for all particles with the same
     coefficients; "sign_tree" is the paper's tree, "median_tree" the balanced one; `leaf`, "gaussian" or "uniform", is
     how those draw in a leaf. beta: temperature. reweight: `propose` weighs a tree's draws by p(c_i | c_t) over the
     tree's odds (C, footnote 3), at a scan per parent.
 
     prediction: "copy" takes the angles of the pose after the window (φ_{t+1} = ψ_{i+1} + noise); "increment" adds the
     database's change to the particle's own angles; "blend" does that and draws the angles towards the database's by the
-    part `pull` of their difference a frame. The root's place and heading always move by the database's increments in
+    part `blend_rate` of their difference a frame. The root's place and heading always move by the database's increments in
     the body's own heading frame; its pitch and roll are treated as angles.
 
     sigma_position: m, forward, sideways, up. sigma_rotation: rad, heading, pitch, roll. sigma_angles: rad, one for all
@@ -65,8 +65,8 @@ class Implicit:
 
     def __init__(
         self, windows: Windows, *,
-        search: str = "exact", beta: float = 0.05, epsilon: float = 0.01, leaf: str = "gaussian",
-        reweight: bool = False, prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
+        search: str = "exact", beta: float = 0.05, tail_probability: float = 0.01, leaf: str = "gaussian",
+        importance_correction: bool = False, prediction: str = "blend", blend_rate: float = 0.1, velocity_noise_fraction: float = 1.0,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
         sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
     ) -> None:  # fmt: skip
@@ -75,22 +75,24 @@ class Implicit:
         ):  # fmt: skip
             if given not in known:
                 raise InputError(f"prior: {name} must be one of {', '.join(known)}, found {given!r}")
-        if not (beta > 0.0 and 0.0 < epsilon < 1.0):
-            raise InputError(f"prior: expected beta above 0 and epsilon between 0 and 1, found {beta}, {epsilon}")
-        if not (0.0 <= pull <= 1.0 and 0.0 <= inertia <= 1.0):
-            raise InputError(f"prior: pull and inertia must lie between 0 and 1, found {pull} and {inertia}")
-        if reweight and search == "exact":
-            raise InputError("prior: reweight is for a tree's draws; the exact search's need no weights")
-        self.windows, self.reweight = windows, reweight
-        moved = (*POSE_NAMES[:N_ROOT], *windows.angles) if windows.root else windows.angles
+        if not (beta > 0.0 and 0.0 < tail_probability < 1.0):
+            raise InputError(f"prior: expected beta > 0 and 0 < tail_probability < 1, found {beta}, {tail_probability}")
+        if not (0.0 <= blend_rate <= 1.0 and 0.0 <= velocity_noise_fraction <= 1.0):
+            raise InputError(
+                f"prior: blend_rate and velocity_noise_fraction must lie between 0 and 1, found {blend_rate} and {velocity_noise_fraction}"
+            )
+        if importance_correction and search == "exact":
+            raise InputError("prior: importance_correction is for a tree's draws; the exact search's need no weights")
+        self.windows, self.importance_correction = windows, importance_correction
+        moved = (*POSE_NAMES[:N_ROOT], *windows.angles) if windows.include_root else windows.angles
         self.parameters = tuple(name for name in POSE_NAMES if name in moved)
-        self.search, self.leaf, self.beta, self.epsilon = search, leaf, beta, epsilon
-        pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
+        self.search, self.leaf, self.beta, self.tail_probability = search, leaf, beta, tail_probability
+        blend_rate = {"copy": 1.0, "increment": 0.0, "blend": blend_rate}[prediction]
         noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
-        self.prediction = WindowPrediction(windows, pull, inertia, noise)
+        self.prediction = WindowPrediction(windows, blend_rate, velocity_noise_fraction, noise)
         self._start_noise = self._deviations((START_POSITION,) * 3, (START_ROTATION,) * 3, START_ANGLES)
         b = len(windows.sigmas)
-        ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
+        ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.window_frames) for k in range(b))
         self.space = StateSpace.of({
             "root_position": (POSE_NAMES[:3], "m"), "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
             "angles": (POSE_NAMES[N_ROOT:], "rad"),
@@ -115,7 +117,7 @@ class Implicit:
     def _exchanged(self, windows: Windows, search: str, beta: float) -> "Implicit":
         other = copy(self)
         other.windows, other.search, other.beta = windows, search, beta
-        other.reweight = self.reweight and search != "exact"
+        other.importance_correction = self.importance_correction and search != "exact"
         other.prediction = replace(self.prediction, windows=windows)
         if search != self.search or windows is not self.windows:
             other.tree = TREES[search](windows.coefficients)
@@ -138,8 +140,8 @@ class Implicit:
 
     def start_after(self, poses: FloatArray, n: int) -> FloatArray:
         """N equal states (N, D) that have just gone through poses (d + 1, P) at the library's rate, without noise."""
-        rows = pose_rows(poses, self.windows.rate_hz, self.windows.angles, self.windows.root)
-        memory = self.windows.memory(rows[None, ::-1][:, : self.windows.length])
+        rows = pose_rows(poses, self.windows.rate_hz, self.windows.angles, self.windows.include_root)
+        memory = self.windows.memory(rows[None, ::-1][:, : self.windows.window_frames])
         return np.repeat(np.concatenate([poses[-1:], memory], axis=1), n, axis=0)
 
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -150,8 +152,8 @@ class Implicit:
         return self._move(state, dt_s, rng, weigh=False)[0]
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """The draws (N, D) of `sample_transition` and their log weights (N,), which are zero without `reweight`."""
-        return self._move(state, dt_s, rng, weigh=self.reweight)
+        """The draws (N, D) of `sample_transition` and their log weights (N,), which are zero without `importance_correction`."""
+        return self._move(state, dt_s, rng, weigh=self.importance_correction)
 
     def _move(
         self, state: FloatArray, dt_s: float, rng: np.random.Generator, *, weigh: bool
@@ -187,7 +189,7 @@ class Implicit:
         order, firsts = group_equal(probes)
         counts = np.diff(np.append(firsts, len(probes)))
         entries = np.empty(len(probes), dtype=np.int64)
-        found = search(self.tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
+        found = search(self.tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.tail_probability)
         entries[order] = found.entries
         return entries
 
@@ -215,7 +217,7 @@ class Implicit:
     def _of_search(self) -> ImplicitDensity | None:
         """The density of what the exact search draws; None for another search."""
         if isinstance(self.tree, KdTree):
-            return ImplicitDensity(self.prediction, self.tree, self.beta, self.epsilon)
+            return ImplicitDensity(self.prediction, self.tree, self.beta, self.tail_probability)
         return None
 
     def _deviations(
@@ -228,7 +230,7 @@ class Implicit:
             if np.shape(given) != (size,) and not (name == "sigma_angles" and np.ndim(given) == 0):
                 raise InputError(f"prior: {name} must hold {size} numbers, found {np.size(given)}")
         deviations = np.zeros(len(POSE_NAMES))
-        if self.windows.root:
+        if self.windows.include_root:
             deviations[:N_ROOT] = (*position, *rotation)
         deviations[[POSE_NAMES.index(name) for name in self.windows.angles]] = angles
         return deviations * np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)

@@ -58,7 +58,7 @@ class ImplicitDensity:
     """p(pose_t | s_t−1) = Σ_i p(i | c_t−1) N(pose_t; m_i(s_t−1), Σ), m_i being where window i leads without noise.
 
     The windows i are those that the exact search finds, with the probabilities that it draws them with: this is the
-    density of `Implicit.sample_transition`'s draws; all other windows have the part `epsilon` of the mass of eq. 6 at
+    density of `Implicit.sample_transition`'s draws; all other windows have the part `tail_probability` of the mass of eq. 6 at
     most. Free are the pose's columns, of which those that are not modelled have no noise. `sample_dependent` draws the
     window from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies. States must be one library frame
     apart."""
@@ -66,7 +66,7 @@ class ImplicitDensity:
     prediction: WindowPrediction
     tree: KdTree
     beta: float
-    epsilon: float
+    tail_probability: float
 
     @property
     def free(self) -> IntArray:
@@ -79,7 +79,7 @@ class ImplicitDensity:
         probes, size = self._probes(state), len(state)
         order, firsts = group_equal(probes)
         entries = np.empty(size, dtype=np.int64)
-        nearest = implicit_search.nearest_entries(self.tree, probes[order[firsts]], self.beta, self.epsilon)
+        nearest = implicit_search.nearest_entries(self.tree, probes[order[firsts]], self.beta, self.tail_probability)
         entries[order] = np.repeat(nearest, np.diff(np.append(firsts, size)))
         return self.prediction.predict(state, entries, np.zeros((size, N_POSE)))
 
@@ -118,7 +118,9 @@ class ImplicitDensity:
         self, before: FloatArray, after: FloatArray, uniforms: FloatArray | None = None
     ) -> tuple[FloatArray, IntArray]:
         white = self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
-        return log_mixture(self.tree, self._probes(before), self.beta, self.epsilon, self._ways, white, uniforms)
+        return log_mixture(
+            self.tree, self._probes(before), self.beta, self.tail_probability, self._ways, white, uniforms
+        )
 
     def _one_row(self, dt_s: float) -> None:
         rate_hz = self.prediction.windows.rate_hz
@@ -131,7 +133,7 @@ class ImplicitDensity:
 
 
 def log_mixture(
-    tree: KdTree, probes: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray,
+    tree: KdTree, probes: FloatArray, beta: float, tail_probability: float, ways: WindowWays, white: FloatArray,
     uniforms: FloatArray | None = None,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """log Σ_i p(i | c) N(way; way_i, Σ), (N,), and an entry (N,) drawn from its terms, for probes c (N, b).
@@ -139,14 +141,14 @@ def log_mixture(
     white: ways (N, K) as in `WindowWays.white`. uniforms: (N,) in [0, 1); None: nothing is drawn. One search for each
     distinct probe. Probes are shared out to numba's threads, on whose number nothing depends.
     """
-    implicit_search.check_probes(tree, probes, beta, epsilon)
+    implicit_search.check_probes(tree, probes, beta, tail_probability)
     order, firsts = group_equal(probes)
     ends = np.append(firsts[1:], len(probes)) if len(probes) else firsts
     drawn = np.empty(0) if uniforms is None else uniforms[order]
     density, entries = np.empty(len(probes)), np.zeros(len(probes), dtype=np.int64)
     _log_mixture(
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes[order[firsts]]), ends, beta,
-        epsilon, ways.white, len(ways.deviations), white[order], drawn, density, entries,
+        tail_probability, ways.white, len(ways.deviations), white[order], drawn, density, entries,
     )  # fmt: skip
     result, chosen = np.empty_like(density), np.empty_like(entries)
     result[order] = density - float(np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum())
@@ -157,14 +159,14 @@ def log_mixture(
 @kernel(parallel=True, error_model="numpy")
 def _log_mixture(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
-    epsilon: float, ways: Any, n_noisy: int, white: Any, uniforms: Any, density: Any, entries: Any,
+    tail_probability: float, ways: Any, n_noisy: int, white: Any, uniforms: Any, density: Any, entries: Any,
 ) -> None:  # fmt: skip
     n, n_probes = order.shape[0], probes.shape[0]
     for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
         log_prob, found, terms = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
         for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
             n_found = found_entries(
-                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, epsilon, log_prob, found
+                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, found
             )
             near = _gathered(ways, found[:n_found])
             for i in range(ends[k - 1] if k > 0 else 0, ends[k]):

@@ -21,8 +21,8 @@ class WindowPrediction:
     """
 
     windows: Windows
-    pull: float
-    inertia: float
+    blend_rate: float
+    velocity_noise_fraction: float
     deviations: FloatArray
 
     @cached_property
@@ -34,7 +34,7 @@ class WindowPrediction:
     def absolute(self) -> tuple[IntArray, IntArray]:
         """Columns of a pose, and of a row, that hold the same angle."""
         n_angles = len(self.columns)
-        if not self.windows.root:
+        if not self.windows.include_root:
             return self.columns, np.arange(n_angles)
         lean = np.array([4, 5])
         return np.concatenate([self.columns, lean]), np.concatenate([np.arange(n_angles), 2 * n_angles + lean])
@@ -42,7 +42,7 @@ class WindowPrediction:
     @cached_property
     def moved(self) -> IntArray:
         """The K columns of a pose that are modelled: the place and heading of the root, if it is, and `absolute`."""
-        return np.concatenate([np.arange(4), self.absolute[0]]) if self.windows.root else self.columns
+        return np.concatenate([np.arange(4), self.absolute[0]]) if self.windows.include_root else self.columns
 
     def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
         """The states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
@@ -50,8 +50,8 @@ class WindowPrediction:
         noise = noise * self.deviations
         pose = state[:, :N_POSE].copy()
         ours, theirs = self.absolute
-        pose[:, ours] += after[:, theirs] - before[:, theirs] + self.pull * (before[:, theirs] - pose[:, ours])
-        if self.windows.root:
+        pose[:, ours] += after[:, theirs] - before[:, theirs] + self.blend_rate * (before[:, theirs] - pose[:, ours])
+        if self.windows.include_root:
             change = after[:, self._velocities] / self.windows.rate_hz + noise[:, :4]
             c, s = np.cos(pose[:, 3]), np.sin(pose[:, 3])
             pose[:, 0] += c * change[:, 0] - s * change[:, 1]
@@ -73,8 +73,8 @@ class WindowPrediction:
         comes on top, so that given the window `way − ways` is N(0, deviations²).
         """
         ours = self.absolute[0]
-        angles = after[:, ours] - (1.0 - self.pull) * before[:, ours]
-        if not self.windows.root:
+        angles = after[:, ours] - (1.0 - self.blend_rate) * before[:, ours]
+        if not self.windows.include_root:
             return angles
         step = after[:, :4] - before[:, :4]
         c, s = np.cos(before[:, 3]), np.sin(before[:, 3])
@@ -85,8 +85,8 @@ class WindowPrediction:
         """Return what entries (N,) account for of a way, (N, K)."""
         before, after = self._rows(entries)
         theirs = self.absolute[1]
-        angles = after[:, theirs] - (1.0 - self.pull) * before[:, theirs]
-        if not self.windows.root:
+        angles = after[:, theirs] - (1.0 - self.blend_rate) * before[:, theirs]
+        if not self.windows.include_root:
             return angles
         return np.concatenate([after[:, self._velocities] / self.windows.rate_hz, angles], axis=1)
 
@@ -103,9 +103,9 @@ class WindowPrediction:
     def _remembered(self, state: FloatArray, pose: FloatArray, after: FloatArray, noise: FloatArray) -> FloatArray:
         """The states (N, D) at poses (N, P) that rows (N, m) and noise (N, P), m or rad, led to."""
         windows, n_angles = self.windows, len(self.columns)
-        if windows.root:
-            after[:, self._velocities] += self.inertia * windows.rate_hz * noise[:, :4]
-        after[:, n_angles : 2 * n_angles] += self.inertia * windows.rate_hz * noise[:, self.columns]
+        if windows.include_root:
+            after[:, self._velocities] += self.velocity_noise_fraction * windows.rate_hz * noise[:, :4]
+        after[:, n_angles : 2 * n_angles] += self.velocity_noise_fraction * windows.rate_hz * noise[:, self.columns]
         ours, theirs = self.absolute
         after[:, theirs] = pose[:, ours]
         memory = advance(state[:, N_POSE:], after, windows.filters, windows.offset, len(windows.sigmas))

@@ -109,7 +109,12 @@ def _blocks(rows: Float32Array, empty: float) -> Float32Array:
 
 
 def search(
-    tree: KdTree, probes: FloatArray, counts: IntArray, beta: float, uniforms: FloatArray, epsilon: float = 0.01
+    tree: KdTree,
+    probes: FloatArray,
+    counts: IntArray,
+    beta: float,
+    uniforms: FloatArray,
+    tail_probability: float = 0.01,
 ) -> _Found:
     """Draw counts[k] entries for every probe k (K, b) from p(c_i | c_t) ∝ exp(−|c_i − c_t|² / 2β) (C, eq. 6).
 
@@ -117,25 +122,35 @@ def search(
     after probe, as are the entries that come back. epsilon: the part of the mass that may be missed. Probes are shared
     out to numba's threads, on whose number nothing depends.
     """
-    check_probes(tree, probes, beta, epsilon)
+    check_probes(tree, probes, beta, tail_probability)
     if counts.shape != (len(probes),) or counts.sum() != len(uniforms):
         raise ValueError(f"counts must be {len(probes)} numbers with the sum {len(uniforms)}")
     entries, ends = np.empty(len(uniforms), dtype=np.int64), np.cumsum(counts)
     visited, log_mass = np.empty(len(probes), dtype=np.int64), np.empty(len(probes))
     _search(
-        tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), ends, beta, epsilon,
+        tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), ends, beta, tail_probability,
         uniforms, entries, visited, log_mass,
     )  # fmt: skip
     return _Found(entries, visited, log_mass)
 
 
-def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
+def found_distribution(
+    tree: KdTree, probe: FloatArray, beta: float, tail_probability: float = 0.01
+) -> tuple[FloatArray, int]:
     """The distribution (n,) that `search` draws from for one probe (b,), and how many entries it visited for it."""
-    check_probes(tree, probe[None], beta, epsilon)
+    check_probes(tree, probe[None], beta, tail_probability)
     n = len(tree.order)
     weights, found = np.empty(n), np.empty(n, dtype=np.int64)
     n_found, visited = _open_one(
-        tree.coefficients, tree.leaf_boxes, tree.group_boxes, padded(probe[None])[0], n, beta, epsilon, weights, found
+        tree.coefficients,
+        tree.leaf_boxes,
+        tree.group_boxes,
+        padded(probe[None])[0],
+        n,
+        beta,
+        tail_probability,
+        weights,
+        found,
     )
     distribution = np.zeros(n)
     distribution[tree.order[found[:n_found]]] = weights[:n_found] / weights[:n_found].sum()
@@ -160,11 +175,20 @@ def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
     return order, np.flatnonzero(np.append(True, changes)[: len(order)])
 
 
-def nearest_entries(tree: KdTree, probes: FloatArray, beta: float, epsilon: float = 0.01) -> IntArray:
+def nearest_entries(tree: KdTree, probes: FloatArray, beta: float, tail_probability: float = 0.01) -> IntArray:
     """The likeliest entry (K,) for every probe (K, b), which is the nearest."""
-    check_probes(tree, probes, beta, epsilon)
+    check_probes(tree, probes, beta, tail_probability)
     entries = np.empty(len(probes), dtype=np.int64)
-    _nearest(tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), beta, epsilon, entries)
+    _nearest(
+        tree.coefficients,
+        tree.order,
+        tree.leaf_boxes,
+        tree.group_boxes,
+        padded(probes),
+        beta,
+        tail_probability,
+        entries,
+    )
     return entries
 
 
@@ -174,27 +198,27 @@ def padded(rows: FloatArray | Float32Array) -> Float32Array:
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, missing))), dtype=np.float32)
 
 
-def check_probes(tree: KdTree, probes: FloatArray, beta: float, epsilon: float) -> None:
+def check_probes(tree: KdTree, probes: FloatArray, beta: float, tail_probability: float) -> None:
     """Raise ValueError for probes that are none of the tree's (K, b), InputError for numbers out of range."""
     if probes.ndim != 2 or probes.shape[1] != tree.n_components or not (np.abs(probes) <= LARGEST).all():
         raise ValueError(f"probes must be (K, {tree.n_components}) and within ±{LARGEST:g}, found {probes.shape}")
     if not beta > 0.0:
         raise InputError(f"prior: the temperature beta must be positive, found {beta}")
-    if not 0.0 < epsilon < 1.0:
-        raise InputError(f"prior: epsilon must lie between 0 and 1, found {epsilon}")
+    if not 0.0 < tail_probability < 1.0:
+        raise InputError(f"prior: tail_probability must lie between 0 and 1, found {tail_probability}")
 
 
 @kernel(parallel=True, error_model="numpy")
 def _search(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
-    epsilon: float, uniforms: Any, entries: Any, visited: Any, log_mass: Any,
+    tail_probability: float, uniforms: Any, entries: Any, visited: Any, log_mass: Any,
 ) -> None:  # fmt: skip
     n, n_probes = order.shape[0], probes.shape[0]
     for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
         weights, found = np.empty(n), np.empty(n, dtype=np.int64)
         for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
             n_found, visited[k], mass, base = _open(
-                coefficients, leaf_boxes, group_boxes, probes[k], n, beta, epsilon, weights, found
+                coefficients, leaf_boxes, group_boxes, probes[k], n, beta, tail_probability, weights, found
             )
             log_mass[k] = math.log(mass) - base
             total = 0.0
@@ -208,7 +232,7 @@ def _search(
 
 @kernel(parallel=True, error_model="numpy")
 def _nearest(
-    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, beta: float, epsilon: float,
+    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, beta: float, tail_probability: float,
     entries: Any,
 ) -> None:  # fmt: skip
     n, n_probes = order.shape[0], probes.shape[0]
@@ -216,20 +240,20 @@ def _nearest(
         log_prob, found = np.empty(n), np.empty(n, dtype=np.int64)
         for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
             n_found = found_entries(
-                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, epsilon, log_prob, found
+                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, found
             )
             entries[k] = found[log_prob[:n_found].argmax()]
 
 
 @inlined_exactly
 def found_entries(
-    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, beta: float, epsilon: float,
+    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, beta: float, tail_probability: float,
     log_prob: Any, found: Any,
 ) -> Any:  # fmt: skip
     """Fill `found` (n,) with the entries that a search for a padded probe draws from, and `log_prob` (n,) with the logs
     of the probabilities that it draws them with; return how many there are."""
     n_found, _, mass, _ = _open(
-        coefficients, leaf_boxes, group_boxes, probe, order.shape[0], beta, epsilon, log_prob, found
+        coefficients, leaf_boxes, group_boxes, probe, order.shape[0], beta, tail_probability, log_prob, found
     )
     for j in range(n_found):
         log_prob[j], found[j] = np.log(log_prob[j] / mass), order[found[j]]
@@ -238,16 +262,18 @@ def found_entries(
 
 @kernel(error_model="numpy")
 def _open_one(
-    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
+    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, tail_probability: float,
     weights: Any, found: Any,
 ) -> tuple[int, int]:  # fmt: skip
-    n_found, visited, _, _ = _open(coefficients, leaf_boxes, group_boxes, probe, n, beta, epsilon, weights, found)
+    n_found, visited, _, _ = _open(
+        coefficients, leaf_boxes, group_boxes, probe, n, beta, tail_probability, weights, found
+    )
     return n_found, visited
 
 
 @inlined_exactly
 def _open(
-    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
+    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, tail_probability: float,
     weights: Any, found: Any,
 ) -> Any:  # fmt: skip
     """Fill `weights` and `found` with the places near the probe; return (number found, visited, mass, base).
@@ -255,7 +281,7 @@ def _open(
     Weights are exp(base − exponent), base being the smallest exponent so far: they are re-based when a nearer entry
     appears, so that nothing underflows at low temperatures.
     """
-    squares, log_rarity = np.empty(LANES, dtype=np.float32), math.log(2.0 * n / epsilon)
+    squares, log_rarity = np.empty(LANES, dtype=np.float32), math.log(2.0 * n / tail_probability)
     groups = np.empty((group_boxes.shape[0], LANES), dtype=np.float32)
     for i in range(group_boxes.shape[0]):
         _box_squares(group_boxes, i, probe, groups[i])
@@ -272,7 +298,7 @@ def _open(
     for i in range(BINS):
         if ends[i] == j:
             continue
-        if left[i] * math.exp(base - near_base) <= 0.5 * epsilon * mass:
+        if left[i] * math.exp(base - near_base) <= 0.5 * tail_probability * mass:
             break
         farthest = np.float32(2.0 * beta * (base + log_rarity - math.log(mass)))
         while j < ends[i]:

@@ -237,7 +237,7 @@ def total_variation(p: FloatArray, q: FloatArray) -> float:
 
 def fidelity(
     tree: Tree | KdTree, coefficients: Float32Array, probes: FloatArray, beta: float, rng: np.random.Generator, *,
-    leaf: str = "gaussian", epsilon: float = 0.01,
+    leaf: str = "gaussian", tail_probability: float = 0.01,
 ) -> Fidelity:  # fmt: skip
     """Compare the search's distribution with the exact one by enumeration, for probes (K, b) over all entries (n, b).
 
@@ -246,7 +246,7 @@ def fidelity(
     variations, visited, effective, distances, exact_distances = [], [], [], [], []
     for probe in probes:
         exact = np.exp(exact_log_prob(coefficients, probe, beta))
-        q, n_visited = _distribution(tree, probe, beta, leaf, epsilon)
+        q, n_visited = _distribution(tree, probe, beta, leaf, tail_probability)
         squares = ((coefficients - probe) ** 2).sum(axis=1)
         uniforms = rng.random(100)
         variations.append(total_variation(exact, q))
@@ -272,11 +272,11 @@ def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float
 
 
 def _distribution(
-    tree: Tree | KdTree, probe: FloatArray, beta: float, leaf: str, epsilon: float
+    tree: Tree | KdTree, probe: FloatArray, beta: float, leaf: str, tail_probability: float
 ) -> tuple[FloatArray, float]:
     """The distribution (n,) a search draws from, and the mean number of entries it computes a distance to."""
     if isinstance(tree, KdTree):
-        return found_distribution(tree, probe, beta, epsilon)
+        return found_distribution(tree, probe, beta, tail_probability)
     q = np.exp(log_proposal(tree, probe, beta, leaf))
     if leaf == "uniform":
         return q, 0.0

@@ -30,7 +30,7 @@ _LOST = {capabilities.DENSITY, capabilities.ACTIVITY, capabilities.BODY_PARTS, c
 
 
 @records_arguments
-class Flipping:
+class KinematicFlips:
     """Another prior, under which forearms and calves may flip in depth:
 
         p(s_t | s_t−1) = (1 − π) p(s_t | s_t−1) + π / 4 Σ_l p(s_t | F_l s_t−1),  π = 1 − (1 − probability)^(Δt · 30 Hz)
@@ -42,7 +42,7 @@ class Flipping:
     / (1 − share).
 
     base: a prior with columns of its own for the joints' angles, such as `Smooth` (without limits on the limb's
-    parameters that are narrower than the body's), or for offsets to them, such as `Jitter`. camera: gives the camera,
+    parameters that are narrower than the body's), or for offsets to them, such as `AROffsets`. camera: gives the camera,
     when first asked. Raises InputError for a base without such columns and for numbers out of range."""
 
     @staticmethod
@@ -54,15 +54,17 @@ class Flipping:
         return Traits(base.provides - _LOST, needs, base.missing or lacks)
 
     def __init__(
-        self, base: Prior, camera: Callable[[], Camera], *, probability: float = 0.01, share: float = 0.1
+        self, base: Prior, camera: Callable[[], Camera], *, probability: float = 0.01, proposal_fraction: float = 0.1
     ) -> None:
-        if not 0.0 < probability <= share < 1.0:
-            raise InputError(f"prior: expected 0 < probability <= share < 1 for flips, found {probability} and {share}")
-        self.base, self.probability, self.share = base, probability, share
+        if not 0.0 < probability <= proposal_fraction < 1.0:
+            raise InputError(
+                f"prior: expected 0 < probability <= proposal_fraction < 1, found {probability} and {proposal_fraction}"
+            )
+        self.base, self.probability, self.proposal_fraction = base, probability, proposal_fraction
         self.space, self.parameters = base.space, base.parameters
         self.limbs = [limb for limb in LIMBS if all(self._column(name) is not None for name in angles(limb))]
         if not self.limbs:
-            columns = "columns of its own for the twist and the bend of a limb, as smooth and jitter have"
+            columns = "columns of its own for the twist and the bend of a limb, as smooth and ar_offsets have"
             raise InputError(f"prior: flips need a base with {columns}; it has {', '.join(self.space.slices)}")
         self._camera = camera
         self._skeleton = person_skeleton(from_height(1.75))
@@ -83,9 +85,9 @@ class Flipping:
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), a share of them from flipped states, and the log weights (N,) that correct for it."""
         pi = self._pi(dt_s)
-        flipped, limb = self._flipped(state, self.share, rng)
+        flipped, limb = self._flipped(state, self.proposal_fraction, rng)
         moved, correction = propose(self.base, flipped, dt_s, rng)
-        odds = np.log([(1.0 - pi) / (1.0 - self.share), pi / self.share])
+        odds = np.log([(1.0 - pi) / (1.0 - self.proposal_fraction), pi / self.proposal_fraction])
         return moved, correction + odds[(limb > 0).astype(np.int64)]
 
     def pose(self, state: FloatArray) -> FloatArray:
@@ -95,9 +97,11 @@ class Flipping:
     def _pi(self, dt_s: float) -> float:
         return float(1.0 - (1.0 - self.probability) ** (dt_s * REFERENCE_RATE_HZ))
 
-    def _flipped(self, state: FloatArray, share: float, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    def _flipped(
+        self, state: FloatArray, proposal_fraction: float, rng: np.random.Generator
+    ) -> tuple[FloatArray, IntArray]:
         """The states (N, D), a share of them flipped, and which limb (N,) of each was: 0 for none."""
-        chances = np.array([1.0 - share, *[share / len(self.limbs)] * len(self.limbs)])
+        chances = np.array([1.0 - proposal_fraction, *[proposal_fraction / len(self.limbs)] * len(self.limbs)])
         limb = stratified_choice(chances, len(state), rng)
         state = state.copy()
         for k, which in enumerate(self.limbs, start=1):
@@ -136,7 +140,7 @@ class Flipping:
 
     def _column(self, name: str) -> int | None:
         names = self.space.names if name in self.parameters else ()
-        return next((names.index(column) for column in (f"{name}_jitter", name) if column in names), None)
+        return next((names.index(column) for column in (f"{name}_offset", name) if column in names), None)
 
 
 def angles(limb: tuple[str, str, str, float]) -> tuple[str, str]:

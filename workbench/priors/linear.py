@@ -34,10 +34,10 @@ class Linear:
 
     model: LinearMotion
     _: KW_ONLY
-    noise: float = 1.0
+    noise_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        check("prior", self, noise=POSITIVE)
+        check("prior", self, noise_scale=POSITIVE)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -128,7 +128,7 @@ class Linear:
     @cached_property
     def _root(self) -> FloatArray:
         """The Cholesky factor (25, 25) of the velocities' noise."""
-        return np.asarray(self.noise * np.linalg.cholesky(self.model.covariance), dtype=np.float64)
+        return np.asarray(self.noise_scale * np.linalg.cholesky(self.model.covariance), dtype=np.float64)
 
     def _speeds(self, state: FloatArray) -> FloatArray:
         known = np.concatenate([state[..., POSTURE], state[..., N_POSE:]], axis=-1)

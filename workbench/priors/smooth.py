@@ -51,8 +51,8 @@ class Smooth(AllFree):
     sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
     ("left_shoulder_twist"), by parameter of either side ("shoulder_twist") or by joint ("shoulder", "root_position"),
     the first that is there; SIGMA and SIGMA_VELOCITY by default. damping: the rate at which velocities decay, 1/s; 0 as
-    in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like sigma. start_pose: deviation
-    of the first poses around the starting pose, in multiples of sigma. start_uniform: parameters that start anywhere
+    in the paper. lower, upper: limits in place of the skeleton's, m or rad, listed like sigma. initial_pose_scale: deviation
+    of the first poses around the starting pose, in multiples of sigma. initial_uniform: parameters that start anywhere
     within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, which integrates to less than one near
@@ -71,11 +71,11 @@ class Smooth(AllFree):
     def __init__(
         self, *, parameters: Sequence[str] | None = None,
         sigma: Mapping[str, float] | None = None, sigma_velocity: Mapping[str, float] | None = None,
-        damping: float = 0.0, lowest: Mapping[str, float] | None = None, highest: Mapping[str, float] | None = None,
-        start_pose: float = 2.0, start_uniform: Sequence[str] = (),
+        damping: float = 0.0, lower: Mapping[str, float] | None = None, upper: Mapping[str, float] | None = None,
+        initial_pose_scale: float = 2.0, initial_uniform: Sequence[str] = (),
         penalty: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
-        for name, value in (("damping", damping), ("start_pose", start_pose)):
+        for name, value in (("damping", damping), ("initial_pose_scale", initial_pose_scale)):
             if not 0.0 <= value < np.inf:
                 raise InputError(f"prior: {name} must be zero or a positive number, found {value}")
         self.parameters = POSE_NAMES if parameters is None else named_parameters("prior: parameters", parameters)
@@ -83,15 +83,15 @@ class Smooth(AllFree):
             raise InputError("prior: parameters must name at least one parameter of the pose, found none")
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)
         self.sigma_velocity = _deviations("sigma_velocity", self.parameters, sigma_velocity or {}, SIGMA_VELOCITY)
-        self.limits = _limits(self.parameters, lowest or {}, highest or {})
-        self.damping, self.start_pose = damping, start_pose
+        self.limits = _limits(self.parameters, lower or {}, upper or {})
+        self.damping, self.initial_pose_scale = damping, initial_pose_scale
         self._smoothness = smoothness(penalty)
-        uniform = _known("start_uniform", start_uniform, self.parameters)
+        uniform = _known("initial_uniform", initial_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
         for i in self._uniform:
             if np.ptp(self.limits[i]) >= UNLIMITED:
                 name = self.parameters[i]
-                raise InputError(f"prior: start_uniform: {name} has no limits; give it lowest and highest")
+                raise InputError(f"prior: initial_uniform: {name} has no limits; set lower and upper for it")
         held = tuple(name for name in POSE_NAMES if name not in self.parameters)
         units = {name: "m" if name in POSE_NAMES[:3] else "rad" for name in POSE_NAMES}
         moving, speeds = (tuple(units[name] + per for name in self.parameters) for per in ("", "/s"))
@@ -120,7 +120,7 @@ class Smooth(AllFree):
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         low, high = self.limits.T
         uniforms = _open_uniforms((n, len(self.parameters)), rng)
-        state[:, moving] = truncated_normal(state[:, moving], self.start_pose * self.sigma, low, high, uniforms)
+        state[:, moving] = truncated_normal(state[:, moving], self.initial_pose_scale * self.sigma, low, high, uniforms)
         spread = low[self._uniform] + uniforms[:, self._uniform] * (high - low)[self._uniform]
         state[:, self._uniform] = spread  # the moving parameters are the state's first columns
         state[:, velocity] = START_VELOCITY * self.sigma_velocity * rng.standard_normal(state[:, velocity].shape)
@@ -157,7 +157,7 @@ class Smooth(AllFree):
         mean = self.enter(pose[None], np.zeros((1, len(POSE_NAMES))))[0]
         moving = self.space.slices["pose"]
         mean[moving] = np.clip(mean[moving], *self.limits.T)
-        return mean, self._diagonal(self.start_pose * self.sigma, START_VELOCITY * self.sigma_velocity)
+        return mean, self._diagonal(self.initial_pose_scale * self.sigma, START_VELOCITY * self.sigma_velocity)
 
     def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Covariance (D, D) of what is drawn about the mean of one state (D,), but for the limits."""
@@ -258,15 +258,15 @@ def _deviations(
     return _listed(option, parameters, given, default)
 
 
-def _limits(parameters: tuple[str, ...], lowest: Mapping[str, float], highest: Mapping[str, float]) -> FloatArray:
+def _limits(parameters: tuple[str, ...], lower: Mapping[str, float], upper: Mapping[str, float]) -> FloatArray:
     """Limits (k, 2) of the moving parameters. Those of the skeleton are the same for every shape."""
-    ends = zip(("lowest", "highest"), (lowest, highest), person_skeleton(from_height(1.75)).limits.T, strict=True)
+    ends = zip(("lower", "upper"), (lower, upper), person_skeleton(from_height(1.75)).limits.T, strict=True)
     columns = [_listed(name, parameters, given, dict(zip(POSE_NAMES, own, strict=True))) for name, given, own in ends]
     limits = np.stack(columns, axis=1)
     for name, (low, high) in zip(parameters, limits, strict=True):
         if not -UNLIMITED <= low < high <= UNLIMITED:
             found = f"{low} and {high}"
-            raise InputError(f"prior: lowest and highest of {name} must be numbers in this order, found {found}")
+            raise InputError(f"prior: lower and upper of {name} must be numbers in this order, found {found}")
     return limits
 
 

@@ -46,7 +46,12 @@ _MODULES = {
 }
 """Modules of targets that have moved."""
 _ALIGNMENT = "workbench.likelihoods.dense.dense_alignment.DenseAlignment"
-_CLASSES = {"workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT}
+_CLASSES = {
+    "workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT,
+    "workbench.priors.ar_offsets.Jitter": "workbench.priors.ar_offsets.AROffsets",
+    "workbench.priors.fitted_rest.Following": "workbench.priors.fitted_rest.FittedRest",
+    "workbench.priors.kinematic_flips.Flipping": "workbench.priors.kinematic_flips.KinematicFlips",
+}
 """Targets that have another name today."""
 _REMOVED = (
     "workbench.priors.mixture.Mixture", "workbench.priors.mixture.Switching", "workbench.priors.factored.Partwise",
@@ -80,12 +85,39 @@ _FIXED: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """Keys that components no longer have, by target, with the value that is fixed today."""
 
+_PRIORS = "workbench.priors"
+_LEARNED = {
+    "leave_out": "exclude", "start_position": "initial_position_std", "start_rotation": "initial_rotation_std",
+}  # fmt: skip
 _KEYS: dict[str, dict[str, str]] = {
     f"{_DATASETS}.video.Video": {"start_marks": "initial_annotations"},
-}
+    f"{_PRIORS}.ar_offsets.AROffsets": {"keep": "ar_coefficient"},
+    f"{_PRIORS}.from_motions.activity": {"leave_out": "exclude"},
+    f"{_PRIORS}.from_motions.cyclic": {**_LEARNED, "q": "n_components", "missing": "missing_fraction"},
+    f"{_PRIORS}.from_motions.gait": _LEARNED,
+    f"{_PRIORS}.from_motions.implicit": {
+        "leave_out": "exclude", "root": "include_root", "length": "window_frames", "epsilon": "tail_probability",
+        "reweight": "importance_correction", "pull": "blend_rate", "inertia": "velocity_noise_fraction",
+    },
+    f"{_PRIORS}.from_motions.linear": {"leave_out": "exclude", "noise": "noise_scale"},
+    f"{_PRIORS}.from_motions.walking": _LEARNED,
+    f"{_PRIORS}.kinematic_flips.KinematicFlips": {"share": "proposal_fraction"},
+    f"{_PRIORS}.smooth.Smooth": {
+        "lowest": "lower", "highest": "upper", "start_pose": "initial_pose_scale", "start_uniform": "initial_uniform",
+    },
+}  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
 _VALUES: dict[str, dict[str, dict[Any, Any]]] = {}
 """Values of keys that have another name today, by target and today's key: old and new."""
+_OPTIONS: dict[str, dict[str, str]] = {
+    "prior": {
+        "flipping": "kinematic_flips", "following": "fitted_rest", "following_implicit": "fitted_rest_implicit",
+        "jitter": "ar_offsets", "jitter_gait": "ar_offsets_gait",
+    },
+}  # fmt: skip
+"""Options that have another name today, by group: old and new."""
+_COLUMNS = {"_jitter": "_offset"}
+"""Suffixes of columns of states and of recorded curves that have another name today: old and new."""
 
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class LearnWalkRun:
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Learn and show; draws nothing. Raises InputError as `database_motions` and what it learns with do."""
         motions = database_motions(
-            self.motions, data=self.data, cache=self.cache, leave_out=self.leave_out, activities=self.activities
+            self.motions, data=self.data, cache=self.cache, exclude=self.leave_out, activities=self.activities
         )
         cycles = activity_cycles(motions, most_per_clip=self.most_per_clip)
         log.info("motions: %d cycles (%s) of %d clips", len(cycles), self.motions, len(set(cycles.sources)))

@@ -56,7 +56,7 @@ def test_predictions_follow_their_definitions(windows, poses):
     before, after = (rows[windows.ends[entries] + k][:, : len(PARTS["body"])] for k in (0, 1))
     expected = {"copy": after, "increment": after - before, "blend": after - before}
     for prediction, target in expected.items():
-        prior = Implicit(windows, prediction=prediction, pull=0.25, **STILL)
+        prior = Implicit(windows, prediction=prediction, blend_rate=0.25, **STILL)
         state = prior.start_after(poses[20:31] + offset, 2)
         now = state[:, N_ROOT : len(POSE_NAMES)]
         moved = prior.predict(state, entries, np.zeros((2, len(POSE_NAMES))))[:, N_ROOT : len(POSE_NAMES)]
@@ -72,7 +72,7 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
     prior, rng = Implicit(windows, prediction="increment", beta=0.5, **STILL), np.random.default_rng(1)
     state = prior.start_after(poses[20:31], 5)
     track = [prior.pose(state)]
-    for _ in range(windows.length):
+    for _ in range(windows.window_frames):
         state = prior.sample_transition(state, DT, rng)
         track.append(prior.pose(state))
     b = len(windows.sigmas)

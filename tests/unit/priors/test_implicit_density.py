@@ -32,7 +32,7 @@ def poses(motions):
 @pytest.fixture(scope="module")
 def elbow(motions):
     """A library of one angle."""
-    return learn_windows(motions, angles=["left_elbow_flexion"], root=False, length=4)
+    return learn_windows(motions, angles=["left_elbow_flexion"], include_root=False, window_frames=4)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def body(motions):
 
 
 def parent(prior, poses, n=1):
-    return prior.start_after(poses[20 : 21 + prior.windows.length] + 0.01, n)
+    return prior.start_after(poses[20 : 21 + prior.windows.window_frames] + 0.01, n)
 
 
 @pytest.mark.parametrize("still", [0, 2])
@@ -79,7 +79,7 @@ def test_a_draw_given_the_way_has_the_odds_of_the_mixtures_terms():
 
 @pytest.mark.parametrize("prediction", ["copy", "increment", "blend"])
 def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_windows(elbow, poses, prediction):
-    prior = Implicit(elbow, prediction=prediction, epsilon=0.01, **WARM)
+    prior = Implicit(elbow, prediction=prediction, tail_probability=0.01, **WARM)
     before = parent(prior, poses)
     grid = np.linspace(-2.0, 4.0, 6001)
     states = np.repeat(before, len(grid), axis=0)
@@ -95,7 +95,7 @@ def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_wind
 
 def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow, poses):
     """By enumeration: each window leaves a memory of its own, and is drawn by p(i | c) N(pose; m_i, σ²)."""
-    prior = Implicit(elbow, epsilon=1e-6, **WARM)
+    prior = Implicit(elbow, tail_probability=1e-6, **WARM)
     before = parent(prior, poses)
     everything, n = np.arange(len(elbow)), len(elbow)
     means = prior.predict(np.repeat(before, n, axis=0), everything, np.zeros((n, P)))[:, ELBOW]

@@ -83,11 +83,11 @@ def columns_of_parts(space: StateSpace, parts: Sequence[str]) -> list[IntArray]:
     names = [set(named_parameters("inference: parts", [part])) for part in parts]
     owners = np.zeros(len(space), dtype=np.int64)
     for column, name in enumerate(space.names):
-        parameter = name.removesuffix("_jitter").removesuffix("_velocity")
+        parameter = name.removesuffix("_offset").removesuffix("_velocity")
         owners[column] = next((k for k, part in enumerate(names) if parameter in part), 0)
     if len(np.unique(owners)) < 2:
         raise InputError(
             "inference: parts must divide the prior's columns, all of which are in one part; choose a prior with "
-            "columns for joint angles, such as smooth or jitter"
+            "columns for joint angles, such as smooth or ar_offsets"
         )
     return [np.flatnonzero(owners == k) for k in np.unique(owners)]

@@ -120,7 +120,7 @@ def fourier_basis(phases: FloatArray, n_phases: int) -> FloatArray:
     return waves
 
 
-def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
+def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
     """Functional PCA by the paper's steps 2–9: keep the q largest singular values, impute, repeat.
 
     Stops when ‖X − X₄‖ falls by less than the fraction `tolerance`; a warning says so when it has not after 1000
@@ -129,11 +129,13 @@ def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> _Function
     Deviations: the tolerance is relative, so that it does not depend on the units; the Fourier functions are real and
     orthonormal; the returned mean is projected on them too, because real cycles' row mean jumps at their ends.
     """
-    _check_size(slices, q)
-    return _fpca(slices, q, partial(_keep_largest, q), tolerance)
+    _check_size(slices, n_components)
+    return _fpca(slices, n_components, partial(_keep_largest, n_components), tolerance)
 
 
-def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6) -> _FunctionalPca:
+def fpca_shrunk(
+    slices: Slices, n_components: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6
+) -> _FunctionalPca:
     """Iterate with soft-thresholded singular values, around every sequence's own centre.
 
     Instead of keeping q singular values whole, all are lowered by `shrinkage` times the largest one of the first
@@ -141,14 +143,14 @@ def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolera
     seen only in part are not overfitted. Each sequence's mean angles, which are the person's posture rather than
     the motion, are not shrunk. The q components are those of the completed slices. Raises InputError as `fpca_paper`.
     """
-    _check_size(slices, q)
+    _check_size(slices, n_components)
     first = _spectra(slices.values - slices.values.mean(axis=0))
     largest = np.linalg.norm((first - _centres(first, slices)).reshape(len(first), -1), 2)
-    return _fpca(slices, q, partial(_soften, float(shrinkage * largest), slices), tolerance)
+    return _fpca(slices, n_components, partial(_soften, float(shrinkage * largest), slices), tolerance)
 
 
 def _fpca(
-    slices: Slices, q: int, reconstruct: Callable[[FloatArray], tuple[FloatArray, float]], tolerance: float
+    slices: Slices, n_components: int, reconstruct: Callable[[FloatArray], tuple[FloatArray, float]], tolerance: float
 ) -> _FunctionalPca:
     """Steps 2–9; `reconstruct` is steps 5–6: the spectra (N, 20, m) of X − 1μᵀ in, a low rank and its penalty out."""
     n_phases = slices.values.shape[1]
@@ -169,18 +171,20 @@ def _fpca(
         log.warning("functional PCA: not converged to %g after %d passes", tolerance, MOST_PASSES)
     mean_curve = _spectra(mean)
     spectra = _spectra(x - x.mean(axis=0))
-    rows, singular = _principal(spectra.reshape(len(x), -1), q)
+    rows, singular = _principal(spectra.reshape(len(x), -1), n_components)
     return _FunctionalPca(
-        mean=basis @ mean_curve, components=basis @ rows.reshape(q, N_FOURIER, -1),
+        mean=basis @ mean_curve, components=basis @ rows.reshape(n_components, N_FOURIER, -1),
         scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
         curves=curves + mean_curve, completed=x, errors=np.array(errors),
     )  # fmt: skip
 
 
-def _check_size(slices: Slices, q: int) -> None:
+def _check_size(slices: Slices, n_components: int) -> None:
     most = min(len(slices.values) - 1, N_FOURIER * slices.values.shape[2])
-    if not 1 <= q <= most:
-        raise InputError(f"functional PCA: {len(slices.values)} slices allow 1 to {most} components, found {q}")
+    if not 1 <= n_components <= most:
+        raise InputError(
+            f"functional PCA: {len(slices.values)} slices allow 1 to {most} components, found {n_components}"
+        )
 
 
 def _spectra(curves: FloatArray) -> FloatArray:
@@ -189,9 +193,9 @@ def _spectra(curves: FloatArray) -> FloatArray:
     return fourier_basis(np.arange(n_phases) / n_phases, n_phases).T @ curves
 
 
-def _keep_largest(q: int, spectra: FloatArray) -> tuple[FloatArray, float]:
+def _keep_largest(n_components: int, spectra: FloatArray) -> tuple[FloatArray, float]:
     smaller = min(len(spectra), spectra[0].size)
-    return _low_rank(spectra, 0.0, by_index=(max(smaller - q, 0), smaller - 1))[0], 0.0
+    return _low_rank(spectra, 0.0, by_index=(max(smaller - n_components, 0), smaller - 1))[0], 0.0
 
 
 def _soften(threshold: float, slices: Slices, spectra: FloatArray) -> tuple[FloatArray, float]:
@@ -233,13 +237,13 @@ def _low_rank(
     return low_rank.reshape(spectra.shape), float(shrunk.sum())
 
 
-def _principal(x: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
+def _principal(x: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
     """The first q right singular vectors (rows) and singular values of x; each vector's largest entry is positive."""
     n, size = x.shape
     if n > size:
-        values, vectors = scipy.linalg.eigh(x.T @ x, subset_by_index=(size - q, size - 1))
+        values, vectors = scipy.linalg.eigh(x.T @ x, subset_by_index=(size - n_components, size - 1))
         rows, singular = vectors.T[::-1], np.sqrt(np.maximum(values[::-1], 0.0))
     else:
-        rows, singular = (part[:q] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])
+        rows, singular = (part[:n_components] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])
     largest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
     return rows * np.where(largest < 0.0, -1.0, 1.0)[:, None], singular

@@ -38,8 +38,8 @@ GAP_SEED = 2000  # seed of the gaps made for `cyclic_model`, so that one trainin
 
 def walking_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
-    n_components: int | None = 8, scaling: str = "joints", root: bool = False,
+    subjects: Sequence[str] = WALKERS, exclude: Sequence[str] = (), variance: float = 0.95,
+    n_components: int | None = 8, scaling: str = "joints", include_root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
@@ -47,8 +47,13 @@ def walking_model(
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    options: dict[str, Any] = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
+    training = training_motions(motions, data=data, cache=cache, subjects=subjects, exclude=exclude)
+    options: dict[str, Any] = {
+        "variance": variance,
+        "n_components": n_components,
+        "scaling": scaling,
+        "include_root": include_root,
+    }
     code = code_digest(walking, model_discrepancy)
 
     def learn() -> WalkingModel:
@@ -59,20 +64,33 @@ def walking_model(
 
 def cyclic_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
+    subjects: Sequence[str] = WALKERS, exclude: Sequence[str] = (), n_components: int = 8,
+    missing_fraction: float = 0.0,
 ) -> WalkingModel:  # fmt: skip
     """Learn the cyclic model of paper B with q components; missing: part of the joint angles removed in blocks before.
 
     Otherwise as `walking_model`.
     """
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
+    training = training_motions(motions, data=data, cache=cache, subjects=subjects, exclude=exclude)
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
-        return _with_discrepancy(learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q), training)
+        return _with_discrepancy(
+            learn_cyclic([with_gaps(motion, missing_fraction, rng) for motion in training], n_components), training
+        )
 
     code = code_digest(walking, imputation, model_discrepancy)
-    return _learned(WalkingModel, "cyclic", cache, training, code, learn, q=q, missing=missing, gap_seed=GAP_SEED)
+    return _learned(
+        WalkingModel,
+        "cyclic",
+        cache,
+        training,
+        code,
+        learn,
+        n_components=n_components,
+        missing_fraction=missing_fraction,
+        gap_seed=GAP_SEED,
+    )
 
 
 def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
@@ -85,26 +103,27 @@ def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> Walkin
 
 def motion_windows(
     *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (), activities: Sequence[str] = (), angles: Sequence[str] = ("body",),
-    root: bool = True, rate_hz: float | None = None, length: int | None = None, frames_hz: float | None = None,
+    exclude: Sequence[str] = (), activities: Sequence[str] = (), angles: Sequence[str] = ("body",),
+    include_root: bool = True, rate_hz: float | None = None, window_frames: int | None = None,
+    frames_hz: float | None = None,
 ) -> Windows:  # fmt: skip
     """Learn the database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
 
     rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is about it or not
-    known. length: None takes a third of a second. Raises InputError for motions that are unreadable or too short.
+    known. window_frames: None takes a third of a second. Raises InputError for motions that are unreadable or short.
     """
     if rate_hz is None:  # to 5 %, which the prior takes for one row a frame
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
-    length = max(2, round(rate_hz / 3.0)) if length is None else length
-    chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    options: dict[str, Any] = {"root": root, "rate_hz": rate_hz, "length": length}
+    window_frames = max(2, round(rate_hz / 3.0)) if window_frames is None else window_frames
+    chosen = database_motions(motions, data=data, cache=cache, exclude=exclude, activities=activities)
+    options: dict[str, Any] = {"include_root": include_root, "rate_hz": rate_hz, "window_frames": window_frames}
     code, learn = code_digest(windows), lambda: learn_windows(chosen, angles=angles, **options)
     return _learned(Windows, "windows", cache, chosen, code, learn, angles=",".join(angles), **options)
 
 
 def linear_motion(
     *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (), activities: Sequence[str] = (), rate_hz: float | None = None,
+    exclude: Sequence[str] = (), activities: Sequence[str] = (), rate_hz: float | None = None,
     frames_hz: float | None = None,
 ) -> LinearMotion:  # fmt: skip
     """Learn the linear model of all `motions`, see `database_motions` and `learn_linear_motion`.
@@ -112,14 +131,14 @@ def linear_motion(
     rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is not known.
     """
     rate_hz = (frames_hz or WINDOWS_HZ) if rate_hz is None else rate_hz
-    chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
+    chosen = database_motions(motions, data=data, cache=cache, exclude=exclude, activities=activities)
     code, learn = code_digest(linear_motions), lambda: learn_linear_motion(chosen, rate_hz)
     return _learned(LinearMotion, "linear", cache, chosen, code, learn, rate_hz=rate_hz)
 
 
 def activity_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
+    exclude: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
     variance: float = 0.9, n_components: int | None = None, most_per_clip: int = 4, skeleton: str = "person",
 ) -> ActivityModel:  # fmt: skip
     """Learn the motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as
@@ -135,7 +154,7 @@ def activity_model(
         raise InputError("prior: skeleton=full needs recordings: set paths.data or $WORKBENCH_DATA, and motions=bandai")
     if full and list(angles) != ["body"]:
         raise InputError(f"prior: skeleton=full models every joint angle, found angles={list(angles)}")
-    chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
+    chosen = database_motions(motions, data=data, cache=cache, exclude=exclude, activities=activities)
 
     def file_skeleton(motion: Motion) -> Followed:
         clip = read_clip(find_clip(str(data), motion.name))
@@ -159,7 +178,7 @@ def activity_model(
 
 
 def training_motions(
-    motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, leave_out: Sequence[str] = ()
+    motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, exclude: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
     """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
@@ -167,15 +186,15 @@ def training_motions(
     `formats.names`. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
-        kept = None if subjects is None else [subject for subject in subjects if subject not in leave_out]
+        kept = None if subjects is None else [subject for subject in subjects if subject not in exclude]
         found = _imported(cmu_clips(_folder(motions, data), kept), Path(cache).expanduser(), "cmu-walks")
     else:
         found = _builtin_or_library(motions, "cmu, recorded")
-    return _without(found, leave_out)
+    return _without(found, exclude)
 
 
 def database_motions(
-    motions: str, *, data: str | None, cache: str, leave_out: Sequence[str] = (), activities: Sequence[str] = ()
+    motions: str, *, data: str | None, cache: str, exclude: Sequence[str] = (), activities: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
     """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
@@ -189,18 +208,18 @@ def database_motions(
     else:
         found = _builtin_or_library(motions, "recorded, cmu, bandai")
         found += builtin_runs() if motions == "builtin" else ()
-    kept = _without(found, leave_out, activities)
+    kept = _without(found, exclude, activities)
     log.info("motion database: %d clips of %d", len(kept), len(found))
     return kept
 
 
-def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
-    """Keep those of no clip, subject or style in `leave_out`, of some activities or any; InputError if none is left."""
-    if others := [name for name in leave_out if not isinstance(name, str)]:
+def _without(found: Sequence[Motion], exclude: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
+    """Keep those of no clip, subject or style in `exclude`, of some activities or any; InputError if none is left."""
+    if others := [name for name in exclude if not isinstance(name, str)]:
         raise InputError(
             f"motions: leave_out: expected names of clips or people, found {others[0]!r}; put it in quotes"
         )
-    unwanted = {clip_name(name) for name in leave_out}
+    unwanted = {clip_name(name) for name in exclude}
     kept = tuple(
         motion
         for motion in found
@@ -210,7 +229,7 @@ def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequ
     if not kept:
         shown = ", ".join(sorted({motion.activity for motion in found}))
         wanted = f" of {' or '.join(activities)}" if activities else ""
-        without = f" without {', '.join(leave_out)}" if leave_out else ""
+        without = f" without {', '.join(exclude)}" if exclude else ""
         raise InputError(f"motions: expected clips{wanted}{without}, found {len(found)} clips, of activity {shown}")
     return kept
 

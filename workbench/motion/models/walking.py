@@ -42,12 +42,12 @@ class Cycles:
     sources: tuple[str, ...]
 
 
-def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = False) -> Cycles:
+def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, include_root: bool = False) -> Cycles:
     """Cut every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
 
     Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
     gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
-    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS.
+    say). Motions without a whole cycle add nothing. The result may be empty. include_root: with ROOT_CHANNELS.
     """
     curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
     for motion in motions:
@@ -60,10 +60,10 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
             if SHORTEST_S <= duration <= LONGEST_S:
                 gap = channels(last) - channels(first)
                 curve = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
-                curves.append(np.hstack([curve, _root_sway(motion, first, last, n_phases)]) if root else curve)
+                curves.append(np.hstack([curve, _root_sway(motion, first, last, n_phases)]) if include_root else curve)
                 durations.append(duration)
                 sources.append(motion.name)
-    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * root)
+    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * include_root)
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
@@ -119,7 +119,7 @@ class WalkingModel:
 
 def learn_walking(
     motions: Sequence[Motion], *, variance: float, n_components: int | None, scaling: str, n_phases: int = 64,
-    root: bool = False,
+    include_root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the model from the walking cycles in the motions.
 
@@ -131,7 +131,7 @@ def learn_walking(
     scaling : "none" as in the paper (speed in metres per frame at 30 Hz, angles in rad), or "joints", which weighs
         every channel by how far it moves the joints, so that twists that move nothing do not claim components
     n_phases : T
-    root : learn how the root sways, too, which the paper leaves to noise
+    include_root : learn how the root sways, too, which the paper leaves to noise
 
     Raises
     ------
@@ -141,7 +141,7 @@ def learn_walking(
         raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
     if not 0.0 < variance < 1.0:
         raise InputError(f"prior: variance must lie between 0 and 1, found {variance}")
-    cycles = walking_cycles(motions, n_phases, root)
+    cycles = walking_cycles(motions, n_phases, include_root)
     if len(cycles.curves) < 2:
         raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
     weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
@@ -180,7 +180,7 @@ def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
     return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])
 
 
-def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> WalkingModel:
+def learn_cyclic(motions: Sequence[Motion], n_components: int = 5, n_phases: int = 64) -> WalkingModel:
     """Learn the walking model of motions with q components (paper B, section 2); missing angles are NaN in their poses.
 
     A missing position or heading makes the torso's speed missing. Motions in which no period is found are left out,
@@ -207,7 +207,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
     slices = cut(sequences, _from_left_thigh_ahead(alignment), n_phases)
     kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
     slices = Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
-    pca = fpca_shrunk(slices, q)
+    pca = fpca_shrunk(slices, n_components)
     weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
     return WalkingModel(
         mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,

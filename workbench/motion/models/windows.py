@@ -43,7 +43,7 @@ class Windows:
     """
 
     angles: tuple[str, ...]
-    root: bool
+    include_root: bool
     rate_hz: float
     rows: Float32Array
     ends: IntArray
@@ -61,7 +61,7 @@ class Windows:
         return len(self.ends)
 
     @property
-    def length(self) -> int:
+    def window_frames(self) -> int:
         """d, the frames in a window."""
         return len(self.mean)
 
@@ -93,15 +93,15 @@ class Windows:
 
     def window_rows(self, entries: IntArray) -> FloatArray:
         """The windows (N, d, m) of entries (N,), newest row first."""
-        return self.rows[self.ends[entries][:, None] - np.arange(self.length)].astype(np.float64)
+        return self.rows[self.ends[entries][:, None] - np.arange(self.window_frames)].astype(np.float64)
 
     def memory(self, windows: FloatArray) -> FloatArray:
         """The memory (N, d·b), see `advance`, of windows (N, d, m) of rows, newest first.
 
         Its first b columns are the whitened coefficients c_t of eq. 5.
         """
-        memory = np.zeros((len(windows), self.length * len(self.sigmas)))
-        for lag in range(self.length - 1, -1, -1):
+        memory = np.zeros((len(windows), self.window_frames * len(self.sigmas)))
+        for lag in range(self.window_frames - 1, -1, -1):
             memory = advance(memory, windows[:, lag], self.filters, self.offset, len(self.sigmas))
         return memory
 
@@ -111,8 +111,8 @@ class Windows:
 
 
 def learn_windows(
-    motions: Sequence[Motion], *, rate_hz: float = 30.0, length: int = 10, angles: Sequence[str] = ("body",),
-    root: bool = True,
+    motions: Sequence[Motion], *, rate_hz: float = 30.0, window_frames: int = 10, angles: Sequence[str] = ("body",),
+    include_root: bool = True,
 ) -> Windows:  # fmt: skip
     """The windows of all motions at one rate, and their PCA with b = ⌊log₂ n⌋ components (C, section 4, eq. 3–5).
 
@@ -124,27 +124,31 @@ def learn_windows(
     angles = parameters("windows: angles", angles)
     if unknown := [name for name in angles if name not in POSE_NAMES[N_ROOT:]]:
         raise InputError(f"windows: expected joint angles such as {POSE_NAMES[N_ROOT]!r}, found {unknown[0]!r}")
-    if not angles or length < 1 or not rate_hz > 0.0:
-        raise InputError(f"windows: expected angles, a length and a rate, found {len(angles)}, {length}, {rate_hz}")
+    if not angles or window_frames < 1 or not rate_hz > 0.0:
+        raise InputError(
+            f"windows: expected angles, a length and a rate, found {len(angles)}, {window_frames}, {rate_hz}"
+        )
     clips, kept, short = [], [], []
     for motion in motions:
         poses = motion.resampled(rate_hz).poses
-        if len(poses) < length + 2:  # one frame before the first velocity, one after the last window
+        if len(poses) < window_frames + 2:  # one frame before the first velocity, one after the last window
             short.append(motion.name)
         else:
-            clips.append(pose_rows(poses, rate_hz, angles, root).astype(np.float32))
+            clips.append(pose_rows(poses, rate_hz, angles, include_root).astype(np.float32))
             kept.append(motion)
     if short:
-        log.warning("windows: %d clips are shorter than %d frames: %s", len(short), length + 2, ", ".join(short))
+        log.warning("windows: %d clips are shorter than %d frames: %s", len(short), window_frames + 2, ", ".join(short))
     firsts = np.cumsum([0, *map(len, clips)])
-    spans = [np.arange(first + length - 1, last - 1) for first, last in pairwise(firsts)]  # with a successor
+    spans = [np.arange(first + window_frames - 1, last - 1) for first, last in pairwise(firsts)]  # with a successor
     ends = np.concatenate([np.empty(0, dtype=np.int64), *spans])
     if len(ends) < 4:
-        raise InputError(f"windows: expected motions with at least 4 windows of {length} frames, found {len(ends)}")
+        raise InputError(
+            f"windows: expected motions with at least 4 windows of {window_frames} frames, found {len(ends)}"
+        )
     rows = np.concatenate(clips)
-    scales, mean, basis, sigmas, explained = _principal_components(rows, ends, length)
+    scales, mean, basis, sigmas, explained = _principal_components(rows, ends, window_frames)
     windows = Windows(
-        angles=angles, root=root, rate_hz=rate_hz, rows=rows, ends=ends,
+        angles=angles, include_root=include_root, rate_hz=rate_hz, rows=rows, ends=ends,
         clips=tuple(motion.name for motion in kept), activities=tuple(motion.activity for motion in kept),
         firsts=firsts[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
         coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
@@ -152,12 +156,12 @@ def learn_windows(
     return _with_coefficients(windows)
 
 
-def pose_rows(poses: FloatArray, rate_hz: float, angles: Sequence[str], root: bool) -> FloatArray:
+def pose_rows(poses: FloatArray, rate_hz: float, angles: Sequence[str], include_root: bool) -> FloatArray:
     """The rows (F − 1, m) of poses (F, 25): every frame but the first, which has no velocity."""
     columns = [POSE_NAMES.index(name) for name in angles]
     chosen = poses[:, columns]
     parts = [chosen[1:], np.diff(chosen, axis=0) * rate_hz]
-    if root:
+    if include_root:
         moved, heading = np.diff(poses[:, :4], axis=0) * rate_hz, poses[:-1, 3]
         c, s = np.cos(heading), np.sin(heading)
         forward, sideways = c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]
@@ -193,7 +197,7 @@ def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, moved: A
 
 
 def _principal_components(
-    rows: Float32Array, ends: IntArray, length: int
+    rows: Float32Array, ends: IntArray, window_frames: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
     """scales (m,), mean (d, m), basis (d, m, b), sigmas (b,) and the explained part of the variance.
 
@@ -201,7 +205,7 @@ def _principal_components(
     """
     spread = rows.std(axis=0, dtype=np.float64)
     scales = np.where(spread > 1e-9, spread, 1.0)  # a channel that never moves says nothing
-    lags, size = np.arange(length), length * rows.shape[1]
+    lags, size = np.arange(window_frames), window_frames * rows.shape[1]
     total, products = np.zeros(size), np.zeros((size, size))
     centre = rows.mean(axis=0, dtype=np.float64)  # near the mean already, so that nothing cancels below
     for first in range(0, len(ends), _BLOCK):
@@ -215,13 +219,13 @@ def _principal_components(
     rank = int((variances > 1e-12 * variances[0]).sum())
     b = max(1, min(int(np.log2(len(ends))), rank))
     vectors = vectors[:, :b] * np.sign(vectors[np.abs(vectors[:, :b]).argmax(axis=0), np.arange(b)])
-    whole_mean = mean.reshape(length, -1) + centre / scales
+    whole_mean = mean.reshape(window_frames, -1) + centre / scales
     explained = float(variances[:b].sum() / variances.sum())
-    return scales, whole_mean, vectors.reshape(length, -1, b), np.sqrt(variances[:b]), explained
+    return scales, whole_mean, vectors.reshape(window_frames, -1, b), np.sqrt(variances[:b]), explained
 
 
 def _with_coefficients(windows: Windows) -> Windows:
-    d, b = windows.length, len(windows.sigmas)
+    d, b = windows.window_frames, len(windows.sigmas)
     filters = windows.filters.reshape(-1, d, b)
     constant = windows.offset.reshape(d, b).sum(axis=0)
     coefficients = np.empty((len(windows), b), dtype=np.float32)

@@ -64,7 +64,7 @@ def test_the_low_rank_part_has_the_first_axes_and_the_diagonal_is_exact():
 def test_a_bearing_of_ones_own_is_found_as_large_as_it_is_and_stays():
     found = learn_discrepancy(ANGLES, *population(60, MISSED, 3), n_components=1)
     assert found.deviations[2] == pytest.approx(MISSED[2], rel=0.25)
-    assert found.keep[2] > 0.97
+    assert found.ar_coefficients[2] > 0.97
     assert found.n_people == 60
     assert found.angles == ANGLES
 
@@ -72,8 +72,8 @@ def test_a_bearing_of_ones_own_is_found_as_large_as_it_is_and_stays():
 def test_what_is_new_in_every_frame_is_not_kept():
     found = learn_discrepancy(ANGLES, *population(12, MISSED, 4, per_frame=True, n_cycles=6), n_components=1)
     assert found.deviations[2] == pytest.approx(MISSED[2], rel=0.2)
-    assert found.keep[2] < 0.3
-    assert (found.keep <= MOST_KEPT).all()
+    assert found.ar_coefficients[2] < 0.3
+    assert (found.ar_coefficients <= MOST_KEPT).all()
 
 
 def test_people_count_alike_and_are_not_learned_from_themselves():
