@@ -21,7 +21,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
-from workbench.core.prior import RECORDED
+from workbench.core.prior import RECORDED_SMOOTHNESS
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.foot_contact import standing_feet
 from workbench.inference.least_squares.residual_problem import ResidualProblem
@@ -60,7 +60,7 @@ def scene(n_frames: int, n_cameras: int, seed: int = 0) -> tuple[list[Observed],
 
 def fit(seen: list[Observed], times_s: FloatArray) -> SmoothPoses:
     """Fit all frames as `inference=least_squares prior=linear` does, from the joints alone."""
-    problem = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED)
+    problem = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
     return fit_smooth(problem, seen, first_poses(BODY.skeleton, seen[0].keypoints, SIGMA_PX), 40)
 
 
@@ -85,9 +85,9 @@ def figures() -> list[Figure]:
 def _against_residuals(n_frames: int = 100) -> Figure:
     seen, times_s, poses = scene(n_frames, 1)
     stand = standing_feet(BODY.skeleton, seen, times_s)
-    batch = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED)
+    batch = keypoint_problem(BODY.skeleton, seen, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
     residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in seen]
-    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED, stand)
+    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED_SMOOTHNESS, stand)
     x = poses.ravel()
     ours, theirs = fastest_s([lambda: batch.expand(x), lambda: functions.expand(x)], 5, clock=time.thread_time)
     what = (

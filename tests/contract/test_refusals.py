@@ -147,7 +147,7 @@ TOGETHER = {
     "all of which are in one part": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(parts=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
-    "as smooth and ar_offsets have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
+    "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: of_camera(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],

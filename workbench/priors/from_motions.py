@@ -1,7 +1,7 @@
-"""Priors that a configuration names together with the motions they are learned from.
+"""Priors with their training motions, as targets of a configuration.
 
-The parameters of a function are those of the model (`motion.models.training`) and those of the prior that it gets;
-their meaning and what is raised are described there.
+The parameters of a function are those of the model (`motion.models.training`) and those of the prior; they are
+documented there, as are the errors.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ def walking(
     sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
     initial_rotation_std: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
-    """Return paper A's prior (section 6.2): a model of whole walking cycles, found by gait events."""
+    """Return paper A's prior (section 6.2): a model of whole walking cycles between gait events."""
     return _learned(training.walking_model, Cyclic, locals())
 
 
@@ -43,7 +43,7 @@ def gait(
     sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
     initial_rotation_std: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
-    """Return paper A's prior with how the root sways in a cycle learned, too, so that less is left to noise."""
+    """Return paper A's prior with a learned sway of the root, which reduces the noise."""
     return _learned(partial(training.walking_model, include_root=True), Cyclic, locals())
 
 
@@ -94,12 +94,12 @@ def implicit(
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
     sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
 ) -> Implicit:  # fmt: skip
-    """Return paper C's prior: a database of motions, searched."""
+    """Return paper C's implicit prior: a searched database of motions."""
     return _learned(training.motion_windows, Implicit, locals())
 
 
-def _learned(learn: Callable[..., Any], prior: Callable[..., P], given: Mapping[str, Any]) -> P:
-    """Learn the model from those parameters that `learn` has, and put the prior with the others on it."""
-    of_model = signature(learn).parameters
-    model = learn(**{key: value for key, value in given.items() if key in of_model})
-    return prior(model, **{key: value for key, value in given.items() if key not in of_model})
+def _learned(learn: Callable[..., Any], prior: Callable[..., P], arguments: Mapping[str, Any]) -> P:
+    """Return the prior on the model that `learn` makes; each gets the arguments that it has."""
+    model_names = signature(learn).parameters
+    model = learn(**{key: value for key, value in arguments.items() if key in model_names})
+    return prior(model, **{key: value for key, value in arguments.items() if key not in model_names})

@@ -204,8 +204,8 @@ def _shown_window(windows: Windows, clip: str | None, frame: int | None, rng: np
     frames = windows.ends[inside] - windows.firsts[windows.clip_of[inside]] + 1
     if not (frames == frame).any():
         raise InputError(
-            f"study: frame must lie between {frames.min()} and {frames.max()} for windows of {windows.window_frames} frames "
-            f"and a pose after them, found {frame}"
+            f"study: frame must lie between {frames.min()} and {frames.max()} for windows of "
+            f"{windows.window_frames} frames and a pose after them, found {frame}"
         )
     return int(rng.choice(inside[frames == frame]))
 

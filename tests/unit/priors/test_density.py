@@ -14,7 +14,7 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
 from workbench.priors.ar_offsets import SIGMA, AROffsets
-from workbench.priors.density import apart
+from workbench.priors.density import state_difference
 from workbench.priors.fitted_rest import FittedRest, Trajectory
 from workbench.priors.implicit import Implicit
 from workbench.priors.smooth import Smooth
@@ -52,7 +52,7 @@ def family(prior):
     if "phase" in prior.space.names:
         parent[0, prior.space.names.index("phase")] = 0.99
     children = prior.sample_transition(np.repeat(parent, N, axis=0), DT, np.random.default_rng(1))
-    spread = apart(prior.space, prior.capabilities.density.mean(parent, DT), children).std(axis=0)
+    spread = state_difference(prior.space, prior.capabilities.density.mean(parent, DT), children).std(axis=0)
     spread[[i for i in range(len(spread)) if i not in prior.capabilities.density.free]] = 0.0
     other = parent + 0.5 * spread * np.where(spread > 1e-12, rng.choice([-1.0, 1.0], len(spread)), 0.0)
     for i, name in enumerate(prior.space.names):
@@ -71,7 +71,7 @@ def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name)
     weights = np.exp(log_ratio)
     others = prior.sample_transition(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
     middle = density.mean(other, DT)
-    found, expected = (apart(prior.space, middle, states)[:, density.free] for states in (children, others))
+    found, expected = (state_difference(prior.space, middle, states)[:, density.free] for states in (children, others))
     for power in (0, 1, 2):
         weighted, plain = weights[:, None] * found**power, expected**power
         error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / N)
@@ -83,7 +83,7 @@ def test_the_walking_priors_density_is_a_normal_distribution_in_the_columns_that
     parent, _, children = family(prior)
     free = [i for i, name in enumerate(prior.space.names) if name != "root_heading"]
     sigma = np.array([0.05] * 3 + [0.009, 0.01] + [0.01] * 5) * np.sqrt(30.0 * DT)
-    deviation = apart(prior.space, prior.mean(parent, DT), children)[:100, free]
+    deviation = state_difference(prior.space, prior.mean(parent, DT), children)[:100, free]
     expected = multivariate_normal(np.zeros(len(free)), np.diag(sigma**2)).logpdf(deviation)
     np.testing.assert_allclose(prior.log_transition(parent, children[:100], DT), expected, rtol=1e-9)
     turned = children[:1].copy()
@@ -191,12 +191,12 @@ def test_offsets_are_as_large_as_what_the_model_misses():
     wide = np.sqrt(3.0) * np.array([0.5, 0.1])
     for ar_coefficient, kept in ((0.9, [0.9, 0.9]), (None, KEPT)):
         prior = AROffsets(base_that_knows, ar_coefficient=ar_coefficient)
-        which = [prior.space.names[prior.own].index(f"{name}_offset") for name in missed.angles]
+        which = [prior.space.names[prior.appended].index(f"{name}_offset") for name in missed.angles]
         np.testing.assert_allclose(prior.ar_coefficients[which], kept)
         np.testing.assert_allclose((prior.sigma / np.sqrt(1.0 - prior.ar_coefficients**2))[which], wide)
         others = np.delete(np.arange(len(prior.sigma)), which)
         assert set(prior.sigma[others]) == {SIGMA}
-        drawn = prior.sample_initial(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.own]
+        drawn = prior.sample_initial(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.appended]
         np.testing.assert_allclose(drawn[:, which].std(axis=0), wide, rtol=5 * np.sqrt(0.5 / 20_000))
     assert set(AROffsets(base_that_knows, sigma=0.05).sigma) == {0.05}
     assert set(AROffsets(base).sigma) == {SIGMA}

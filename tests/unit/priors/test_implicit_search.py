@@ -11,9 +11,9 @@ from tests.oracles import implicit as oracle
 from workbench.priors.implicit_search import (
     LANES,
     exact_log_prob,
-    found_distribution,
     kd_tree,
     search,
+    search_distribution,
 )
 from workbench.priors.implicit_tree import (
     draw,
@@ -131,7 +131,7 @@ def test_the_search_misses_at_most_epsilon(n, b, seed, beta, tail_probability, s
     coefficients[n // 2 :] = coefficients[: n - n // 2]  # repeated entries
     probe = spread * rng.normal(size=b)
     tree = kd_tree(coefficients)
-    found, visited = found_distribution(tree, probe, beta, tail_probability)
+    found, visited = search_distribution(tree, probe, beta, tail_probability)
     exact = np.exp(exact_log_prob(coefficients, probe.astype(np.float32), beta))
     # float32 distances: 1e-6 of the square, over 2β in the exponent
     rounding = 1e-6 * ((coefficients - probe) ** 2).sum(axis=1).max() / beta
@@ -143,7 +143,7 @@ def test_the_search_kernel_agrees_with_numpy():
     coefficients, rng = database(2700, 11), np.random.default_rng(5)
     tree = kd_tree(coefficients)
     for probe in rng.normal(size=(10, 11)):
-        found, visited = found_distribution(tree, probe, 0.1)
+        found, visited = search_distribution(tree, probe, 0.1)
         expected, expected_visited = oracle.found_distribution(tree, probe, 0.1)
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-9)  # float32 distances over 2β
         assert visited == expected_visited
@@ -245,7 +245,7 @@ def test_bad_input_is_refused():
     one = np.array([1])
     with pytest.raises(InputError, match="beta"):
         search(tree, probe, one, 0.0, np.zeros(1))
-    with pytest.raises(InputError, match="epsilon"):
+    with pytest.raises(InputError, match="tail_probability"):
         search(tree, probe, one, 1.0, np.zeros(1), tail_probability=0.0)
     with pytest.raises(ValueError, match="probes"):
         search(tree, np.full((1, 8), np.nan), one, 1.0, np.zeros(1))

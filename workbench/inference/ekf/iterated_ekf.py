@@ -142,7 +142,7 @@ class Kalman:
             size, (log_evidence,) = len(self.space), start.memory.array("log_evidence", 1)
             mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
         else:
-            mean, covariance = model.start_moments(np.atleast_2d(start)[0])
+            mean, covariance = model.initial_moments(np.atleast_2d(start)[0])
         belief = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0
@@ -261,9 +261,9 @@ class Kalman:
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
         if len(beliefs) > 1:
             mean, covariance = of_both(beliefs[0].mean, mean, covariance, belief.shares)
-        if self.postures > 0.0 and self.prior.capabilities.postures is not None:
+        if self.postures > 0.0 and self.prior.capabilities.pose_prior is not None:
             n = len(belief.doubt)
-            drawn = self.prior.capabilities.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
+            drawn = self.prior.capabilities.pose_prior.geometric_product(mean[:n], covariance[:n, :n], self.postures)
             mean, covariance = condition_block(mean, covariance, *drawn)
         values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's

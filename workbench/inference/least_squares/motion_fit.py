@@ -9,7 +9,7 @@ import scipy
 
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, offering
-from workbench.core.discrepancy import widening
+from workbench.core.discrepancy import small_sample_inflation
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.side_information import PHASE_ENDS
@@ -33,7 +33,7 @@ class MotionFit:
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
     alone, as D does, without regularisation. discrepancy: add to the poses' covariance what the model misses of people
-    it was not learned from, where that is known (`core.discrepancy.widening`), and what points share
+    it was not learned from, where that is known (`core.discrepancy.small_sample_inflation`), and what points share
     (`systematic_errors.Shared`). rho: correlation of keypoints' errors from frame to frame, by which fewer frames count
     (`systematic_errors.effective_share`); None estimates it at a first fit. Raises InputError when frames_per_style is
     not positive, and for rho out of range.
@@ -70,7 +70,11 @@ class MotionFit:
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
         frames_per_style = self.frames_per_style or len(task.seen)
         known = task.discrepancy if self.discrepancy else None
-        missed = None if known is None else widening(known.n_people) * known.root(task.skeleton.dof_names)
+        missed = (
+            None
+            if known is None
+            else small_sample_inflation(known.n_subjects) * known.covariance_root(task.skeleton.dof_names)
+        )
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,

@@ -250,11 +250,11 @@ def nearest_postures(
     postures: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return means (T, P) and precisions (T, P, P) of the postures, to a power above 0, that poses (T, P) with
-    covariances (T, P, P) are drawn to, see `PosePrior.nearest`: they stay those when the poses move."""
+    covariances (T, P, P) are drawn to, see `PosePrior.geometric_mean`: they stay those when the poses move."""
     own = slice(poses.shape[1] - postures.means.shape[1], None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):
-        means[t, own], precisions[t, own, own] = postures.nearest(pose[own], covariance[own, own], power)
+        means[t, own], precisions[t, own, own] = postures.geometric_mean(pose[own], covariance[own, own], power)
     return means, precisions
 
 

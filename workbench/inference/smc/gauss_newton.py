@@ -12,7 +12,7 @@ from workbench.core.state_space import StateSpace
 from workbench.inference.smc.move import DensityMove, Streams
 from workbench.inference.smc.target import STILL, MoveResult, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
-from workbench.priors.density import apart, circular
+from workbench.priors.density import phase_columns, state_difference
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 FARTHEST = 2.0
@@ -90,24 +90,24 @@ class _PredictedStates:
         """Return states (M, D) after changes (M, D') of the columns that have noise."""
         states = states.copy()
         states[:, self.noisy] += changes
-        states[:, circular(self.space)] %= 1.0
+        states[:, phase_columns(self.space)] %= 1.0
         return states
 
     def difference(self, middle: FloatArray, states: FloatArray) -> FloatArray:
         """Return how far states (M, D) are from one (D,) in the columns that have noise, (M, D')."""
-        return apart(self.space, middle, states)[:, self.noisy]
+        return state_difference(self.space, middle, states)[:, self.noisy]
 
 
 def predict(target: Target, rng: np.random.Generator) -> _PredictedStates:
     """Predict from the target's parents; deviations of the noise are those of one draw for each parent."""
     space, parents = target.prior.space, target.parents
     means = target.density.mean(parents.state, target.dt_s)
-    noise = apart(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
+    noise = state_difference(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
     noisy = np.flatnonzero(target.free() & (np.abs(noise).max(axis=0) > STILL))
     weights, heaviest = np.exp(parents.log_weights), means[np.argmax(parents.log_weights)]
-    middle = heaviest + weights @ apart(space, heaviest, means)  # phases have no mean but beside one of them
+    middle = heaviest + weights @ state_difference(space, heaviest, means)  # phases have no mean but beside one of them
     sigma = np.sqrt((noise[:, noisy] ** 2).mean(axis=0))
-    off = apart(space, middle, means)[:, noisy]
+    off = state_difference(space, middle, means)[:, noisy]
     return _PredictedStates(space, means, middle, noisy, sigma, (weights * off.T) @ off + np.diag(sigma**2))
 
 

@@ -10,7 +10,7 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.prior import Density, Prior, propose
 from workbench.inference.smc.weights import DegenerateWeights, drop_undefined, effective_sample_size, logsumexp
-from workbench.priors.density import apart, circular
+from workbench.priors.density import phase_columns, state_difference
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
@@ -200,20 +200,20 @@ class Target:
     def noisy(self, candidates: Candidates) -> BoolArray:
         """Select (D,), the free columns in which candidates are not where their parents lead without noise."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL) & self.free()
+        return (np.abs(state_difference(self.prior.space, mean, candidates.state)).max(axis=0) > STILL) & self.free()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return, in the columns noisy (D,), how far the states are from where their parents lead without noise, (N,
         D'), and where that is, relative to the first one, (N, D')."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        difference = apart(self.prior.space, mean, candidates.state)
-        return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
+        difference = state_difference(self.prior.space, mean, candidates.state)
+        return difference[:, noisy], state_difference(self.prior.space, mean[0], mean)[:, noisy]
 
     def shift(self, candidates: Candidates, noisy: BoolArray, change: FloatArray) -> Candidates:
         """Evaluate the density at the candidates' states after a change (N, D') of the columns noisy (D,)."""
         state = candidates.state.copy()
         state[:, noisy] += change
-        state[:, circular(self.prior.space)] %= 1.0
+        state[:, phase_columns(self.prior.space)] %= 1.0
         return self.evaluate(state, candidates.parents)
 
     def sample_dependent(self, candidates: Candidates, rng: np.random.Generator) -> Candidates:
