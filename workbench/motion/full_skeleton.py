@@ -14,7 +14,7 @@ from workbench.body.limbs import Body, Ends, Radii, skeleton_limbs
 from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.motion.clip import MotionClip
-from workbench.motion.retarget import continuous_turns
+from workbench.motion.retarget import continuous_angles
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -94,7 +94,7 @@ def full_poses(clip: MotionClip) -> FloatArray:
         if len(columns):
             order: Any = "".join("XYZ"[axis] for axis in skeleton.dof_axes[columns].argmax(axis=1))
             angles = scipy.spatial.transform.Rotation.from_matrix(rotations[:, joint]).as_euler(order)
-            poses[:, columns] = continuous_turns(angles, skeleton.limits[columns])
+            poses[:, columns] = continuous_angles(angles, skeleton.limits[columns])
     return poses
 
 

@@ -115,8 +115,8 @@ def search(
     """Sample counts[k] entries for every probe k (K, b) from p(c_i | c_t) ∝ exp(−|c_i − c_t|² / 2β) (C, eq. 6).
 
     β = 1 is eq. 6 itself; the temperature scales its variances as in eq. 7. Probes are distributed over numba's
-    threads; the result does not depend on their number. uniforms : (Σ counts,) in [0, 1), probe after probe, as are the sampled
-    entries. tail_probability : ε, the fraction of the mass that may be omitted.
+    threads; the result does not depend on their number. uniforms : (Σ counts,) in [0, 1), probe after probe, as are the
+    sampled entries. tail_probability : ε, the fraction of the mass that may be omitted.
     """
     check_probes(tree, probes, beta, tail_probability)
     if counts.shape != (len(probes),) or counts.sum() != len(uniforms):

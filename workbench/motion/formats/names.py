@@ -40,7 +40,7 @@ def style(name: str) -> str | None:
     return f"bandai-{bandai[2]}" if bandai else None
 
 
-def left_out(names: Iterable[str], by_style: bool = False) -> list[str]:
+def excluded_subjects(names: Iterable[str], by_style: bool = False) -> list[str]:
     """List the performers of clips of these names, each once: a model that is to track them must not know these.
 
     by_style: of Bandai's clips their style, in all activities and both data sets, and not all of a data set. A clip

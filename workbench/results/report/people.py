@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.motion.formats.names import GENERATED, left_out, performer
+from workbench.motion.formats.names import GENERATED, excluded_subjects, performer
 
 MOTION = "dataset.motion"
 _HALF = "protocol.half"
@@ -28,7 +28,7 @@ def person_of(settings: Mapping[str, Any]) -> str:
     if motion is None:
         return ""
     names = list(map(str, motion if isinstance(motion, list) else [motion]))
-    people = left_out(names, by_style=half_of(settings) is not None)
+    people = excluded_subjects(names, by_style=half_of(settings) is not None)
     if any(name.startswith(GENERATED) for name in names):
         people.append(f"generated {dataset.get('seed', 0)}")
     return " and ".join(people)
