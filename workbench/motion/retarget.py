@@ -45,16 +45,16 @@ class Landmarks:
 
 
 def _both_sides(left: str, right: str, **names: str) -> dict[str, str]:
-    """Return e.g. {"left_hip": "lfemur", "right_hip": "rfemur"} from the prefixes "l" and "r", and hip="{}femur"."""
+    """Return e.g. {"left_hip": "lfemur", "right_hip": "rfemur"} from prefixes "l" and "r", and hip="{}femur"."""
     prefixes = {"left": left, "right": right}
     return {
-        f"{side}_{joint}": source.format(prefix) for side, prefix in prefixes.items() for joint, source in names.items()
+        f"{side}_{joint}": name.format(prefix) for side, prefix in prefixes.items() for joint, name in names.items()
     }
 
 
 # At rest the thighs of the CMU skeletons are spread by 20 degrees, and the arms by 90 with their hinges turned by 30.
-# The neck (C7) is at the end of the bone "lowerneck"; "thorax" ends 5 cm below the shoulders. The wrist is where the hand
-# bends, at the end of "wrist"; "radius" stops at two thirds of the way. "head" ends at the vertex.
+# The neck (C7) is at the end of the bone "lowerneck"; "thorax" ends 5 cm below the shoulders. The wrist is where the
+# hand bends, at the end of "wrist"; "radius" stops at two thirds of the way. "head" ends at the vertex.
 _COS_20, _SIN_20, _COS_30 = (float(x) for x in (np.cos(np.pi / 9), np.sin(np.pi / 9), np.cos(np.pi / 6)))
 CMU = Landmarks(
     source="CMU (ASF/AMC)",

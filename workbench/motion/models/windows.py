@@ -136,7 +136,7 @@ def learn_windows(
         raise InputError(f"windows: expected joint angles such as {POSE_NAMES[N_ROOT]!r}, found {unknown[0]!r}")
     if not angles or window_frames < 1 or not rate_hz > 0.0:
         raise InputError(
-            f"windows: expected angles, window_frames and a rate above 0, found {len(angles)}, {window_frames}, {rate_hz}"
+            f"windows: expected angles, window_frames and a rate, found {len(angles)}, {window_frames}, {rate_hz}"
         )
     clips, included, short = [], [], []
     for motion in motions:
