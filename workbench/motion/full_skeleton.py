@@ -59,11 +59,7 @@ def full_skeleton(clip: MotionClip) -> Skeleton:
     the bone is last and, except for lateral bones, the one about y, the flexion, is first: angles are singular where
     the middle one reaches 90° (arms straight out to the side). A joint whose frame never rotates in this clip is rigid.
     A Bandai clip has 21 joints and 66 degrees of freedom; a few have end sites with lengths, which are additional
-    joints.
-
-    Raises
-    ------
-    InputError : a joint other than the root translates in its parent's frame.
+    joints. Raises InputError if a joint other than the root translates in its parent's frame.
     """
     included = _included_joints(clip)
     parents = _new_parents(clip, included)
@@ -87,11 +83,8 @@ def full_skeleton(clip: MotionClip) -> Skeleton:
 def full_poses(clip: MotionClip) -> FloatArray:
     """Return the poses (F, P) of `full_skeleton(clip)` in the clip's frames, m and rad, without jumps in time.
 
-    Forward kinematics reproduces the clip's positions to the precision of the file's offsets (Bandai: 2e-7 m).
-
-    Raises
-    ------
-    InputError : as `full_skeleton`.
+    Forward kinematics reproduces the clip's positions to the precision of the file's offsets (Bandai: 2e-7 m). Raises
+    InputError as `full_skeleton`.
     """
     skeleton, included = full_skeleton(clip), _included_joints(clip)
     rotations = _rotations(clip, included)
@@ -109,11 +102,8 @@ def full_poses(clip: MotionClip) -> FloatArray:
 def full_body(clip: MotionClip, shape: Shape) -> Body:
     """Return the full skeleton of a clip with limbs; shape : the measurements of the same person.
 
-    Bandai's joints have an adult's limb sizes, all others those of `skeleton_limbs`.
-
-    Raises
-    ------
-    InputError : as `full_skeleton`.
+    Bandai's joints have an adult's limb sizes, all others those of `skeleton_limbs`. Raises InputError as
+    `full_skeleton`.
     """
     skeleton = full_skeleton(clip)
     radii = {name: size for name, size in _BANDAI_RADII.items() if name in skeleton.names}

@@ -30,9 +30,7 @@ _TEXT_ATTRIBUTES = ("name", "subject", "activity", "source", "sha256", "licence"
 def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
     """Write motions to an HDF5 file, atomically; an existing file is replaced.
 
-    Raises
-    ------
-    InputError : there is no motion, one has fewer than two frames, or the file cannot be written.
+    Raises InputError if there is no motion, one has fewer than two frames, or the file cannot be written.
     """
     path = Path(path)
     if not motions:
@@ -53,10 +51,8 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
 def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
     """Return the motions of a library, in the order in which they were written. own : see `read_hdf5`.
 
-    Raises
-    ------
-    InputError : the file is missing, is not HDF5 or not a library of this version, has external links, or a motion is
-        incomplete, has arrays of a wrong shape, or numbers that are not finite or exceed `input_limits`.
+    Raises InputError if the file is missing, is not HDF5 or not a library of this version, has external links, or a
+    motion is incomplete, has arrays of a wrong shape, or numbers that are not finite or exceed `input_limits`.
     """
     path = Path(path)
     if not path.is_file():

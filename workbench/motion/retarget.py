@@ -105,10 +105,7 @@ def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
     The shape has the clip's lengths, averaged over left and right; the radii are those of an average person of the
     height that legs and trunk imply. Angles are continuous in time and may exceed the skeleton's limits.
     `joint_error_mm` is the residual. subject, activity, source, sha256 and licence are empty; the caller sets them.
-
-    Raises
-    ------
-    InputError : the skeleton lacks joints, or does not have a person's size (a wrong unit).
+    Raises InputError if the skeleton lacks joints, or does not have a person's size (a wrong unit).
     """
     landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
     targets = joint_targets(clip, landmarks)
@@ -132,9 +129,7 @@ def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
 def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
     """Return the clip's positions of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
 
-    Raises
-    ------
-    InputError : the clip lacks a joint.
+    Raises InputError if the clip lacks a joint.
     """
     if missing := ", ".join(_missing(clip, landmarks)):
         raise InputError(

@@ -85,9 +85,7 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
 def motion_file(name: str, data: str | None) -> Path:
     """Return the .amc or .bvh file of the motion `name`, see `find_motion`, by its path or below `data`.
 
-    Raises
-    ------
-    InputError : there is no such file.
+    Raises InputError if there is no such file.
     """
     if name.lower().endswith(SUFFIXES):
         return Path(name).expanduser()
@@ -106,9 +104,7 @@ def motion_file(name: str, data: str | None) -> Path:
 def find_sources(paths: Iterable[str | Path]) -> list[Path]:
     """Return the motion files (.amc, .bvh) among `paths` and, sorted, in their folders and subfolders; each once.
 
-    Raises
-    ------
-    InputError : a path does not exist, is a file of another kind, or a folder without motion files.
+    Raises InputError if a path does not exist, is a file of another kind, or a folder without motion files.
     """
     sources: dict[Path, Path] = {}
     for path in map(Path, paths):
@@ -128,11 +124,7 @@ def read_clip(path: str | Path, unit: str = "cm") -> MotionClip:
     """Return the skeleton and motion of one .amc file (with its .asf in the same folder) or .bvh file.
 
     The rate of an .amc is that of the CMU index (index.csv in the file's folder or its parent), if any. unit : of the
-    lengths in a .bvh file.
-
-    Raises
-    ------
-    InputError : the file cannot be read or is of another kind.
+    lengths in a .bvh file. Raises InputError if the file cannot be read or is of another kind.
     """
     path = Path(path)
     if path.suffix.lower() == ".amc":
@@ -149,11 +141,8 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     Subject and activity are those of the CMU index (index.csv in the file's folder or its parent), if any; else those
     of the file's name for CMU (subject only) and Bandai data; else "unknown", as is the licence. A Bandai subject is
     the data set ("bandai-1"), its activity the kind of motion; the style is in the name. `source` is the name of the
-    file and its folder, never the whole path.
-
-    Raises
-    ------
-    InputError : the file cannot be read or retargeted, or is of another kind.
+    file and its folder, never the whole path. Raises InputError if the file cannot be read or retargeted, or is of
+    another kind.
     """
     path = Path(path)
     clip = read_clip(path, unit)
@@ -186,15 +175,8 @@ def import_sources(
 ) -> tuple[list[Motion], list[str]]:
     """Return the motions of all files and folders in `paths`, and an error message for each unreadable one.
 
-    Parameters
-    ----------
-    paths : files and folders.
-    rate_hz : rate to resample to; None: each file's rate.
-    unit : of the BVH files.
-
-    Raises
-    ------
-    InputError : the rate is not positive.
+    rate_hz : rate to resample to; None: each file's rate. unit : of the BVH files. Raises InputError if the rate is not
+    positive.
     """
     if rate_hz is not None:
         check_rate("import", rate_hz)
@@ -221,9 +203,7 @@ def import_sources(
 def find_clip(data: str | Path, name: str) -> Path:
     """Return the file below `data` of a CMU clip such as "35_02" or a Bandai clip "dataset-1_byebye_normal_001".
 
-    Raises
-    ------
-    InputError : the name has neither form, or there is no such file.
+    Raises InputError if the name has neither form, or there is no such file.
     """
     name = clip_name(name)
     if cmu := re.fullmatch(r"(\d+)_\d+", name):
@@ -240,11 +220,8 @@ def find_clip(data: str | Path, name: str) -> Path:
 def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
     """Return the AMC files of CMU subjects, e.g. ("02", "35"), or of all (None), in the order of the index.
 
-    data : the folder with cmu/, which has index.csv and a folder per subject. activity : as in the index.
-
-    Raises
-    ------
-    InputError : the index, a file or all of a subject's clips of this activity are missing.
+    data : the folder with cmu/, which has index.csv and a folder per subject. activity : as in the index. Raises
+    InputError if the index, a file or all of a subject's clips of this activity are missing.
     """
     folder = Path(data) / "cmu"
     rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]

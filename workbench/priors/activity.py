@@ -11,15 +11,9 @@ from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.activities import ActivityModel
+from workbench.priors import density
 from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
-from workbench.priors.density import (
-    REFERENCE_RATE_HZ,
-    AllColumnsFree,
-    by_column,
-    log_normal,
-    smoothness,
-    state_difference,
-)
+from workbench.priors.density import REFERENCE_RATE_HZ, AllColumnsFree, by_column, log_normal, smoothness
 from workbench.utils.arrays import FloatArray
 
 N_PHASES = 64
@@ -115,7 +109,9 @@ class Activity(AllColumnsFree):
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """Return log p(state | previous), (...), of states (..., D) that broadcast; phase differences are wrapped."""
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
-        return log_normal(state_difference(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
+        return log_normal(
+            density.state_difference(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma
+        )
 
     def _predicted(self, state: FloatArray, dt_s: float) -> FloatArray:
         slices = self.space.slices

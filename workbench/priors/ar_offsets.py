@@ -52,13 +52,9 @@ class AROffsets(AppendedColumns):
         return replace(base, provides=(base.provides - {ACTIVITY}) | parts)
 
     def __init__(
-        self,
-        base: Prior,
-        *,
-        sigma: float | None = None,
-        ar_coefficient: float | None = 0.9,
+        self, base: Prior, *, sigma: float | None = None, ar_coefficient: float | None = 0.9,
         parameters: Sequence[str] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not ((sigma is None or 0.0 < sigma < np.inf) and (ar_coefficient is None or 0.0 <= ar_coefficient < 1.0)):
             values = f"{sigma} and {ar_coefficient}"
             raise InputError(f"prior: expected sigma > 0 and 0 <= ar_coefficient < 1, found {values}")
@@ -67,13 +63,10 @@ class AROffsets(AppendedColumns):
         if parameters is not None and len(angles) < len(names):
             raise InputError("prior: parameters must be joint angles, found some of the root")
         if unknown := [name for name in base.parameters if name not in POSE_NAMES]:
-            raise InputError(
-                f"prior: AROffsets needs a base with the person's 25 pose parameters, found {unknown[0]!r}"
-            )
+            raise InputError(f"prior: AROffsets needs a base with the 25 pose parameters, found {unknown[0]!r}")
         super().__init__(base, "offsets", tuple(f"{name}_offset" for name in angles), "rad")
-        self.sigma, self.ar_coefficients = _noise_and_coefficients(
-            angles, base.capabilities.discrepancy, sigma, ar_coefficient
-        )
+        discrepancy = base.capabilities.discrepancy
+        self.sigma, self.ar_coefficients = _noise_and_coefficients(angles, discrepancy, sigma, ar_coefficient)
         self.parameters = tuple(name for name in POSE_NAMES if name in {*base.parameters, *angles})
         self._angles = [POSE_NAMES.index(name) for name in angles]
 

@@ -17,14 +17,8 @@ from workbench.core.side_information import FIXED_TORSO_ORIENTATION
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.activities import ActivityModel
 from workbench.motion.models.walking import ANGLES, CHANNEL_NAMES, WalkingModel
-from workbench.priors.density import (
-    REFERENCE_RATE_HZ,
-    AllColumnsFree,
-    by_column,
-    log_normal,
-    smoothness,
-    state_difference,
-)
+from workbench.priors import density
+from workbench.priors.density import REFERENCE_RATE_HZ, AllColumnsFree, by_column, log_normal, smoothness
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
@@ -139,7 +133,9 @@ class Cyclic(AllColumnsFree):
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """Return log p(state | previous), (...), of states (..., D) that broadcast; phase differences are wrapped."""
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
-        return log_normal(state_difference(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
+        return log_normal(
+            density.state_difference(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma
+        )
 
     def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
         """Add the drift of `dt_s` seconds to `moved`, which is `state` plus its noise."""

@@ -74,9 +74,7 @@ def log_normal(deviation: FloatArray, sigma: FloatArray) -> FloatArray:
 def smoothness(penalty: Mapping[str, float] | None) -> Smoothness:
     """Return a `Smoothness` with the fields in `penalty`, which are positive; the others have their defaults.
 
-    Raises
-    ------
-    InputError : an unknown field, or a value that is not a positive number.
+    Raises InputError for an unknown field, or a value that is not a positive number.
     """
     values, names = dict(penalty or {}), [field.name for field in fields(Smoothness)]
     for name, value in values.items():

@@ -163,9 +163,7 @@ class Implicit:
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Sample from p(state_t | state_t−1), (N, D), once for each state (N, D), `dt_s` seconds later.
 
-        Raises
-        ------
-        InputError : dt_s is not a whole number of the library's frames (to 5 % of one).
+        Raises InputError if dt_s is not a whole number of the library's frames (to 5 % of one).
         """
         return self._sample(state, dt_s, rng, weighted=False)[0]
 

@@ -26,11 +26,8 @@ class Linear:
         v_t = gain [posture_t−1, v_t−1] + offset + N(0, noise_scale² covariance),   pose_t = pose_t−1 integrated by v_t
 
     Two poses determine the velocity between them: the pose's columns are free, the velocities depend on them.
-    noise_scale : factor on the standard deviations of the training residuals. Deviation: no joint limits.
-
-    Raises
-    ------
-    InputError : noise_scale is not positive.
+    noise_scale : factor on the standard deviations of the training residuals. Deviation: no joint limits. Raises
+    InputError if noise_scale is not positive.
     """
 
     traits = offering(DENSITY, GAUSSIAN)
@@ -85,9 +82,7 @@ class Linear:
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Sample from p(state_t | state_t−1), (N, D), once for each state (N, D), `dt_s` seconds later.
 
-        Raises
-        ------
-        InputError : dt_s is not a whole number of the model's frames (to 5 % of one).
+        Raises InputError if dt_s is not a whole number of the model's frames (to 5 % of one).
         """
         for _ in range(self._frames_in(dt_s)):
             velocity = self._predicted_velocity(state) + rng.standard_normal((len(state), N_POSE)) @ self._root.T

@@ -108,11 +108,8 @@ class Smooth(AllColumnsFree):
         space = space.appended("velocity", tuple(f"{name}_velocity" for name in self.parameters), speeds)
         self.space = space.appended("fixed", fixed, tuple(units[name] for name in fixed))
         self._moving = [POSE_NAMES.index(name) for name in self.parameters]
-        self._state_columns = [
-            *self._moving,
-            *(len(POSE_NAMES) + i for i in self._moving),
-            *map(POSE_NAMES.index, fixed),
-        ]
+        velocity_columns = (len(POSE_NAMES) + i for i in self._moving)
+        self._state_columns = [*self._moving, *velocity_columns, *map(POSE_NAMES.index, fixed)]
         self._pose_columns = [self.space.names.index(name) for name in POSE_NAMES]
 
     @property

@@ -40,11 +40,8 @@ def read_bvh(path: str | Path, unit: str = "cm") -> MotionClip:
 
     A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
     channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files). End sites
-    become joints <parent>_end. A frame time that equals 1/N s to its printed digits means N Hz.
-
-    Raises
-    ------
-    InputError : with the file and the line, for other content, a truncated file, and an unknown unit.
+    become joints <parent>_end. A frame time that equals 1/N s to its printed digits means N Hz. Raises InputError, with
+    the file and the line, for other content, a truncated file, and an unknown unit.
     """
     path = Path(path)
     if unit not in _METRES:
@@ -180,11 +177,8 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
     A joint's channels are its angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
     multiplies a joint's rotations outermost first. Angles are not converted, so they stay continuous and no pose is
     singular. A joint with fewer than three rotations gets zero channels, since readers expect three. A joint without
-    children becomes the End Site of its parent, without a name.
-
-    Raises
-    ------
-    ValueError : another unit, or a joint with rotation axes other than different axes of its frame.
+    children becomes the End Site of its parent, without a name. Raises ValueError for another unit, or a joint with
+    rotation axes other than different axes of its frame.
     """
     if unit not in ("cm", "m"):
         raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")

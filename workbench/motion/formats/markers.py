@@ -56,9 +56,7 @@ class Markers:
 def read_markers(path: str | Path) -> Markers:
     """Return the markers of a .trc or .c3d file, with gaps; unit and axes as in `in_world`.
 
-    Raises
-    ------
-    InputError : the file cannot be read; with the line, for a TRC file.
+    Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
     path, readers = Path(path).expanduser(), {".trc": _read_trc, ".c3d": _read_c3d}
     if path.suffix.lower() not in readers:
@@ -143,11 +141,8 @@ def in_world(source: str, names: Sequence[str], rate_hz: float, positions: Float
     """Return markers at positions (F, M, 3), in a file's axes and unit, in metres with z up.
 
     The unit is estimated from the person's size, since headers are often wrong, and the vertical axis from the position
-    of the upper body. Both are logged, with a warning if the header has another unit.
-
-    Raises
-    ------
-    InputError : neither y nor z is up, or no marker is measured.
+    of the upper body. Both are logged, with a warning if the header has another unit. Raises InputError if neither y
+    nor z is up, or no marker is measured.
     """
     if not np.isfinite(positions).any():
         raise InputError(f"{source}: expected markers, found none in {len(positions)} frames")
@@ -170,10 +165,7 @@ def joints_of(markers: Markers, assigned: MarkersOf = NO_MARKERS) -> list[tuple[
     """Return the joints of the markers, each with the names of the markers at whose mean it is.
 
     assigned : markers by joint, where their names do not determine it or the joint's centre is between other markers.
-
-    Raises
-    ------
-    InputError : unknown joints or markers, or no joint is identified.
+    Raises InputError for unknown joints or markers, and if no joint is identified.
     """
     if unknown := sorted(set(assigned) - set(JOINT_NAMES)):
         raise InputError(f"{markers.source}: unknown joint {unknown[0]!r}, expected one of {', '.join(JOINT_NAMES)}")

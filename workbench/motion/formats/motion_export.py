@@ -44,11 +44,8 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
     Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
-
-    Raises
-    ------
-    InputError : another extension, a BVH without poses, BVH or TRC of fewer than two frames or of frames at unequal
-        intervals, or the file cannot be written.
+    Raises InputError for another extension, a BVH without poses, BVH or TRC of fewer than two frames or of frames at
+    unequal intervals, or the file cannot be written.
     """
     path = Path(path)
     check_output(path)
@@ -80,18 +77,7 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
     an empty one, then one line per frame: its number from 1, its time, and x, y, z of every marker, separated by tabs.
     The axes are those of the BVH files: y up, and z forward where the world has x. A missing joint (NaN) is written as
     nan.
-
-    Parameters
-    ----------
-    file_name : in the header.
-    names : J, without blanks.
-    positions : (F, J, 3), m.
-    rate_hz : Hz.
-    unit : of the lengths, "mm" or "m".
-
-    Raises
-    ------
-    ValueError : another unit.
+    file_name : in the header. names : J, without blanks. unit : "mm" or "m". Raises ValueError for another unit.
     """
     if unit not in _TRC_DIGITS:
         raise ValueError(f"the unit of a TRC file must be mm or m, found {unit!r}")
@@ -117,8 +103,7 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 
 
 def csv_text(track: Track) -> str:
-    """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, the pose: <name>_m or
-    _rad.
+    """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, <pose parameter>_m or _rad.
 
     Coordinates are in the world, z up. If known, limits of intervals follow: <name>_low, <name>_high. Nine decimals:
     nanometres. A missing joint (NaN) is three empty cells.
@@ -142,11 +127,8 @@ def csv_text(track: Track) -> str:
 def frame_rate(times_s: FloatArray) -> float:
     """Return the frame rate, Hz, of equidistant times (F,), F ≥ 2; an integer if it is one to the nanosecond.
 
-    Intervals between 0.5 and 1.5 times the median one count as equal, because of clock jitter.
-
-    Raises
-    ------
-    InputError : fewer than two frames, or unequal intervals.
+    Intervals between 0.5 and 1.5 times the median one count as equal, because of clock jitter. Raises InputError for
+    fewer than two frames, or unequal intervals.
     """
     if len(times_s) < 2:
         raise InputError(f"expected two frames or more to determine their rate, found {len(times_s)}")

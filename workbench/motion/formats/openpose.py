@@ -67,11 +67,8 @@ def read_openpose(folder: str | Path) -> People:
 
     A point without detection is (0, 0, 0), a person without detection []. A file's frame is the last number in its
     name. The layout follows from the number of points; of two layouts with the same number, it is the one with shorter
-    limbs. The order of people in a file is arbitrary, see `datasets.association`.
-
-    Raises
-    ------
-    InputError : files of another format, or no person is detected.
+    limbs. The order of people in a file is arbitrary, see `datasets.association`. Raises InputError for files of
+    another format, or no person is detected.
     """
     folder = Path(folder)
     files = _numbered(folder)

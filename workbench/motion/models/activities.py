@@ -165,11 +165,8 @@ def mean_rates_hz(model: ActivityModel) -> dict[str, float]:
 def held_out_accuracy(cycles: ActivityCycles, groups: Sequence[str], n_components: int) -> float:
     """Return the fraction of correctly classified cycles in cross-validation over groups, such as clips.
 
-    groups : n labels. An activity in only one group cannot be classified correctly.
-
-    Raises
-    ------
-    InputError : fewer than two groups, or fewer examples than components.
+    groups : n labels. An activity in only one group cannot be classified correctly. Raises InputError for fewer than
+    two groups, or fewer examples than components.
     """
     (rows, _), labels = _compact(cycles), np.array(cycles.activities)
     correct = np.zeros(len(rows), dtype=bool)

@@ -46,9 +46,7 @@ class ActivityCycles:
     def of_angles(self, names: Sequence[str]) -> "ActivityCycles":
         """Return the cycles with some of their angles: by name or by body part, see `skeleton.PARTS`.
 
-        Raises
-        ------
-        InputError : a name matches none of the angles, or there is no name.
+        Raises InputError if a name matches none of the angles, or there is no name.
         """
         matches = {name: {name, *PARTS.get(name, ())} & set(self.angles) for name in names}
         unknown = [name for name in names if not matches[name]]

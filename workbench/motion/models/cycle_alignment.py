@@ -47,11 +47,7 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
 
     an F ratio: 1 on average for white noise at every p. With gaps, p is the number of observed phases. NaN where
     fewer than two phases are observed or none is observed twice. For a fractional period, cycle k begins at the sample
-    nearest to k p, so that many cycles stay aligned.
-
-    Raises
-    ------
-    InputError : a wrong shape, or a period below 2 samples.
+    nearest to k p, so that many cycles stay aligned. Raises InputError for a wrong shape, or a period below 2 samples.
     """
     candidates = np.asarray(periods, dtype=np.float64)
     if series.ndim != 2 or not len(series) or candidates.ndim != 1 or not (candidates >= 2.0).all():
@@ -82,12 +78,9 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
     first three longest periods. The best is refined on twice as many samples at a time until all are used, with a
     parabola at the peak. Only periods that fit twice into the series are candidates: beyond, with gaps, chance
     agreement of the few phases observed twice causes false peaks. Twice the true period explains as much as the period
-    itself, but has fewer degrees of freedom; half of it, the step of a walk, fits neither side.
-
-    Raises
-    ------
-    InputError : there are fewer than three candidates, or the ratio is largest at the end of the range, so that the
-        series has no period inside it.
+    itself, but has fewer degrees of freedom; half of it, the step of a walk, fits neither side. Raises InputError
+    if there are fewer than three candidates, or the ratio is largest at the end of the range, so that the series has no
+    period inside it.
     """
     n = min(len(series), int(np.ceil(HEAD_PERIODS * longest)))
     upper = min(longest, len(series) / 2.0)
@@ -178,10 +171,7 @@ def align(
 
     Deviations: angles are divided by their standard deviation, so that all have equal weight. Phases are rounded to
     1/256 of a cycle (half a sample at 130 samples), so that the cost of an iteration is independent of the length.
-
-    Raises
-    ------
-    InputError : the sequences have different shapes, or an angle has no valid sample in any of them.
+    Raises InputError if the sequences have different shapes, or an angle has no valid sample in any of them.
     """
     if not sequences or len({s.shape[1:] for s in sequences}) != 1 or len(periods) != len(sequences):
         raise InputError("alignment: expected sequences (F, m) of the same m, and one period for each")

@@ -43,11 +43,8 @@ def cut(sequences: Sequence[FloatArray], alignment: CycleAlignment, n_phases: in
     """Segment sequences (F_i, m), NaN where missing, into aligned cycles; phases beyond both ends are missing.
 
     The functional estimate is an interpolating cubic spline. A point of a cycle is observed if the samples on both
-    sides are valid. The initial estimate of a missing point is the mean of the slices observed at that phase.
-
-    Raises
-    ------
-    InputError : no slice is observed at some phase.
+    sides are valid. The initial estimate of a missing point is the mean of the slices observed at that phase. Raises
+    InputError if no slice is observed at some phase.
     """
     values, observed, sequence, cycle = [], [], [], []
     for i, series in enumerate(sequences):
@@ -128,11 +125,8 @@ def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = 1e-6) -
 
     The iteration stops when ‖X − X₄‖ decreases by less than the fraction `tolerance`, or with a warning after 1000
     iterations. Deviations: the tolerance is relative, independent of units; the Fourier functions are real and
-    orthonormal; the returned mean is projected on them too, because the row mean of real cycles is not periodic.
-
-    Raises
-    ------
-    InputError : there are not more slices than components.
+    orthonormal; the returned mean is projected on them too, because the row mean of real cycles is not periodic. Raises
+    InputError if there are not more slices than components.
     """
     _check_size(slices, n_components)
     return _fpca(slices, n_components, partial(_keep_largest, n_components), tolerance)
@@ -145,11 +139,8 @@ def fpca_shrunk(
 
     All singular values are reduced by `shrinkage` times the largest one of the initial estimate (spectral
     regularisation), so that no rank is chosen and incomplete cycles are not overfitted. Each sequence's mean angles,
-    which are posture rather than motion, are not shrunk. The components are those of the completed slices.
-
-    Raises
-    ------
-    InputError : as `fpca_paper`.
+    which are posture rather than motion, are not shrunk. The components are those of the completed slices. Raises
+    InputError as `fpca_paper`.
 
     References
     ----------

@@ -39,11 +39,7 @@ def impute(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[F
     """Return sequences (F_i, m) with every NaN imputed; valid samples are unchanged.
 
     A missing sample is the reconstruction of `fpca_shrunk` over the cycles of all sequences, plus its residual at the
-    valid samples before and after, interpolated across the gap.
-
-    Raises
-    ------
-    InputError : as `cut` and `fpca_paper`.
+    valid samples before and after, interpolated across the gap. Raises InputError as `cut` and `fpca_paper`.
     """
     slices = cut(sequences, alignment)
     models = _reconstructed(sequences, alignment, slices, fpca_shrunk(slices, 1).curves)

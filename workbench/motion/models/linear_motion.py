@@ -77,9 +77,7 @@ def integrated(before: FloatArray, velocity: FloatArray, rate_hz: float) -> Floa
 def learn_linear_motion(motions: Sequence[Motion], rate_hz: float) -> LinearMotion:
     """Fit the model to all frames of resampled motions by ridge regression.
 
-    Raises
-    ------
-    InputError : there are not more frames than parameters.
+    Raises InputError if there are not more frames than parameters.
     """
     inputs_by_motion, targets_by_motion, postures_by_motion = [], [], []
     for motion in motions:

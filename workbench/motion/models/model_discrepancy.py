@@ -18,11 +18,7 @@ MAX_AR_COEFFICIENT = 0.99
 
 
 def learn_discrepancy(
-    angles: Sequence[str],
-    curves: FloatArray,
-    durations_s: FloatArray,
-    subjects: Sequence[str],
-    n_components: int,
+    angles: Sequence[str], curves: FloatArray, durations_s: FloatArray, subjects: Sequence[str], n_components: int
 ) -> Discrepancy | None:
     """Estimate the residual angles of held-out subjects.
 

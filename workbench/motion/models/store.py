@@ -73,9 +73,7 @@ def cache_model(path: Path, model: Stored, provenance: Provenance) -> Stored:
 def save(path: Path, model: _Model, provenance: Provenance) -> None:
     """Write a model with its provenance, atomically. Arrays are data sets, all other fields are JSON.
 
-    Raises
-    ------
-    InputError : the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
         file.attrs.update(format=FORMAT, workbench=__version__, provenance=json.dumps(asdict(provenance)))

@@ -41,26 +41,15 @@ def walking_model(
     subjects: Sequence[str] = WALKERS, exclude: Sequence[str] = (), variance: float = 0.95,
     n_components: int | None = 8, scaling: str = "joints", include_root: bool = False,
 ) -> WalkingModel:  # fmt: skip
-    """Learn the walking model of paper A, or load it from the folder `cache`.
+    """Learn the walking model of paper A, or load it from the folder `cache`; see `training_motions`, `learn_walking`.
 
     The defaults fit the training subjects more closely than the paper's, which are those of the study `LearnWalk`.
-
-    Parameters
-    ----------
-    motions, data, cache, subjects, exclude : see `training_motions`.
-    variance, n_components, scaling, include_root : see `learn_walking`.
-
-    Raises
-    ------
-    InputError : the motions cannot be read or contain too few walking cycles.
+    Raises InputError if the motions cannot be read or contain too few walking cycles.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, exclude=exclude)
     options: dict[str, Any] = {
-        "variance": variance,
-        "n_components": n_components,
-        "scaling": scaling,
-        "include_root": include_root,
-    }
+        "variance": variance, "n_components": n_components, "scaling": scaling, "include_root": include_root,
+    }  # fmt: skip
     code = code_digest(walking, model_discrepancy)
 
     def learn() -> WalkingModel:
@@ -83,22 +72,14 @@ def cyclic_model(
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
-        return _with_discrepancy(
-            learn_cyclic([with_gaps(motion, missing_fraction, rng) for motion in training], n_components), training
-        )
+        incomplete = [with_gaps(motion, missing_fraction, rng) for motion in training]
+        return _with_discrepancy(learn_cyclic(incomplete, n_components), training)
 
     code = code_digest(walking, imputation, model_discrepancy)
     return _learned(
-        WalkingModel,
-        "cyclic",
-        cache,
-        training,
-        code,
-        learn,
-        n_components=n_components,
-        missing_fraction=missing_fraction,
-        gap_seed=GAP_SEED,
-    )
+        WalkingModel, "cyclic", cache, training, code, learn, n_components=n_components,
+        missing_fraction=missing_fraction, gap_seed=GAP_SEED,
+    )  # fmt: skip
 
 
 def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
@@ -115,19 +96,11 @@ def motion_windows(
     include_root: bool = True, rate_hz: float | None = None, window_frames: int | None = None,
     frames_hz: float | None = None,
 ) -> Windows:  # fmt: skip
-    """Learn the database of paper C, or load it from the folder `cache`.
+    """Learn the database of paper C, or load it from the folder `cache`; see `database_motions` and `learn_windows`.
 
-    Parameters
-    ----------
-    motions, data, cache, exclude, activities : see `database_motions`.
-    angles, include_root : see `learn_windows`.
-    rate_hz : Hz. None: `frames_hz`, or 30 Hz if that is close to 30 Hz or None.
-    window_frames : None: a third of a second.
-    frames_hz : rate of the frames to track, if known.
-
-    Raises
-    ------
-    InputError : the motions are unreadable or too short.
+    frames_hz : rate of the frames to track, if known. rate_hz : Hz; None: `frames_hz`, or 30 Hz if that is close to
+    30 Hz or None. window_frames : None: a third of a second. Raises InputError if the motions are unreadable or too
+    short.
     """
     if rate_hz is None:  # to 5 %, within which the prior treats a frame as one row
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
@@ -160,16 +133,9 @@ def activity_model(
 ) -> ActivityModel:  # fmt: skip
     """Learn the motion model of paper D, or load it from the folder `cache`.
 
-    Parameters
-    ----------
-    motions, data, cache, exclude, activities : see `database_motions`.
-    angles, variance, n_components : see `learn_activities`.
-    max_per_clip : see `activity_cycles`.
-    skeleton : "person", or "full" for every joint of the files' skeleton, which must be the same in all files.
-
-    Raises
-    ------
-    InputError : the motions cannot be read, contain too few cycles, or do not have this skeleton.
+    For the parameters see `database_motions`, `learn_activities` and `activity_cycles`. skeleton : "person", or "full"
+    for every joint of the files' skeleton, which must be the same in all files. Raises InputError if the motions cannot
+    be read, contain too few cycles, or do not have this skeleton.
     """
     if skeleton not in ("person", "full"):
         raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
@@ -205,18 +171,10 @@ def activity_model(
 def training_motions(
     motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, exclude: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Return training walks.
+    """Return walks: "builtin" (generated), "cmu" or "recorded" (both CMU's, under `data`), or a library FILE.h5.
 
-    Parameters
-    ----------
-    motions : "builtin" (generated), "cmu" or "recorded" (both CMU's, under `data`), or a library FILE.h5.
-    data, cache : folders.
-    subjects : of CMU; None: all.
-    exclude : names of clips, of their files, of performers or of styles, see `formats.names`.
-
-    Raises
-    ------
-    InputError : they cannot be read or none remains.
+    subjects : of CMU; None: all. exclude : names of clips, of their files, of performers or of styles, see
+    `formats.names`. Raises InputError if they cannot be read or none remains.
     """
     if motions in ("cmu", "recorded"):
         included = None if subjects is None else [subject for subject in subjects if subject not in exclude]
@@ -229,18 +187,10 @@ def training_motions(
 def database_motions(
     motions: str, *, data: str | None, cache: str, exclude: Sequence[str] = (), activities: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Return motions for a database.
+    """Return motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
-    Parameters
-    ----------
-    motions : "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
-    data, cache : folders.
-    exclude : names of clips, of their files, of performers or of styles, see `formats.names`.
-    activities : restrict to these; empty: all.
-
-    Raises
-    ------
-    InputError : they cannot be read or none remains.
+    exclude : names of clips, of their files, of performers or of styles, see `formats.names`. activities : restrict to
+    these; empty: all. Raises InputError if they cannot be read or none remains.
     """
     if motions in ("recorded", "cmu", "bandai"):
         folder = _folder(motions, data)

@@ -186,11 +186,8 @@ def learn_cyclic(motions: Sequence[Motion], n_components: int = 5, n_phases: int
 
     A missing position or heading makes the torso's speed missing. Motions without a period are excluded, with a
     warning. Deviation: slices with less than half of their samples, at the ends of the sequences, are excluded, because
-    imputed values reduce the coefficients' standard deviations.
-
-    Raises
-    ------
-    InputError : fewer than two motions with a period, or too few cycles.
+    imputed values reduce the coefficients' standard deviations. Raises InputError for fewer than two motions with a
+    period, or too few cycles.
     """
     sequences, periods, rates = [], [], []
     for motion in motions:

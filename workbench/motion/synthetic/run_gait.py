@@ -70,9 +70,7 @@ def runners(n: int, rng: np.random.Generator) -> list[GaitSubject]:
 def runner(subject: GaitSubject, duration_s: float, rate_hz: float) -> Motion:
     """Return a straight run of `subject` over the ground z = 0, from above the origin towards +x.
 
-    Raises
-    ------
-    InputError : fewer than two frames, or a rate that is not positive.
+    Raises InputError for fewer than two frames, or a rate that is not positive.
     """
     times = gait.frame_times("runner", duration_s, rate_hz)
     phases = subject.phase + subject.stride_hz * times

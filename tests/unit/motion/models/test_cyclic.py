@@ -62,7 +62,7 @@ def test_phase_zero_has_the_left_thigh_ahead():
 def test_motions_without_a_period_are_left_out_with_a_warning(caplog):
     short = walk(n_cycles=1.2, name="short")
     model = learn_cyclic([*walks(4), short], n_components=1)
-    assert "short left out" in caplog.text
+    assert "short excluded" in caplog.text
     assert model.n_cycles == learn_cyclic(walks(4), n_components=1).n_cycles
     with pytest.raises(InputError, match="found 0 of 1"):
         learn_cyclic([short])
