@@ -54,7 +54,7 @@ def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
     prior = run.settings["prior"]
     assert (prior["_target_"], prior["ar_coefficient"]) == ("workbench.priors.ar_offsets.AROffsets", 0.5)
     assert (prior["base"]["_target_"], prior["base"]["damping"]) == ("workbench.priors.smooth.Smooth", 2.0)
-    assert prior["base"]["start_pose"] == 2.0  # a default, which the class has
+    assert prior["base"]["initial_pose_scale"] == 2.0  # a default, which the class has
     assert "prior=AROffsets" in run.provenance["choices"]
     said = run.provenance["command"]
     assert said.startswith("workbench.run('walk_prior_only', 'seed=3'")

@@ -103,7 +103,7 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 
 
 def csv_text(track: Track) -> str:
-    """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, <pose parameter>_m or _rad.
+    """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, <parameter>_m or _rad.
 
     Coordinates are in the world, z up. If known, limits of intervals follow: <name>_low, <name>_high. Nine decimals:
     nanometres. A missing joint (NaN) is three empty cells.
