@@ -119,5 +119,5 @@ def test_what_cannot_be_told_is_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=said):
             in_world("file", names, 50.0, positions, "m")
-    with pytest.raises(InputError, match=r"ends in \.trc or \.c3d"):
+    with pytest.raises(InputError, match=r"the extension \.trc or \.c3d"):
         read_markers(tmp_path / "a.csv")

@@ -44,8 +44,5 @@ def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
     if len(people) < 2 or None in people:
         return set()
     drawn = set(_DRAWN) if any(row.get(_HALF) is not None for row in settings) else set()
-    return (
-        {MOTION}
-        | drawn
-        | {key for row in settings for key in row if key.rpartition(".")[2] in ("exclude", "leave_out")}
-    )
+    excluded = {key for row in settings for key in row if key.rpartition(".")[2] in ("exclude", "leave_out")}
+    return {MOTION} | drawn | excluded
