@@ -151,7 +151,7 @@ def _scene() -> Scene:
     if data:
         dataset = Points(motion=CLIP, data=data, first_frame=10, skeleton="full", perturb=False)
         prior = activity(
-            motions="bandai", data=data, cache=cache, n_components=N_COMPONENTS, skeleton="full", leave_out=[CLIP]
+            motions="bandai", data=data, cache=cache, n_components=N_COMPONENTS, skeleton="full", exclude=[CLIP]
         )
     else:
         dataset = Points(first_frame=10, perturb=False)

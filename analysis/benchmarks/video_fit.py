@@ -21,7 +21,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
-from workbench.core.prior import RECORDED
+from workbench.core.prior import RECORDED_SMOOTHNESS
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.foot_contact import detect_foot_contacts
 from workbench.inference.least_squares.residual_problem import ResidualProblem
@@ -60,7 +60,7 @@ def scene(n_frames: int, n_cameras: int, seed: int = 0) -> tuple[list[Observed],
 
 def fit(observations: list[Observed], times_s: FloatArray) -> SmoothPoses:
     """Return the fit of all frames as with `inference=least_squares prior=linear`, from the joints alone."""
-    problem = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED)
+    problem = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
     return fit_smooth(problem, observations, first_poses(BODY.skeleton, observations[0].keypoints, SIGMA_PX), 40)
 
 
@@ -85,9 +85,9 @@ def figures() -> list[Figure]:
 def _against_residuals(n_frames: int = 100) -> Figure:
     observations, times_s, poses = scene(n_frames, 1)
     contacts = detect_foot_contacts(BODY.skeleton, observations, times_s)
-    batch = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED)
+    batch = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
     residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in observations]
-    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED, contacts)
+    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED_SMOOTHNESS, contacts)
     x = poses.ravel()
     ours, theirs = fastest_s([lambda: batch.expand(x), lambda: functions.expand(x)], 5, clock=time.thread_time)
     what = (

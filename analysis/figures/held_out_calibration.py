@@ -13,7 +13,7 @@ from pathlib import Path
 from analysis.figures.cached_runs import Numbers, Run, every_run, numbers_of, people, spread
 from workbench.evaluation.step_calibration import GROUPS
 
-START = ("prior.base.start_position=0.03", "prior.base.start_rotation=0.05")
+START = ("prior.base.initial_position_std=0.03", "prior.base.initial_rotation_std=0.05")
 """Standard deviations of the given initial pose, m and rad, for a filter."""
 FROM_THE_START = ("dataset.first_frame=0",)
 """Some walks are short, and points are at 14 Hz."""
@@ -21,7 +21,7 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "points, one style": ("points_walk_steady", FROM_THE_START),
     "points, varying style": ("points_walk_variable", FROM_THE_START),
     "keypoints, least squares": ("walk_keypoints_synthetic", ()),
-    "keypoints, particles": ("walk_keypoints_synthetic", ("prior=jitter", "inference=particle_filter", *START)),
+    "keypoints, particles": ("walk_keypoints_synthetic", ("prior=ar_offsets", "inference=particle_filter", *START)),
     "images, particles": ("walk_best", ()),
 }
 """Experiments and overrides by observation and inference."""

@@ -64,19 +64,19 @@ AS_IT_STANDS = {("walk_prior_only", "literal")}
 
 _WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
 GENERATED: Mapping[str, Sequence[str]] = {
-    "arm_implicit": (*_WALKER, "prior.leave_out=[]"),
+    "arm_implicit": (*_WALKER, "prior.exclude=[]"),
     "arm_smooth_300": ("dataset.motion=builtin",),
     "arm_smooth_3000": ("dataset.motion=builtin",),
-    "body_implicit": (*_WALKER, "prior.leave_out=[]"),
+    "body_implicit": (*_WALKER, "prior.exclude=[]"),
     "body_smooth": ("dataset.motion=builtin",),
-    "synthesize_run": (*_WALKER, "prior.leave_out=[]"),
+    "synthesize_run": (*_WALKER, "prior.exclude=[]"),
     **dict.fromkeys(
         _SYNTHESES,
-        (*_WALKER, "prior.leave_out=[]", "prior.activities=[]", "dataset.first_frame=15"),
+        (*_WALKER, "prior.exclude=[]", "prior.activities=[]", "dataset.first_frame=15"),
     ),
     "temperature": ("prior.motions=builtin",),
     "temperature_arm": ("prior.motions=builtin", "study.clip=null", "study.frame=null"),
-    "arm_implicit_waving": (*_WALKER, "prior.leave_out=[]"),
+    "arm_implicit_waving": (*_WALKER, "prior.exclude=[]"),
     "tree_balance": ("prior.motions=builtin",),
     "coefficient_histograms": ("prior.motions=builtin",),
 }
@@ -87,7 +87,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
     "arm_smooth_3000": ("arm_smooth_300", "inference.n_particles=3000"),
     "arm_implicit_waving": ("arm_smooth_300", "prior=implicit", "learn.leave_out=[dataset-1_byebye_giant_001]"),
     "temperature_arm": (
-        "temperature", "prior.angles=[right_arm]", "prior.root=false", "study.clip=dataset-1_byebye_giant_001",
+        "temperature", "prior.angles=[right_arm]", "prior.include_root=false", "study.clip=dataset-1_byebye_giant_001",
         "study.frame=17", "study.betas=[0.05]",
     ),
     "synthesize_walk": ("synthesize_run", "dataset.motion=dataset-2_walk_normal_001", "dataset.first_frame=60"),

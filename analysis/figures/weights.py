@@ -28,7 +28,7 @@ class Choice:
     others: tuple[str, ...] = ()
 
 
-FILTERED = ("prior=jitter", "inference=particle_filter")
+FILTERED = ("prior=ar_offsets", "inference=particle_filter")
 CHOICES: Mapping[str, Choice] = {
     "images, weight of each cue": Choice(
         "walk_best", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06)

@@ -11,7 +11,7 @@ from workbench.core.step import Resumable
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import assemble
-from workbench.priors.fitted_rest import Following, Trajectory
+from workbench.priors.fitted_rest import FittedRest, Trajectory
 from workbench.utils.errors import InputError
 from workbench.utils.rng import rng_streams
 
@@ -30,7 +30,7 @@ CONTINUE = (
     "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "reinitializing",
     "tempered_smc",
 )  # fmt: skip
-PRIORS = sorted(set(options("prior")) - {"following", "following_implicit"})  # which need joints of several cameras
+PRIORS = sorted(set(options("prior")) - {"fitted_rest", "fitted_rest_implicit"})  # which need joints of several cameras
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
     usual = (
         ("prior=linear", "learn.motions=builtin", "likelihood=alignment")
         if name == "iterated_ekf"
-        else ("prior=jitter",)
+        else ("prior=ar_offsets",)
     )
     try:
         parts = made(f"inference={name}", *usual)
@@ -96,5 +96,5 @@ def test_it_goes_on_with_every_prior(made, prior):
 def test_it_goes_on_where_the_rest_of_the_body_follows_a_trajectory(made):
     parts = made("prior=smooth", "prior.parameters=[right_arm]", "inference=reinitializing")
     poses = np.linspace(parts.start, parts.start + 0.1, N_FRAMES)
-    following = Following(parts.prior, lambda: Trajectory(np.arange(N_FRAMES) / 30.0, poses))
-    assert_it_goes_on_with_the_same_bits(replace(parts, inference=parts.inference.rebuilt(prior=following)))
+    fitted_rest = FittedRest(parts.prior, lambda: Trajectory(np.arange(N_FRAMES) / 30.0, poses))
+    assert_it_goes_on_with_the_same_bits(replace(parts, inference=parts.inference.rebuilt(prior=fitted_rest)))

@@ -52,13 +52,13 @@ LEARNED = ["walking", "gait", "cyclic", "activity", "implicit"]
 @pytest.mark.parametrize("prior", LEARNED)
 def test_any_learned_prior_leaves_out_who_is_tracked(prior):
     config = composed("experiment=walk_best", f"prior={prior}").prior
-    assert (config.motions, config.leave_out) == ("recorded", ["35"])
-    within = composed("experiment=walk_best", f"prior@prior.base={prior}", "prior=jitter").prior.base
-    assert (within.motions, within.leave_out) == ("recorded", ["35"])
+    assert (config.motions, config.exclude) == ("recorded", ["35"])
+    within = composed("experiment=walk_best", f"prior@prior.base={prior}", "prior=ar_offsets").prior.base
+    assert (within.motions, within.exclude) == ("recorded", ["35"])
     own = composed("experiment=custom", f"prior={prior}").prior
-    assert (own.motions, own.leave_out) == ("recorded" if prior == "implicit" else "builtin", [])
-    other = composed("experiment=walk_best", f"prior={prior}", "learn.motions=bandai", "prior.leave_out=[x]").prior
-    assert (other.motions, other.leave_out) == ("bandai", ["x"])
+    assert (own.motions, own.exclude) == ("recorded" if prior == "implicit" else "builtin", [])
+    other = composed("experiment=walk_best", f"prior={prior}", "learn.motions=bandai", "prior.exclude=[x]").prior
+    assert (other.motions, other.exclude) == ("bandai", ["x"])
 
 
 @pytest.mark.parametrize(

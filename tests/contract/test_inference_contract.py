@@ -14,7 +14,7 @@ NAMES = sorted(options("inference"))
 N = 40
 SCENE = (
     "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80.0",
-    "dataset.focal_px=175.0", "prior=jitter", "prior.base.n_components=3",
+    "dataset.focal_px=175.0", "prior=ar_offsets", "prior.base.n_components=3",
 )  # fmt: skip
 POINTS = ("dataset.n_frames=6", "dataset.n_points=80", "prior.n_components=3")
 USUAL = {

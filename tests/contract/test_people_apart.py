@@ -77,7 +77,7 @@ def person_of(name):
 def learned(node):
     """Every part of a configuration that learns from motions, in whatever prior."""
     if isinstance(node, dict):
-        if "motions" in node and "leave_out" in node:
+        if "motions" in node and "exclude" in node:
             yield node
         for each in node.values():
             yield from learned(each)
@@ -136,7 +136,9 @@ def test_nor_without_recordings(experiment):
     check(None, f"experiment={experiment}", "paths.data=null")
 
 
-@pytest.mark.parametrize("prior", ["walking", "gait", "cyclic", "activity", "implicit", "flipping", "jitter_gait"])
+@pytest.mark.parametrize(
+    "prior", ["walking", "gait", "cyclic", "activity", "implicit", "kinematic_flips", "ar_offsets_gait"]
+)
 def test_nor_by_any_other_prior(prior, recordings):
     check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "learn.motions=recorded")
 

@@ -33,7 +33,7 @@ def walk():
 
 @cache
 def windows(angles, root):
-    return learn_windows(builtin_motions(n_subjects=4), angles=angles, root=root)
+    return learn_windows(builtin_motions(n_subjects=4), angles=angles, include_root=root)
 
 
 def implicit(parts, root, search, prediction, **options):
@@ -41,8 +41,8 @@ def implicit(parts, root, search, prediction, **options):
 
 
 MADE = {
-    "smooth arm": lambda folder: Smooth(parameters=ARM, start_uniform=["left_shoulder_twist"]),
-    "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", reweight=True, beta=1.0),
+    "smooth arm": lambda folder: Smooth(parameters=ARM, initial_uniform=["left_shoulder_twist"]),
+    "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", importance_correction=True, beta=1.0),
 } | {
     f"implicit {where}, {search}, {prediction}": lambda folder, how=(parts, root, search, prediction): implicit(*how)
     for (where, parts, root), search, prediction in product(
@@ -70,8 +70,10 @@ def cache_folder(cache):
 
 
 NAMES = [*MADE, *YAMLS]
-WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "following_implicit"))]
-WITH_DENSITY = [name for name in NAMES if not name.startswith(("flipping", "reweighted")) and "_tree" not in name]
+WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "fitted_rest_implicit"))]
+WITH_DENSITY = [
+    name for name in NAMES if not name.startswith(("kinematic_flips", "reweighted")) and "_tree" not in name
+]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name != "reweighted"]
 WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("linear")]
 

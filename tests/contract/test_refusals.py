@@ -32,9 +32,9 @@ from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
-from workbench.priors.ar_offsets import Jitter
+from workbench.priors.ar_offsets import AROffsets
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import Flipping
+from workbench.priors.kinematic_flips import KinematicFlips
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -51,7 +51,7 @@ def still_clip():
 
 
 def of_camera(prior, **options):
-    return Flipping(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
+    return KinematicFlips(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
 
 
 MAKERS = {
@@ -67,8 +67,8 @@ MAKERS = {
     "backward_simulation": lambda cache, **given: BackwardSimulation(PLAIN, **given),
     "motion_fit": lambda cache, **given: MotionFit(**given),
     "synthesis": lambda cache, **given: Synthesis(Smooth(), BODY, **given),
-    "jitter": lambda cache, **given: Jitter(Smooth(), **given),
-    "flipping": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
+    "ar_offsets": lambda cache, **given: AROffsets(Smooth(), **given),
+    "kinematic_flips": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
     "walking": lambda cache, **given: from_motions.walking(motions="builtin", cache=cache, n_components=3, **given),
     "smooth": lambda cache, **given: Smooth(**given),
     "implicit": lambda cache, **given: Implicit(learn_windows(builtin_motions(n_subjects=1)), **given),
@@ -111,16 +111,16 @@ def test_a_value_out_of_range_is_named(name, key, text, cache):
 
 
 LIST_OF_OPTIONS = [
-    ("jitter", {"parameters": ["root_x"]}, "parameters"),
+    ("ar_offsets", {"parameters": ["root_x"]}, "parameters"),
     ("walking", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
     ("implicit", {"sigma_position": (0.1, 0.2)}, "sigma_position"),
     ("smooth", {"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
     ("smooth", {"parameters": []}, "at least one"),
-    ("smooth", {"start_uniform": ["left_elbow_flexion"] * 2}, "named twice"),
-    ("smooth", {"start_uniform": ["root_x"]}, "root_x has no limits"),
+    ("smooth", {"initial_uniform": ["left_elbow_flexion"] * 2}, "named twice"),
+    ("smooth", {"initial_uniform": ["root_x"]}, "root_x has no limits"),
     ("smooth", {"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
     ("smooth", {"sigma_velocity": {"elbow": float("nan")}}, r"sigma_velocity\.elbow"),
-    ("smooth", {"lowest": {"elbow_flexion": 3.0}}, "lowest and highest of left_elbow_flexion .* found 3.0 and 2.7"),
+    ("smooth", {"lower": {"elbow_flexion": 3.0}}, "lower and upper of left_elbow_flexion .* found 3.0 and 2.7"),
     ("smooth", {"penalty": {"speed": 1.0}}, "'speed'"),
     ("smooth", {"penalty": {"angle": 0.0}}, "penalty.angle"),
     ("synthesis", {"look_ahead": 3}, "look_ahead"),
@@ -149,7 +149,7 @@ TOGETHER = {
     "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
-    "as smooth and jitter have; it has pose, velocity, held": [lambda: of_camera(Smooth(parameters=["root"]))],
+    "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: of_camera(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],

@@ -151,7 +151,7 @@ def test_seeds_compare_distributions(walk, capsys):
     code, told = check(capsys, walk, "--seeds", "4")
     assert code == 0, told
     assert f"{walk}  all 40" in told
-    code, told = check(capsys, walk, "--seeds", "4", "prior.start_position=0.5")
+    code, told = check(capsys, walk, "--seeds", "4", "prior.initial_position_std=0.5")
     assert code == 1
     assert "means of 1 and 4 seeds lie too far apart" in told
 
@@ -173,7 +173,7 @@ def test_pairs_of_seeds_find_a_small_change(walk, seeds, capsys):
     assert code == 0, told
     code, told = check(capsys, walk, "--paired")
     assert (code, "expected recordings of two seeds or more" in told) == (2, True)
-    code, told = check(capsys, *seeds, "--paired", "prior.start_position=0.5", "-v")
+    code, told = check(capsys, *seeds, "--paired", "prior.initial_position_std=0.5", "-v")
     assert code == 1
     assert "would have been found" in told
 

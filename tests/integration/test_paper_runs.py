@@ -5,7 +5,7 @@ import pytest
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=40")
 POINTS = (*SMALL, "dataset.n_points=150")
-WALKER = ("dataset.motion=builtin", "prior.motions=builtin", "prior.leave_out=[]")
+WALKER = ("dataset.motion=builtin", "prior.motions=builtin", "prior.exclude=[]")
 RUNS = {
     "walk_straight": SMALL,
     "walk_circle": SMALL,

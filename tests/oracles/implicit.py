@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from workbench.priors.density import SAME
-from workbench.priors.implicit_density import WindowWays
+from workbench.priors.implicit_density import WindowDisplacements
 from workbench.priors.implicit_search import BINS, LANES, KdTree, exact_log_prob, padded
 from workbench.priors.implicit_tree import Tree
 from workbench.utils.arrays import FloatArray, IntArray
@@ -114,7 +114,7 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
 
 
 def log_mixture(
-    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray
+    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, ways: WindowDisplacements, white: FloatArray
 ) -> FloatArray:
     """Compute the log terms log p(i | c) N(way; way_i, Σ) of the density, for one probe and one way between poses.
 
@@ -140,10 +140,10 @@ def log_mixture(
     """
     distribution, _ = found_distribution(tree, probe, beta, epsilon)
     entries = np.flatnonzero(distribution)
-    apart = ways.white[entries] - white
-    noisy = len(ways.deviations)
-    terms = np.full(len(ways.white), -np.inf)
+    apart = ways.whitened[entries] - white
+    noisy = len(ways.std)
+    terms = np.full(len(ways.whitened), -np.inf)
     terms[entries] = np.log(distribution[entries]) - 0.5 * (apart[:, :noisy] ** 2).sum(axis=1)
-    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum()
+    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * ways.std).sum()
     terms[entries[(np.abs(apart[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
     return terms

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.motion.models.activities import accuracy_left_out, learn_activities, mean_rates_hz
+from workbench.motion.models.activities import held_out_accuracy, learn_activities, mean_rates_hz
 from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.sources import find_clip, load_motion
 
@@ -41,7 +41,7 @@ def test_angles_stay_on_one_branch(cycles):
 
 def test_legs_tell_running_from_walking_in_a_clip_left_out(cycles):
     legs = cycles.of_angles(["lower_body"])
-    assert accuracy_left_out(legs, legs.sources, 5) > 0.95  # what the activity of a frame asks for
+    assert held_out_accuracy(legs, legs.sources, 5) > 0.95  # what the activity of a frame asks for
 
 
 def test_the_paper_s_part_of_the_variance_takes_few_components(cycles):

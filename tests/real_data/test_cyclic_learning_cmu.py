@@ -40,7 +40,7 @@ def test_gaps_in_walks_of_held_out_people(held_out):
 
 
 def test_the_model_of_recorded_walks(held_out):
-    model = learn_cyclic(held_out, q=5)
+    model = learn_cyclic(held_out, n_components=5)
     assert 0.8 < model.cycle_rate_hz[0] < 1.2
     assert 0.9 < model.mean[:, 0].mean() < 1.7  # m/s
     assert model.n_cycles > len(held_out)

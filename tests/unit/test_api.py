@@ -13,7 +13,7 @@ from compositions import composed
 import workbench as wb
 from workbench.experiment.config.stored import runnable
 from workbench.likelihoods.uniform import Uniform
-from workbench.priors.ar_offsets import Jitter
+from workbench.priors.ar_offsets import AROffsets
 from workbench.utils.errors import InputError
 
 SMALL = (
@@ -34,7 +34,7 @@ def nobodys_data(tmp_path_factory):
 def swapped(tmp_path_factory):
     """A run with another prior than its experiment's, a class; its folder."""
     folder = tmp_path_factory.mktemp("runs") / "swapped"
-    prior = partial(Jitter, base=partial(wb.Smooth, damping=2.0), keep=0.5, sigma=0.01)
+    prior = partial(AROffsets, base=partial(wb.Smooth, damping=2.0), ar_coefficient=0.5, sigma=0.01)
     return wb.run("walk_prior_only", "seed=3", *SMALL, folder=folder, quiet=True, prior=prior), folder
 
 
@@ -52,14 +52,14 @@ def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
     assert run.status == "complete"
     assert run.settings["seed"] == 3
     prior = run.settings["prior"]
-    assert (prior["_target_"], prior["keep"]) == ("workbench.priors.ar_offsets.Jitter", 0.5)
+    assert (prior["_target_"], prior["ar_coefficient"]) == ("workbench.priors.ar_offsets.AROffsets", 0.5)
     assert (prior["base"]["_target_"], prior["base"]["damping"]) == ("workbench.priors.smooth.Smooth", 2.0)
-    assert prior["base"]["start_pose"] == 2.0  # a default, which the class has
-    assert "prior=Jitter" in run.provenance["choices"]
+    assert prior["base"]["initial_pose_scale"] == 2.0  # a default, which the class has
+    assert "prior=AROffsets" in run.provenance["choices"]
     said = run.provenance["command"]
     assert said.startswith("workbench.run('walk_prior_only', 'seed=3'")
     assert (
-        "prior=partial(workbench.priors.ar_offsets.Jitter, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
+        "prior=partial(workbench.priors.ar_offsets.AROffsets, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
         in said
     )
     assert json.loads((folder / "summary.json").read_text())["settings"]["prior"] == prior

@@ -29,7 +29,7 @@ def components(
     \b
     Examples:
       workbench components experiment
-      workbench components prior.jitter
+      workbench components prior.ar_offsets
     """
     names = names or []
     name_parts(parts_in(names))
@@ -73,7 +73,7 @@ def _described(place: str) -> str:
     """Return an option's class, the first paragraph of its docstring, and its keys with defaults and notes."""
     group, _, name = place.partition(".")
     if group not in _GROUPS or (name and name not in options(group)):
-        raise InputError(f"expected a group or group.option, such as prior.jitter, found {place!r}")
+        raise InputError(f"expected a group or group.option, such as prior.ar_offsets, found {place!r}")
     if not name:
         return _options_of(group)
     option = options(group)[name]

@@ -1,4 +1,4 @@
-"""What a learned motion misses of a person it was not learned from."""
+"""Model discrepancy: the residual of a learned motion model on held-out subjects, as a Gaussian autoregression."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,53 +7,56 @@ import numpy as np
 
 from workbench.utils.arrays import FloatArray
 
-LEARNED_HZ = 30.0
-"""The frames a second for which `Discrepancy.keep` is given."""
-LEAST_PEOPLE = 3
-"""Of fewer the spread has no finite estimate; they count as so many."""
+DISCREPANCY_RATE_HZ = 30.0
+"""Frame rate of `Discrepancy.ar_coefficients`."""
+MIN_SUBJECTS = 3
+"""The spread of fewer subjects has no finite estimate; they count as this many."""
 
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """Residuals δ of C joint angles between a person and the nearest pose of a model, as a Gaussian autoregression:
+    """Residuals δ of C joint angles between a person and the nearest pose of a model:
 
-        δ_t ~ N(0, W Wᵀ + diag(s²)),  corr(δ_t,c, δ_t+Δt,c) = keep_c^(Δt · 30 Hz)
+        δ_t ~ N(0, W Wᵀ + diag(s²)),  corr(δ_t,c, δ_t+Δt,c) = a_c^(Δt · 30 Hz)
 
-    angles: the C names of degrees of freedom. loadings: (C, r), W, rad. rest: (C,), s, rad. keep: (C,), from 0 to below
-    1. n_people: how many were left out in turn to learn it.
+    angles : C names of degrees of freedom. loadings : (C, r), W, rad. residual_std : (C,), s, rad.
+    ar_coefficients : (C,), a, in [0, 1). n_subjects : number of subjects in the cross-validation.
     """
 
     angles: tuple[str, ...]
     loadings: FloatArray
-    rest: FloatArray
-    keep: FloatArray
-    n_people: int
+    residual_std: FloatArray
+    ar_coefficients: FloatArray
+    n_subjects: int
 
     @property
     def covariance(self) -> FloatArray:
-        """(C, C), rad²."""
-        return self.loadings @ self.loadings.T + np.diag(self.rest**2)
+        """Covariance (C, C), rad²."""
+        return self.loadings @ self.loadings.T + np.diag(self.residual_std**2)
 
     @property
-    def deviations(self) -> FloatArray:
-        """(C,), rad, the roots of the covariance's diagonal."""
-        return np.sqrt(self.rest**2 + (self.loadings**2).sum(axis=1))
+    def std(self) -> FloatArray:
+        """Marginal standard deviations (C,), rad."""
+        return np.sqrt(self.residual_std**2 + (self.loadings**2).sum(axis=1))
 
-    def root(self, names: Sequence[str]) -> FloatArray:
-        """Give A (P, r + C) for a pose with P numbers of these names, A Aᵀ being the covariance of what is missed; rows
-        of zeros for those that the model does not speak of."""
+    def covariance_root(self, names: Sequence[str]) -> FloatArray:
+        """Return A (P, r + C) with A Aᵀ the residual covariance of a pose with P parameters of these names.
+
+        Rows of parameters outside the model are zero.
+        """
         root = np.zeros((len(names), self.loadings.shape[1] + len(self.angles)))
         rows = [k for k, angle in enumerate(self.angles) if angle in names]
-        places = [names.index(self.angles[k]) for k in rows]
-        root[places] = np.hstack([self.loadings, np.diag(self.rest)])[rows]
+        columns = [names.index(self.angles[k]) for k in rows]
+        root[columns] = np.hstack([self.loadings, np.diag(self.residual_std)])[rows]
         return root
 
 
-def widening(n_people: int) -> float:
-    """Factor of deviations that were learned from n people, about a mean that is known: √(n / (n − 2)).
+def small_sample_inflation(n_subjects: int) -> float:
+    """Return the inflation √(n / (n − 2)) of standard deviations that were estimated from n subjects.
 
-    The deviation is an estimate, too: of normal people, the next is then Student's with n degrees of freedom (Gelman et
-    al., *Bayesian Data Analysis*, 3rd ed. 2013, section 3.2), of which this is the deviation. 1.18 for seven people.
+    The mean is known; the standard deviation is an estimate. The predictive distribution of the next subject is
+    Student's t with n degrees of freedom (Gelman et al., *Bayesian Data Analysis*, 3rd ed. 2013, section 3.2), whose
+    standard deviation has this factor: 1.18 for seven subjects.
     """
-    n = max(n_people, LEAST_PEOPLE)
+    n = max(n_subjects, MIN_SUBJECTS)
     return float((n / (n - 2)) ** 0.5)

@@ -1,4 +1,4 @@
-"""Which postures people take, whatever they do: a density of single frames."""
+"""Prior over postures: a Gaussian mixture over the joint angles of a single frame."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,76 +10,93 @@ from workbench.utils.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class PosePrior:
-    """A mixture Σ_k weights_k N(means_k, covariances_k) over A numbers of a pose, rad: weights (K,), means (K, A),
-    covariances (K, A, A)."""
+    """Gaussian mixture Σ_k weights_k N(means_k, covariances_k) over A joint angles, rad.
+
+    weights : (K,). means : (K, A). covariances : (K, A, A).
+    """
 
     weights: FloatArray
     means: FloatArray
     covariances: FloatArray
 
-    def log_parts(self, postures: FloatArray) -> FloatArray:
+    def log_components(self, postures: FloatArray) -> FloatArray:
         """Return log(weights_k N(posture; means_k, covariances_k)), (n, K), of postures (n, A)."""
         n, a = postures.shape
-        heights = np.empty((n, len(self.weights)))
-        for k, (mean, white) in enumerate(zip(self.means, self._white, strict=True)):
-            heights[:, k] = -0.5 * (((postures - mean) @ white.T) ** 2).sum(axis=1)
-        volumes = np.log(np.abs(np.diagonal(self._white, axis1=1, axis2=2))).sum(axis=1)
-        return np.asarray(heights + np.log(self.weights) + volumes - 0.5 * a * np.log(2.0 * np.pi))
+        exponents = np.empty((n, len(self.weights)))
+        for k, (mean, whitening) in enumerate(zip(self.means, self._whitening, strict=True)):
+            exponents[:, k] = -0.5 * (((postures - mean) @ whitening.T) ** 2).sum(axis=1)
+        log_determinants = np.log(np.abs(np.diagonal(self._whitening, axis1=1, axis2=2))).sum(axis=1)
+        return np.asarray(exponents + np.log(self.weights) + log_determinants - 0.5 * a * np.log(2.0 * np.pi))
 
-    def shares(self, postures: FloatArray) -> FloatArray:
-        """Return how likely postures (n, A) are of each part, (n, K)."""
-        return _normalised(self.log_parts(postures))
+    def responsibilities(self, postures: FloatArray) -> FloatArray:
+        """Return the mixture responsibilities (n, K) of postures (n, A)."""
+        return _normalised(self.log_components(postures))
 
-    def shares_of(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Return how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
+    def expected_responsibilities(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return the responsibilities (K,) of the components for a posture N(mean (A,), covariance (A, A))."""
         roots = np.linalg.cholesky(self.covariances + covariance)
-        white = np.linalg.solve(roots, (mean - self.means)[:, :, None])[:, :, 0]
-        volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        return _normalised(np.log(self.weights) - 0.5 * (white**2).sum(axis=1) - volumes)
+        whitened = np.linalg.solve(roots, (mean - self.means)[:, :, None])[:, :, 0]
+        log_determinants = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        return _normalised(np.log(self.weights) - 0.5 * (whitened**2).sum(axis=1) - log_determinants)
 
-    def nearest(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Return mean (A,) and precision (A, A) of the Gaussian that `drawn` multiplies what is believed of a posture,
-        N(mean (A,), covariance (A, A)), by. power: above 0."""
-        precision, pull = self._pooled(mean, covariance, power)
-        return np.asarray(np.linalg.solve(precision, pull)), precision
+    def geometric_mean(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
+        """Return mean (A,) and precision (A, A) of the Gaussian factor in `geometric_product`.
 
-    def drawn(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Multiply a Gaussian N(mean (P,), covariance (P, P)) of poses, whose last A numbers are the posture, by one
-        of the postures to a power; return mean and covariance of the product.
+        The responsibilities are those of a posture N(mean (A,), covariance (A, A)). power : above 0.
+        """
+        precision, information = self._pooled(mean, covariance, power)
+        return np.asarray(np.linalg.solve(precision, information)), precision
 
-        The postures' is that whose log density is the mean one of the parts', Σ_k shares_k log N(·; means_k,
-        covariances_k), by how likely what is believed is of each. Raises LinAlgError for a covariance that is not one.
+    def geometric_product(
+        self, mean: FloatArray, covariance: FloatArray, power: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Multiply a Gaussian over poses by the geometric mean of the components to a power.
 
-        Deviations: a power below 1, as the Gaussian may know something of postures already and neighbouring frames say
-        the same; and one Gaussian, where the product has as many as there are parts.
+        The log density of the geometric mean is Σ_k r_k log N(·; means_k, covariances_k), with the responsibilities r
+        of the posture's marginal (a logarithmic opinion pool).
+
+        Deviations: the power is below 1, since the Gaussian may already contain information on postures and
+        neighbouring frames repeat it. The result is one Gaussian, where the product has K components.
+
+        Parameters
+        ----------
+        mean, covariance : (P,), (P, P), of a pose whose last A numbers are the posture.
+        power : above 0.
+
+        Returns
+        -------
+        Mean (P,) and covariance (P, P) of the product.
+
+        Raises
+        ------
+        LinAlgError : the covariance is not positive semi-definite.
         """
         posture = slice(len(mean) - self.means.shape[1], None)
         precision = np.linalg.inv(covariance + 1e-12 * np.eye(len(mean)))
-        own, pulling = self._pooled(mean[posture], covariance[posture, posture], power)
-        total, pull = precision.copy(), precision @ mean
-        total[posture, posture] += own
-        pull[posture] += pulling
-        narrowed = np.linalg.inv(total)
-        return np.linalg.solve(total, pull), 0.5 * (narrowed + narrowed.T)
+        pooled_precision, pooled_information = self._pooled(mean[posture], covariance[posture, posture], power)
+        total, information = precision.copy(), precision @ mean
+        total[posture, posture] += pooled_precision
+        information[posture] += pooled_information
+        product = np.linalg.inv(total)
+        return np.linalg.solve(total, information), 0.5 * (product + product.T)
 
     def _pooled(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Return the precision (A, A) of the parts' Gaussians, each to the power of its share and all to a power, and
-        that times their mean (A,)."""
-        shares = power * self.shares_of(mean, covariance)
-        precision: FloatArray = np.einsum("k,kab->ab", shares, self._precisions)
-        return precision, np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
+        """Return precision (A, A) and precision times mean (A,) of the geometric mean of the components to a power."""
+        weights = power * self.expected_responsibilities(mean, covariance)
+        precision: FloatArray = np.einsum("k,kab->ab", weights, self._precisions)
+        return precision, np.einsum("k,kab,kb->a", weights, self._precisions, self.means)
 
     @cached_property
-    def _white(self) -> FloatArray:
-        """What makes each part's differences white, (K, A, A), lower triangular."""
+    def _whitening(self) -> FloatArray:
+        """Whitening matrices (K, A, A) of the components, lower triangular."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariances)))
 
     @cached_property
     def _precisions(self) -> FloatArray:
-        return np.asarray(np.swapaxes(self._white, 1, 2) @ self._white)
+        return np.asarray(np.swapaxes(self._whitening, 1, 2) @ self._whitening)
 
 
-def _normalised(heights: FloatArray) -> FloatArray:
-    """Return shares (..., K) that sum to one, of their logarithms up to a constant."""
-    shares = np.exp(heights - heights.max(axis=-1, keepdims=True))
-    return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
+def _normalised(log_weights: FloatArray) -> FloatArray:
+    """Return weights (..., K) with sum one from their logarithms up to a constant (softmax)."""
+    weights = np.exp(log_weights - log_weights.max(axis=-1, keepdims=True))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))

@@ -1,4 +1,4 @@
-"""What every prior offers, and what some can do beside drawing."""
+"""Interface of temporal priors, and their optional capabilities."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,17 +12,16 @@ from workbench.core.state_space import StateSpace
 from workbench.utils.arrays import FloatArray, IntArray
 
 REFERENCE_RATE_HZ = 14.0
-"""The frames a second for which `Smoothness` is given, paper D's."""
+"""Frame rate of the standard deviations in `Smoothness` (paper D)."""
 
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Standard deviations of what may change between frames at PACE_HZ; over other times as a random walk of the
-    coefficients and of the speeds.
+    """Smoothness penalty of a fit: standard deviations of changes between frames at REFERENCE_RATE_HZ.
 
-    style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
-    differences of μ, cycles. position, rotation: second differences of the root, m and rad. angle: those of joint
-    angles without a motion model, rad.
+    At other rates, coefficients and velocities follow a random walk. style : change of a coefficient per frame, in
+    standard deviations of the model. phase : second differences of μ, cycles. position, rotation : second differences
+    of the root, m and rad. angle : second differences of joint angles without a motion model, rad.
     """
 
     style: float = 0.3
@@ -33,19 +32,19 @@ class Smoothness:
 
     @property
     def second_differences(self) -> FloatArray:
-        """Return those (7,) of {μ, root}."""
+        """Standard deviations (7,) of the second differences of {μ, root}."""
         return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
 
 
-RECORDED = Smoothness(position=0.013, angle=0.11)
-"""Rms over 23 activities in CMU's and Bandai's recordings."""
+RECORDED_SMOOTHNESS = Smoothness(position=0.013, angle=0.11)
+"""Root mean square over 23 activities in the CMU and Bandai recordings."""
 
 
 class MotionModel(Protocol):
-    """What a fit asks of a learned motion, C angles with d coefficients; `learning.activities.ActivityModel` is one.
+    """A cyclic motion model of C angles with d coefficients, as a fit uses it; e.g. `motion.models.ActivityModel`.
 
-    angles: the C degrees of freedom it speaks of. scales: (d,) standard deviations of the coefficients. Of the n
-    examples it was learned from: scores (n, d) in units of scales, activities, and cycle_rate_hz (n,).
+    angles : names of the C degrees of freedom. scales : (d,) standard deviations of the coefficients. scores (n, d) in
+    units of scales, activities (n) and cycle_rate_hz (n,) describe the n training examples.
     """
 
     @property
@@ -63,57 +62,58 @@ class MotionModel(Protocol):
         """Return angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
 
     def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
+        """Return the derivatives of `angles_at`: (..., C, d) by the coefficients, (..., C) by the phase."""
 
 
 class Density(Protocol):
-    """p(state_t | state_t−1) as a density, which auxiliary weights, Newton steps, MCMC moves and smoothing need."""
+    """Transition density p(state_t | state_t−1), for auxiliary weights, Newton steps, MCMC moves and smoothing."""
 
     @property
     def free(self) -> IntArray:
-        """Return indices of the columns that `log_transition` speaks of, ascending: all, unless some follow.
+        """Ascending indices of the free columns, which `log_transition` covers; the other columns depend on them.
 
-        Whoever sets a state sets these and then calls `sample_dependent`. Where some follow, the columns are not
-        independent of each other given the previous state; where none do, they are.
+        To set a state, set the free columns and call `sample_dependent`. The columns are conditionally independent
+        given the previous state if and only if all are free.
         """
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        """Return the noise-free prediction (N, D) of states (N, D) after `dt_s` seconds."""
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """Return log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
 
-        Columns without noise have no density: log p is −∞ where they are not as the previous state says. Columns that
-        follow from the others (see `sample_dependent`) are not looked at.
+        Columns without noise have no density: log p is −∞ unless they equal their prediction. Dependent columns (see
+        `sample_dependent`) are ignored.
         """
 
     def sample_dependent(
         self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
     ) -> FloatArray:
-        """Return states (N, D) whose free columns were set by somebody, with the others drawn given those. For most
-        priors there are no others, and the states come back as they are."""
+        """Return states (N, D) with their dependent columns sampled given the free ones.
+
+        Most priors have no dependent columns and return the states unchanged.
+        """
 
 
 @runtime_checkable
 class Gaussian(Density, Protocol):
-    """A density with Gaussian noise about its mean, which a Kalman filter needs."""
+    """A transition density with Gaussian noise about its mean, as a Kalman filter requires."""
 
-    def start_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean (D,) and covariance (D, D) of the first states around a starting pose (P,)."""
+    def initial_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean (D,) and covariance (D, D) of the initial state for an initial pose (P,)."""
 
     def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Return the covariance (D, D) of states `dt_s` seconds after one state (D,), about their mean."""
+        """Return the transition noise covariance (D, D) `dt_s` seconds after one state (D,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PriorCapabilities:
-    """What a prior can do beside drawing. Wrappers pass on those of their base that still hold.
+    """Optional capabilities of a prior. Wrappers pass on those of their base that remain valid.
 
-    density: see `Density`. motion: a cyclic motion that a fit can turn into poses with derivatives. smoothness: by how
-    much a fit lets its poses change from frame to frame, its penalty. examples: gives poses (n, P) of people that the
-    prior knows, among which a start in marks is looked for. first_pose: gives the pose (P,) to start from, where the
-    prior itself knows it. discrepancy: what its motion misses of people it was not learned from. postures: which ones
-    people take, the last numbers of a pose, whatever went before.
+    density : the transition density. motion : a cyclic motion model with derivatives, for fits. smoothness : penalty of
+    a fit on changes between frames. examples : returns training poses (n, P), candidates for an initial pose from
+    annotations. first_pose : returns the initial pose (P,), if the prior determines it. discrepancy : residual of the
+    motion model on held-out subjects. pose_prior : static prior over the posture, the last numbers of a pose.
     """
 
     density: Density | None = None
@@ -122,14 +122,14 @@ class PriorCapabilities:
     examples: Callable[[], FloatArray] | None = None
     first_pose: Callable[[], FloatArray] | None = None
     discrepancy: Discrepancy | None = None
-    postures: PosePrior | None = None
+    pose_prior: PosePrior | None = None
 
 
 class Prior(Protocol):
     """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P.
 
-    space: names and units of the D columns. parameters: names of the pose's parameters that move; the others stay as
-    they start, or go as is known of them. powers: what it can do beside drawing; `PriorCapabilities()` for nothing.
+    space : names and units of the D columns. parameters : names of the pose parameters that the prior moves; the others
+    keep their initial values or follow a given trajectory. capabilities : optional ones, `PriorCapabilities()` if none.
     """
 
     @property
@@ -140,25 +140,25 @@ class Prior(Protocol):
     def capabilities(self) -> PriorCapabilities: ...
 
     def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-        """Return N states (N, D) spread around a starting pose (P,)."""
+        """Sample n initial states (n, D) around an initial pose (P,)."""
 
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """Draw once (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
+        """Sample from p(state_t | state_t−1), (N, D), once for each state (N, D), `dt_s` seconds later."""
 
     def pose(self, state: FloatArray) -> FloatArray:
-        """Return the poses (N, P) that states (N, D) stand for."""
+        """Return the poses (N, P) of states (N, D)."""
 
 
 @runtime_checkable
 class Proposing(Protocol):
-    """A prior that draws from a proposal and says by which weights its draws stand for the prior."""
+    """A prior with a proposal distribution of its own and importance weights that correct for it."""
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw states (N, D) `dt_s` seconds later; returns the log weights (N,) that correct for it too."""
+        """Sample states (N, D) `dt_s` seconds later; return them with their log importance weights (N,)."""
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw by the prior's own proposal, or where it has none by `sample_transition`, with log weights (N,) of zero."""
+    """Sample from the prior's proposal, else from `sample_transition`; return states and log weights (N,)."""
     if isinstance(prior, Proposing):
         return prior.propose(state, dt_s, rng)
     return prior.sample_transition(state, dt_s, rng), np.zeros(len(state))

@@ -1,4 +1,4 @@
-"""The names of a state's columns."""
+"""Names, units and groups of the columns of a state."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StateSpace:
-    """Names the D columns of a packed (N, D) particle array. names, units: one per column. slices: named groups of
-    columns, e.g. "coefficients", "phase", "root"."""
+    """Column layout of a packed particle array (N, D).
+
+    names, units : one per column. slices : named groups of columns, e.g. "coefficients", "phase", "root".
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -18,13 +20,13 @@ class StateSpace:
 
     @staticmethod
     def of(groups: Mapping[str, tuple[tuple[str, ...], str]]) -> "StateSpace":
-        """Return a state space from {group: (column names, unit)}, the groups side by side in the order given."""
+        """Return a state space from {group: (column names, unit)}, in this order."""
         space = StateSpace((), (), {})
         for group, (columns, unit) in groups.items():
             space = space.appended(group, columns, (unit,) * len(columns))
         return space
 
     def appended(self, group: str, columns: tuple[str, ...], units: tuple[str, ...]) -> "StateSpace":
-        """Append a group of columns, with a unit each."""
+        """Return the state space with another group of columns at the end, one unit per column."""
         names = (*self.names, *columns)
         return StateSpace(names, (*self.units, *units), {**self.slices, group: slice(len(self), len(names))})

@@ -156,7 +156,7 @@ class Synthesis:
         """Return a state (1, D) at the pose (P,), and warnings."""
         if not isinstance(self.prior, _WindowPrior):
             return self.prior.sample_initial(pose, 1, rng), ()
-        library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
+        library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.window_frames + 1
         poses = np.empty((0, len(pose)))
         if self.info.pose_history is not None and self.info.rate_hz is not None:
             poses = _resampled_backwards(self.info.pose_history, self.info.rate_hz, library_hz)[:n_poses][::-1]

@@ -1,4 +1,4 @@
-"""A clip: the skeleton and the movement of one motion file, as they are in the file but in the workbench's world."""
+"""A motion clip: the skeleton and motion of one motion file, in the workbench's world frame."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,7 @@ from workbench.utils.input_limits import check_places, check_rate
 
 WORLD_FROM_FILE = [2, 0, 1]
 """Motion files are y-up with the person facing z: (x, y, z) world = (z, x, y) file. The axes are permuted cyclically,
-so right-handed stays right-handed; a person who faces z in the file faces x in the world, with z up."""
+which preserves handedness; a person who faces z in the file faces x in the world, with z up."""
 FILE_FROM_WORLD = [1, 2, 0]  # the inverse
 
 
@@ -18,11 +18,11 @@ FILE_FROM_WORLD = [1, 2, 0]  # the inverse
 class MotionClip:
     """F frames of a skeleton of K joints, in the workbench's world: right-handed, z up, metres.
 
-    name: the file's, without its extension. first_frame: the number of the first frame in the file. joints: K names,
-    parents before children. parents: (K,), -1 for the root. offsets: (K, 3), a joint's place in its parent's frame at
-    rest. rotations: (F, K, 3, 3), from a joint's frame to its parent's (the root's: to the world). positions:
-    (F, K, 3), every joint in the world by forward kinematics; where the file moves a joint within its parent's frame,
-    that movement is in the positions and the offsets keep the place at rest.
+    name : the file's, without its extension. first_frame : the number of the first frame in the file. joints : K names,
+    parents before children. parents : (K,), -1 for the root. offsets : (K, 3), a joint's rest position in its parent's
+    frame. rotations : (F, K, 3, 3), from a joint's frame to its parent's (of the root: to the world). positions :
+    (F, K, 3), every joint in the world by forward kinematics. If the file translates a joint within its parent's frame,
+    the positions include the translation and the offsets are those at rest.
     """
 
     name: str
@@ -38,7 +38,7 @@ class MotionClip:
         return len(self.positions)
 
     def joint(self, name: str) -> int:
-        """Index of the joint called `name`; raises ValueError when there is none."""
+        """Return the index of the joint `name`; raises ValueError if there is none."""
         return self.joints.index(name)
 
     @cached_property
@@ -49,16 +49,16 @@ class MotionClip:
 
 def clip_of_file(
     name: str, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
-    rotations: FloatArray, places: FloatArray,
+    rotations: FloatArray, translations: FloatArray,
 ) -> MotionClip:  # fmt: skip
-    """Return the clip of a y-up file's content, turned into the world's axes, with the joints placed.
+    """Return the clip of a y-up file's content, in the world's axes, with joint positions.
 
-    offsets (K, 3), m, and rotations (F, K, 3, 3) as in `MotionClip`, but in the file's axes. places: (F, K, 3), m,
-    where every joint is in its parent's frame at every frame; the root's is its position.
+    offsets (K, 3), m, and rotations (F, K, 3, 3) are as in `MotionClip`, but in the file's axes. translations :
+    (F, K, 3), m, position of every joint in its parent's frame, and of the root in the world.
     """
     rotations = rotations[..., WORLD_FROM_FILE, :][..., WORLD_FROM_FILE]
-    places = places[..., WORLD_FROM_FILE]
-    positions = joint_positions(parents, world_rotations(parents, rotations), places)
+    translations = translations[..., WORLD_FROM_FILE]
+    positions = joint_positions(parents, world_rotations(parents, rotations), translations)
     offsets = offsets[:, WORLD_FROM_FILE]
     check_rate(f"clip {name}", rate_hz)
     check_places(f"clip {name}", positions)
@@ -74,10 +74,10 @@ def world_rotations(parents: IntArray, rotations: FloatArray) -> FloatArray:
     return world
 
 
-def joint_positions(parents: IntArray, world: FloatArray, places: FloatArray) -> FloatArray:
-    """Return joint positions (F, K, 3) of world rotations (F, K, 3, 3) and places (F, K, 3) in the parents' frames."""
-    positions = places.copy()
+def joint_positions(parents: IntArray, world: FloatArray, translations: FloatArray) -> FloatArray:
+    """Return joint positions (F, K, 3) from world rotations (F, K, 3, 3) and translations (F, K, 3) to the parents."""
+    positions = translations.copy()
     for k, parent in enumerate(parents):
         if parent >= 0:
-            positions[:, k] = positions[:, parent] + np.einsum("fab,fb->fa", world[:, parent], places[:, k])
+            positions[:, k] = positions[:, parent] + np.einsum("fab,fb->fa", world[:, parent], translations[:, k])
     return positions

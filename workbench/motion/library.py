@@ -1,8 +1,8 @@
 """The motion library: many motions in one HDF5 file.
 
-/motions/<number> holds the datasets poses (F, 25), velocities (F, 25) and joint_error_mm (14,), and as attributes
-name, subject, activity, rate_hz, source, sha256 and licence; its group shape holds the person's measurements. The
-root says format, format_version, workbench_version, and the names of the columns.
+/motions/<number> contains the datasets poses (F, 25), velocities (F, 25) and joint_error_mm (14,), the attributes name,
+subject, activity, rate_hz, source, sha256 and licence, and the group shape with the person's measurements. The root has
+the attributes format, format_version, workbench_version, pose_names and error_joints.
 """
 
 from collections.abc import Sequence
@@ -24,13 +24,13 @@ from workbench.utils.input_limits import check_places, check_rate
 
 FORMAT = "workbench motion library"
 FORMAT_VERSION = 1
-_WORDS = ("name", "subject", "activity", "source", "sha256", "licence")
+_TEXT_ATTRIBUTES = ("name", "subject", "activity", "source", "sha256", "licence")
 
 
 def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to an HDF5 file; a file of that name is replaced at the end, when the new one is whole.
+    """Write motions to an HDF5 file, atomically; an existing file is replaced.
 
-    Raises InputError when there is no motion, one has fewer than two frames, or the file cannot be written.
+    Raises InputError if there is no motion, one has fewer than two frames, or the file cannot be written.
     """
     path = Path(path)
     if not motions:
@@ -42,26 +42,26 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
         file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
         for number, motion in enumerate(motions):
             group = file.create_group(f"motions/{number:06d}")
-            group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
+            group.attrs.update({name: getattr(motion, name) for name in _TEXT_ATTRIBUTES}, rate_hz=motion.rate_hz)
             for name in ("poses", "velocities", "joint_error_mm"):
                 group[name] = getattr(motion, name)
             group.create_group("shape").attrs.update(motion.shape.as_dict())
 
 
 def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
-    """Return the motions of a library, in the order they were written. own: see `read_hdf5`.
+    """Return the motions of a library, in the order in which they were written. own : see `read_hdf5`.
 
-    Raises InputError when the file is missing, is not HDF5 or not a library of this version, leads outside itself, or
-    when a motion lacks something, has arrays of a wrong shape or numbers that are not finite or out of `limits`.
+    Raises InputError if the file is missing, is not HDF5 or not a library of this version, has external links, or a
+    motion is incomplete, has arrays of a wrong shape, or numbers that are not finite or exceed `input_limits`.
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such motion library")
     file = read_hdf5(path, "a whole motion library", own)
     root = file.attributes["/"]
-    found = (root.get("format"), root.get("format_version"))
-    if found != (FORMAT, FORMAT_VERSION):
-        raise InputError(f"{path}: expected {FORMAT!r} of version {FORMAT_VERSION}, found {found[0]!r}, {found[1]}")
+    kind, version = root.get("format"), root.get("format_version")
+    if (kind, version) != (FORMAT, FORMAT_VERSION):
+        raise InputError(f"{path}: expected {FORMAT!r} of version {FORMAT_VERSION}, found {kind!r}, {version}")
     keys = {place.split("/")[2] for place in (*file.attributes, *file.arrays) if place.startswith("/motions/")}
     if not keys:
         raise InputError(f"{path}: expected at least one motion under /motions, found none")
@@ -72,34 +72,34 @@ def _read_motion(path: Path, file: Hdf5, key: str) -> Motion:
     group, place = f"/motions/{key}", f"{path}: motion {key}"
     if group not in file.attributes:
         raise InputError(f"{place} is not a group")
-    words: dict[str, Any] = {word: file.attributes[group].get(word) for word in _WORDS}
+    texts: dict[str, Any] = {name: file.attributes[group].get(name) for name in _TEXT_ATTRIBUTES}
     rate_hz = file.attributes[group].get("rate_hz")
-    if wrong := [word for word in _WORDS if not isinstance(words[word], str)]:
-        raise InputError(f"{place} lacks the text {wrong[0]!r}")
+    if missing := [name for name in _TEXT_ATTRIBUTES if not isinstance(texts[name], str)]:
+        raise InputError(f"{place} has no text attribute {missing[0]!r}")
     if not isinstance(rate_hz, float):
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
     check_rate(f"{place} must have a positive rate_hz", rate_hz)
     if (shape := file.attributes.get(f"{group}/shape")) is None:
-        raise InputError(f"{place} lacks the group 'shape'")
+        raise InputError(f"{place} has no group 'shape'")
     poses = _numbers(place, file.arrays.get(f"{group}/poses"), "poses", (None, len(POSE_NAMES)))
     velocities = file.arrays.get(f"{group}/velocities")
-    _numbers(place, velocities, "velocities", poses.shape)  # for other readers; ours derives them from the poses
+    _numbers(place, velocities, "velocities", poses.shape)  # for other readers; here they are derived from the poses
     check_places(place, poses[:, :3])
     errors_mm = _numbers(place, file.arrays.get(f"{group}/joint_error_mm"), "joint_error_mm", (len(ERROR_JOINTS),))
     measurements = read_shape(place, shape)
-    return Motion(**words, rate_hz=rate_hz, poses=poses, shape=measurements, joint_error_mm=errors_mm)
+    return Motion(**texts, rate_hz=rate_hz, poses=poses, shape=measurements, joint_error_mm=errors_mm)
 
 
 def _numbers(place: str, values: AnyArray | None, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return a data set of finite float64; None in the shape stands for any positive size."""
+    """Return a dataset of finite float64; None in the shape matches any positive size."""
     if values is None:
-        raise InputError(f"{place} lacks the dataset {name!r}")
+        raise InputError(f"{place} has no dataset {name!r}")
     fits = len(values.shape) == len(shape) and all(
-        size == wanted or (wanted is None and size > 0) for size, wanted in zip(values.shape, shape, strict=True)
+        size == expected or (expected is None and size > 0) for size, expected in zip(values.shape, shape, strict=True)
     )
     if not fits or values.dtype != np.float64:
-        expected = " × ".join("F" if wanted is None else str(wanted) for wanted in shape)
-        raise InputError(f"{place}: {name} must be {expected} float64, found {values.shape} {values.dtype}")
+        sizes = " × ".join("F" if expected is None else str(expected) for expected in shape)
+        raise InputError(f"{place}: {name} must be {sizes} float64, found {values.shape} {values.dtype}")
     if not np.isfinite(values).all():
-        raise InputError(f"{place}: {name} holds numbers that are not finite")
+        raise InputError(f"{place}: {name} has numbers that are not finite")
     return values

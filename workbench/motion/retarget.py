@@ -1,9 +1,9 @@
-"""Retargeting: the 25 angles and the measurements of the person that best follow a clip's joints.
+"""Retargeting: the 25 pose parameters and the measurements of the person that best fit a clip's joints.
 
-Analytic first: the torso by a rigid fit, the shoulders, hips and neck from the source's own rotations, the elbows and
-knees from the angle between the bones. Then a few Gauss-Newton steps on the joints' places take up what a rigid torso
-and the equal lengths of left and right leave over. They are held to the analytic angles, because the twist of a
-straight limb is seen in no place of a joint: the source's hinge says it.
+The initial solution is analytic: the torso by a rigid fit, shoulders, hips and neck from the source's rotations, elbows
+and knees from the angle between the bones. A few Gauss-Newton steps then reduce the joint errors due to the rigid torso
+and the equal lengths of left and right. They are regularised towards the analytic angles, because joint positions do
+not determine the twist of a straight limb; the source's hinge axis does.
 """
 
 from collections.abc import Mapping
@@ -28,13 +28,13 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Where the person's joints are on the skeletons of one source; vectors in the axes of a MotionClip.
+    """Locations of the person's joints on the skeletons of one source; vectors in the axes of a MotionClip.
 
-    joints: the source's joint for each of ours but the pelvis and the centre of the head. head: (joint, child,
-    fraction): the centre of the head is at that fraction of the child's offset, seen from the joint and turning with
-    it. head_up: the direction of the vertex in that joint's frame. lefts: for the neck, the shoulders and the hips,
-    the direction in the frame of the source's joint (for the neck: of the head's) that points to the person's left in
-    our neutral pose: for a limb the hinge of its elbow or knee, for the neck the line through the ears.
+    joints : the source's joint for each of the person's, except the pelvis and the centre of the head. head : (joint,
+    child, fraction); the centre of the head is at this fraction of the child's offset, in the joint's frame. head_up :
+    direction of the vertex in that joint's frame. lefts : for the neck, the shoulders and the hips, the direction in
+    the frame of the source's joint (for the neck: of the head's) that points to the person's left in the neutral pose:
+    for a limb the hinge of its elbow or knee, for the neck the line through the ears.
     """
 
     source: str
@@ -45,14 +45,16 @@ class Landmarks:
 
 
 def _both_sides(left: str, right: str, **names: str) -> dict[str, str]:
-    """{"left_hip": "lfemur", "right_hip": "rfemur"} from the sides' marks "l" and "r", and hip="{}femur"."""
-    marks = {"left": left, "right": right}
-    return {f"{side}_{ours}": theirs.format(mark) for side, mark in marks.items() for ours, theirs in names.items()}
+    """Return e.g. {"left_hip": "lfemur", "right_hip": "rfemur"} from prefixes "l" and "r", and hip="{}femur"."""
+    prefixes = {"left": left, "right": right}
+    return {
+        f"{side}_{joint}": name.format(prefix) for side, prefix in prefixes.items() for joint, name in names.items()
+    }
 
 
 # At rest the thighs of the CMU skeletons are spread by 20 degrees, and the arms by 90 with their hinges turned by 30.
-# The neck (C7) is where the bone "lowerneck" ends; "thorax" ends 5 cm below the shoulders. The wrist is where the hand
-# bends, at the end of "wrist"; "radius" stops at two thirds of the way. "head" ends at the vertex.
+# The neck (C7) is at the end of the bone "lowerneck"; "thorax" ends 5 cm below the shoulders. The wrist is where the
+# hand bends, at the end of "wrist"; "radius" stops at two thirds of the way. "head" ends at the vertex.
 _COS_20, _SIN_20, _COS_30 = (float(x) for x in (np.cos(np.pi / 9), np.sin(np.pi / 9), np.cos(np.pi / 6)))
 CMU = Landmarks(
     source="CMU (ASF/AMC)",
@@ -92,18 +94,18 @@ BANDAI = Landmarks(
 TORSO_JOINTS = ("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
 _MIRRORED = [0, 2, 1, 4, 3]  # the torso's joints with left and right exchanged
 _BELOW = {"shoulder": ("elbow", "wrist"), "hip": ("knee", "ankle")}
-_HOLD_M_PER_RAD = 0.1
-"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On CMU's walks this
-takes the mean error from 9.9 to 6.9 mm; a tenth of it gains 0.5 mm more, but makes a straight limb's twist unsteady."""
+_REGULARISATION_M_PER_RAD = 0.1
+"""A deviation of 1 rad from an analytic angle costs as much as a joint error of 0.1 m. On CMU's walks this reduces the
+mean error from 9.9 to 6.9 mm; a tenth of it gains another 0.5 mm, but makes the twist of a straight limb unstable."""
 
 
 def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
-    """The motion of a clip of a known skeleton, or of one whose `landmarks` are given.
+    """Return the motion of a clip with a CMU or Bandai skeleton, or one with given `landmarks`.
 
-    The shape has the clip's lengths, left and right averaged; the radii are those of an average person as tall as the
-    legs and the trunk suggest. Angles are continuous in time and may leave the skeleton's limits. `joint_error_mm`
-    is what the retargeting leaves. subject, activity, source, sha256 and licence are empty: the caller knows them.
-    Raises InputError when the skeleton lacks joints, or is not of a person's size (a wrong unit).
+    The shape has the clip's lengths, averaged over left and right; the radii are those of an average person of the
+    height that legs and trunk imply. Angles are continuous in time and may exceed the skeleton's limits.
+    `joint_error_mm` is the residual. subject, activity, source, sha256 and licence are empty; the caller sets them.
+    Raises InputError if the skeleton lacks joints, or does not have a person's size (a wrong unit).
     """
     landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
     targets = joint_targets(clip, landmarks)
@@ -115,8 +117,8 @@ def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
     errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
     worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
     if not 1000.0 * errors[worst] <= MOST_LEFT_MM:
-        left = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MOST_LEFT_MM:g} mm"
-        raise InputError(f"clip {clip.name}: retargeting leaves {left}: not a person's movement?")
+        error = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MOST_LEFT_MM:g} mm"
+        raise InputError(f"clip {clip.name}: retargeting leaves {error}; is it a person's motion?")
     return Motion(
         name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,
         joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]], source="", sha256="",
@@ -125,18 +127,20 @@ def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
 
 
 def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
-    """Find where the clip has the joints of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
+    """Return the clip's positions of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
 
-    Raises InputError when the clip lacks a joint.
+    Raises InputError if the clip lacks a joint.
     """
     if missing := ", ".join(_missing(clip, landmarks)):
-        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {missing}")
-    places = {ours: clip.positions[:, clip.joint(theirs)] for ours, theirs in landmarks.joints.items()}
+        raise InputError(
+            f"clip {clip.name}: expected a skeleton of a supported source; for {landmarks.source} it lacks {missing}"
+        )
+    positions = {joint: clip.positions[:, clip.joint(source)] for joint, source in landmarks.joints.items()}
     joint, child, fraction = landmarks.head
-    seen = fraction * clip.offsets[clip.joint(child)]
-    places["head_centre"] = clip.positions[:, clip.joint(joint)] + clip.orientations[:, clip.joint(joint)] @ seen
-    places["pelvis"] = 0.5 * (places["left_hip"] + places["right_hip"])
-    return np.stack([places[name] for name in JOINT_NAMES], axis=1)
+    offset = fraction * clip.offsets[clip.joint(child)]
+    positions["head_centre"] = clip.positions[:, clip.joint(joint)] + clip.orientations[:, clip.joint(joint)] @ offset
+    positions["pelvis"] = 0.5 * (positions["left_hip"] + positions["right_hip"])
+    return np.stack([positions[name] for name in JOINT_NAMES], axis=1)
 
 
 def _missing(clip: MotionClip, landmarks: Landmarks) -> list[str]:
@@ -144,7 +148,7 @@ def _missing(clip: MotionClip, landmarks: Landmarks) -> list[str]:
 
 
 def _ball_frames(clip: MotionClip, landmarks: Landmarks) -> dict[str, FloatArray]:
-    """World rotations (F, 3, 3) of the neck, the shoulders and the hips as the source's own rotations have them."""
+    """Return the world rotations (F, 3, 3) of neck, shoulders and hips from the source's rotations."""
     frames = {}
     for name, left in landmarks.lefts.items():
         if name == "neck":
@@ -158,23 +162,23 @@ def _ball_frames(clip: MotionClip, landmarks: Landmarks) -> dict[str, FloatArray
 
 
 def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
-    """The rotation (..., 3, 3) with z along `up` and y as near to `left` as that allows."""
+    """Return the rotation (..., 3, 3) with z along `up` and y as close as possible to `left`."""
     z = _unit(up)
     y = _unit(left - np.sum(left * z, axis=-1, keepdims=True) * z)
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    """Vectors (..., 3) of length one. Raises InputError where one is shorter than 0.1 mm."""
+    """Return unit vectors (..., 3); raises InputError if one is shorter than 0.1 mm."""
     sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if sizes.min() < 1e-4:
-        raise InputError("expected a skeleton whose bones, hips and shoulders have a length in every frame")
+        raise InputError("expected a skeleton with bones, hips and shoulders of positive length in every frame")
     return vectors / sizes
 
 
 @dataclass(frozen=True, eq=False)
 class _Torso:
-    """The rigid torso: world rotations (F, 3, 3), places of the pelvis (F, 3), and TORSO_JOINTS in its frame (5, 3)."""
+    """The rigid torso: world rotations (F, 3, 3), pelvis positions (F, 3), and TORSO_JOINTS in its frame (5, 3)."""
 
     rotations: FloatArray
     pelvis: FloatArray
@@ -182,15 +186,15 @@ class _Torso:
 
 
 def _fit_torso(targets: FloatArray) -> _Torso:
-    """The rigid, mirror-symmetric torso nearest to its five joints, by generalised Procrustes analysis (Gower 1975).
+    """Fit the rigid, mirror-symmetric torso to its five joints by generalised Procrustes analysis (Gower 1975).
 
-    The first frame of reference has z from the pelvis to the neck and y along the hips and the shoulders.
+    The initial frame of reference has z from the pelvis to the neck and y along the hips and the shoulders.
     """
     points = targets[:, [JOINT_NAMES.index(name) for name in TORSO_JOINTS]]
     pelvis = targets[:, JOINT_NAMES.index("pelvis")]
     across = points[:, 1] - points[:, 2] + points[:, 3] - points[:, 4]
     rotations = _frame(points[:, 0] - pelvis, across)
-    for _ in range(10):  # settles to micrometres in four or five rounds
+    for _ in range(10):  # converges to micrometres in four or five iterations
         model = np.einsum("fba,fjb->ja", rotations, points - pelvis[:, None]) / len(points)
         model = 0.5 * (model + model[_MIRRORED] * [1.0, -1.0, 1.0])
         model = model - 0.5 * (model[3] + model[4])
@@ -199,17 +203,17 @@ def _fit_torso(targets: FloatArray) -> _Torso:
 
 
 def _rigid_fit(points: FloatArray, model: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least-squares R (F, 3, 3) and t (F, 3) with points ≈ R model + t (Kabsch 1976); (F, M, 3) and (M, 3)."""
-    middle, model_middle = points.mean(axis=1), model.mean(axis=0)
-    u, _, vt = np.linalg.svd(np.einsum("fja,jb->fab", points - middle[:, None], model - model_middle))
+    """Return least-squares R (F, 3, 3), t (F, 3) with points (F, M, 3) ≈ R model (M, 3) + t (Kabsch 1976)."""
+    centre, model_centre = points.mean(axis=1), model.mean(axis=0)
+    u, _, vt = np.linalg.svd(np.einsum("fja,jb->fab", points - centre[:, None], model - model_centre))
     u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]  # the nearest rotation, not a reflection
     rotations: FloatArray = u @ vt
-    return rotations, middle - rotations @ model_middle
+    return rotations, centre - rotations @ model_centre
 
 
 def _shape(clip: MotionClip, targets: FloatArray, neck_frames: FloatArray, torso_joints: FloatArray) -> Shape:
     def length(upper: str, lower: str) -> float:
-        """Mean distance of two joints, over both sides and all frames."""
+        """Return the mean distance of two joints, over both sides and all frames."""
         ends = [[JOINT_NAMES.index(f"{side}_{end}") for side in ("left", "right")] for end in (upper, lower)]
         return float(np.linalg.norm(targets[:, ends[0]] - targets[:, ends[1]], axis=-1).mean())
 
@@ -220,8 +224,9 @@ def _shape(clip: MotionClip, targets: FloatArray, neck_frames: FloatArray, torso
     average_stack = average.thigh + average.calf + average.neck[2] + average.head[2]
     height = (thigh + calf + neck[2] + head[2]) / average_stack
     if not 0.5 <= height <= 2.5:
-        found = f"one of {height:.3g} m: a wrong unit?"
-        raise InputError(f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found {found}")
+        raise InputError(
+            f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found one of {height:.3g} m; check the unit"
+        )
     return from_height(
         height, neck=(float(neck[0]), 0.0, float(neck[2])), shoulder=tuple(map(float, shoulder)),
         hip=(0.0, float(hip[1]), 0.0), head=(float(head[0]), 0.0, float(head[2])),
@@ -234,68 +239,75 @@ def _analytic_poses(
 ) -> FloatArray:
     poses = np.zeros((len(targets), len(skeleton.dof_names)))
     poses[:, :3] = torso.pelvis
-    _put_turns(skeleton, poses, "pelvis", torso.rotations)
+    _set_rotations(skeleton, poses, "pelvis", torso.rotations)
     for name, rotations in frames.items():
-        _put_turns(skeleton, poses, name, torso.rotations.swapaxes(1, 2) @ rotations)
+        _set_rotations(skeleton, poses, name, torso.rotations.swapaxes(1, 2) @ rotations)
         if name == "neck":
             continue
         side, part = name.split("_")
         middle, lower = (JOINT_NAMES.index(f"{side}_{joint}") for joint in _BELOW[part])
         bone = np.einsum("fba,fb->fa", rotations, targets[:, lower] - targets[:, middle])
         flexion = skeleton.dof(f"{JOINT_NAMES[middle]}_flexion")
-        # turning (0, 0, -1) about y by q gives (-sin q, 0, -cos q)
+        # rotating (0, 0, -1) about y by q gives (-sin q, 0, -cos q)
         poses[:, flexion] = skeleton.dof_axes[flexion, 1] * np.arctan2(-bone[:, 0], -bone[:, 2])
     return poses
 
 
-def _put_turns(skeleton: Skeleton, poses: FloatArray, joint: str, rotations: FloatArray) -> None:
-    """Write the angles of a joint of three turns, which multiply to the rotations (F, 3, 3), into the poses."""
-    moves = np.flatnonzero(skeleton.dof_joints == skeleton.joint(joint))
-    columns: IntArray = moves[-3:]  # the root's first three are translations
+def _set_rotations(skeleton: Skeleton, poses: FloatArray, joint: str, rotations: FloatArray) -> None:
+    """Set the three angles of a joint in the poses from its rotations (F, 3, 3)."""
+    dofs = np.flatnonzero(skeleton.dof_joints == skeleton.joint(joint))
+    columns: IntArray = dofs[-3:]  # the root's first three are translations
     axes = skeleton.dof_axes[columns]
     order: Any = "".join("XYZ"[int(np.argmax(np.abs(axis)))] for axis in axes)  # scipy's stubs want a literal
-    # a turn by q about -x is one by -q about x
+    # a rotation by q about -x is one by -q about x
     angles = scipy.spatial.transform.Rotation.from_matrix(rotations).as_euler(order) * axes.sum(axis=1)
-    poses[:, columns] = continuous_turns(angles, skeleton.limits[columns])
+    poses[:, columns] = continuous_angles(angles, skeleton.limits[columns])
 
 
-def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
-    """Rewrite rotations (F, 3) without jumps in time, rad; limits: (3, 2), the usual range of each angle.
+def continuous_angles(angles: FloatArray, limits: FloatArray) -> FloatArray:
+    """Return Euler angles (F, 3) of the same rotations without jumps in time, rad.
 
-    Three turns (a, b, c) about different axes and (a + π, π − b, c + π) are one rotation: from frame to frame the
-    nearer is taken. Of the two courses this allows the one that leaves the limits less is kept, or if neither does
-    the one with the smaller angles, and whole turns are taken off so that the means lie nearest the limits' middle.
+    Angles (a, b, c) about different axes and (a + π, π − b, c + π) are the same rotation: each frame uses the one
+    nearer to the previous frame. Of the two resulting sequences, the one that exceeds the limits less is returned, or
+    if neither does the one with smaller angles, with multiples of 2π subtracted so that the means are nearest the
+    limits' middle.
+
+    Parameters
+    ----------
+    angles : (F, 3), rad.
+    limits : (3, 2), the typical range of each angle.
     """
     flipped = np.stack([angles[:, 0] + np.pi, np.pi - angles[:, 1], angles[:, 2] + np.pi], axis=1)
     stay = np.sum(wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
     change = np.sum(wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
     on_flipped = np.concatenate([[False], np.cumsum(change < stay) % 2 == 1])
-    courses = []
+    sequences = []
     for flip in (on_flipped, ~on_flipped):
-        course = np.unwrap(np.where(flip[:, None], flipped, angles), axis=0)
-        course -= 2.0 * np.pi * np.round((course.mean(axis=0) - limits.mean(axis=1)) / (2.0 * np.pi))
-        beyond = np.maximum(0.0, np.maximum(limits[:, 0] - course, course - limits[:, 1])).sum()
-        courses.append((beyond, np.abs(course).sum(), course))
-    return min(courses, key=lambda entry: entry[:2])[2]
+        sequence = np.unwrap(np.where(flip[:, None], flipped, angles), axis=0)
+        sequence -= 2.0 * np.pi * np.round((sequence.mean(axis=0) - limits.mean(axis=1)) / (2.0 * np.pi))
+        beyond = np.maximum(0.0, np.maximum(limits[:, 0] - sequence, sequence - limits[:, 1])).sum()
+        sequences.append((beyond, np.abs(sequence).sum(), sequence))
+    return min(sequences, key=lambda entry: entry[:2])[2]
 
 
 def refine(skeleton: Skeleton, poses: FloatArray, targets: FloatArray) -> FloatArray:
-    """Poses (F, P) that minimise Σ |joint − target|² + (0.1 m/rad)² Σ (angle − its analytic value)², by Gauss-Newton.
+    """Return poses (F, P) that minimise Σ |joint − target|² + (0.1 m/rad)² Σ (angle − analytic angle)², by
+    Gauss-Newton.
 
-    The sum is over ERROR_JOINTS. Frames are independent; they go in blocks to bound the Jacobian's memory.
+    The sum is over ERROR_JOINTS. Frames are independent; blocks of frames limit the Jacobian's memory.
     """
-    wanted = [JOINT_NAMES.index(name) for name in ERROR_JOINTS]
-    hold = np.full(poses.shape[1], _HOLD_M_PER_RAD**2)
-    hold[:3] = 0.0  # the pelvis goes where it fits
+    measured = [JOINT_NAMES.index(name) for name in ERROR_JOINTS]
+    regularisation = np.full(poses.shape[1], _REGULARISATION_M_PER_RAD**2)
+    regularisation[:3] = 0.0  # the pelvis position is free
     blocks = []
     for start in range(0, len(poses), 1000):
         analytic, block_targets = poses[start : start + 1000], targets[start : start + 1000]
         refined = analytic
-        for _ in range(3):  # the start is within a few degrees: the third step is below 0.01 degrees
-            jacobian = joint_jacobian(skeleton, refined)[:, wanted].reshape(len(refined), -1, poses.shape[1])
-            residual = (block_targets - joints(skeleton, refined))[:, wanted].reshape(len(refined), -1)
-            gradient = np.einsum("frp,fr->fp", jacobian, residual) - hold * (refined - analytic)
-            normal = jacobian.swapaxes(1, 2) @ jacobian + np.diag(hold)
+        for _ in range(3):  # the initial error is a few degrees: the third step is below 0.01 degrees
+            jacobian = joint_jacobian(skeleton, refined)[:, measured].reshape(len(refined), -1, poses.shape[1])
+            residual = (block_targets - joints(skeleton, refined))[:, measured].reshape(len(refined), -1)
+            gradient = np.einsum("frp,fr->fp", jacobian, residual) - regularisation * (refined - analytic)
+            normal = jacobian.swapaxes(1, 2) @ jacobian + np.diag(regularisation)
             refined = refined + np.linalg.solve(normal, gradient[..., None])[..., 0]
         blocks.append(refined)
     return np.concatenate(blocks)

@@ -1,4 +1,4 @@
-"""Where motions come from: names, files and folders, their indices, and their licences."""
+"""Sources of motions: names, files and folders, indices, and licences."""
 
 import csv
 import hashlib
@@ -35,7 +35,7 @@ CMU_LICENCE = (
 BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
 UNKNOWN = "unknown"
 _BUILTIN_SECONDS = 60.0
-_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`, as their names do
+_BUILTIN_SEED = 1999  # the walkers of "builtin" differ from those of `gait.builtin_motions`, as do their names
 
 
 class _IndexRow(NamedTuple):
@@ -48,12 +48,22 @@ class _IndexRow(NamedTuple):
 
 
 def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "straight", seed: int = 0) -> Motion:
-    """Return the motion called `name`, at `rate_hz`.
+    """Return the motion `name`, resampled to `rate_hz`.
 
-    "builtin": a generated walker of 60 s on a "straight" or "circle" path, another person for every seed;
-    "builtin_run": a generated runner; "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such
-    as "dataset-1_guide_normal_001", looked up below the folder `data`; the path of an .amc or .bvh file;
-    "FILE.h5:clip", a clip of a motion library. Raises InputError when there is no such motion.
+    Parameters
+    ----------
+    name : "builtin", a generated walker of 60 s on a "straight" or "circle" path, with a person per seed;
+    "builtin_run",
+        a generated runner; "builtin_arm", a generated arm; a CMU clip such as "35_02" or a Bandai clip such as
+        "dataset-1_guide_normal_001" in the folder `data`; the path of an .amc or .bvh file; or "FILE.h5:clip", a clip
+        of a motion library.
+    data : folder of the recordings.
+    rate_hz : Hz.
+    path, seed : of a generated walker.
+
+    Raises
+    ------
+    InputError : there is no such motion.
     """
     if name == "builtin":
         (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, seed]))
@@ -67,22 +77,22 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
     if library.endswith((".h5", ".hdf5")):
         motions = {motion.name: motion for motion in read_library(library)}
         if (clip := clip_name(name)) not in motions:
-            raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
+            raise InputError(f"{library}: no motion {clip!r}, expected one of {', '.join(sorted(motions))}")
         return motions[clip].resampled(rate_hz)
     return load_motion(motion_file(name, data)).resampled(rate_hz)
 
 
 def motion_file(name: str, data: str | None) -> Path:
-    """Return the .amc or .bvh file of the motion called `name`, see `find_motion`, by its path or below `data`.
+    """Return the .amc or .bvh file of the motion `name`, see `find_motion`, by its path or below `data`.
 
-    Raises InputError when there is no such file.
+    Raises InputError if there is no such file.
     """
     if name.lower().endswith(SUFFIXES):
         return Path(name).expanduser()
     if data is None:
         raise InputError(
             "dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
-            "recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
+            "recorded clip such as 35_02, which requires the folder with recordings (paths.data or $WORKBENCH_DATA); "
             f"found {name!r}"
         )
     try:
@@ -92,29 +102,29 @@ def motion_file(name: str, data: str | None) -> Path:
 
 
 def find_sources(paths: Iterable[str | Path]) -> list[Path]:
-    """List the motion files (.amc, .bvh) among `paths` and, sorted, in the folders among them and below; each once.
+    """Return the motion files (.amc, .bvh) among `paths` and, sorted, in their folders and subfolders; each once.
 
-    Raises InputError for a path that does not exist, a file of another kind, and a folder without motion files.
+    Raises InputError if a path does not exist, is a file of another kind, or a folder without motion files.
     """
-    found: dict[Path, Path] = {}
+    sources: dict[Path, Path] = {}
     for path in map(Path, paths):
         if path.is_dir():
             files = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
         else:
             files = [path] if path.is_file() and path.suffix.lower() in SUFFIXES else []
         if not files:
-            what = "a folder without any" if path.is_dir() else "another kind" if path.is_file() else "nothing"
-            raise InputError(f"{path}: expected motion files ({', '.join(SUFFIXES)}), found {what}")
+            problem = "a folder without any" if path.is_dir() else "another kind" if path.is_file() else "nothing"
+            raise InputError(f"{path}: expected motion files ({', '.join(SUFFIXES)}), found {problem}")
         for file in files:
-            found.setdefault(file.resolve(), file)
-    return list(found.values())
+            sources.setdefault(file.resolve(), file)
+    return list(sources.values())
 
 
 def read_clip(path: str | Path, unit: str = "cm") -> MotionClip:
-    """Read the skeleton and movement of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), as it is.
+    """Return the skeleton and motion of one .amc file (with its .asf in the same folder) or .bvh file.
 
-    The rate of an .amc comes from the CMU index (index.csv beside the file or in the folder above), where there is one.
-    Raises InputError for what the readers refuse, and for a file of another kind.
+    The rate of an .amc is that of the CMU index (index.csv in the file's folder or its parent), if any. unit : of the
+    lengths in a .bvh file. Raises InputError if the file cannot be read or is of another kind.
     """
     path = Path(path)
     if path.suffix.lower() == ".amc":
@@ -126,13 +136,13 @@ def read_clip(path: str | Path, unit: str = "cm") -> MotionClip:
 
 
 def load_motion(path: str | Path, unit: str = "cm") -> Motion:
-    """Read the motion of a clip, see `read_clip`, retargeted.
+    """Return the retargeted motion of a clip, see `read_clip`.
 
-    Subject and activity come from the CMU index (index.csv beside the file or in the folder above) where there
-    is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
-    licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
-    `source` is the file's name with its folder's, never the whole path.
-    Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
+    Subject and activity are those of the CMU index (index.csv in the file's folder or its parent), if any; else those
+    of the file's name for CMU (subject only) and Bandai data; else "unknown", as is the licence. A Bandai subject is
+    the data set ("bandai-1"), its activity the kind of motion; the style is in the name. `source` is the name of the
+    file and its folder, never the whole path. Raises InputError if the file cannot be read or retargeted, or is of
+    another kind.
     """
     path = Path(path)
     clip = read_clip(path, unit)
@@ -147,7 +157,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
         subject, activity, licence = BANDAI.get(bandai[1], bandai[1]), bandai[2], BANDAI_LICENCE
     try:
         motion = retarget(clip)
-    except InputError as error:  # which knows the clip, but not its file
+    except InputError as error:  # add the file to the message
         raise InputError(f"{path}: {error}") from None
     source = "/".join(path.resolve().parts[-2:])
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -156,44 +166,44 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
 
 @declares_traits(component_traits(assumptions=(LIMB_LENGTHS, LIMB_RADII)))
 def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
-    """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
+    """Return the person with the skeleton of a motion file, see `load_motion`, all lengths times `scale`."""
     return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
 
 
 def import_sources(
     paths: Iterable[str | Path], rate_hz: float | None = None, unit: str = "cm"
 ) -> tuple[list[Motion], list[str]]:
-    """Read the motions of all files and folders in `paths`, and one sentence for every one that cannot be read.
+    """Return the motions of all files and folders in `paths`, and an error message for each unreadable one.
 
-    rate_hz: the rate to resample to; None keeps each file's own. unit: that of the BVH files. A bad file costs
-    nothing but itself. Shows a progress bar. Raises InputError for a rate that is not positive.
+    rate_hz : rate to resample to; None: each file's rate. unit : of the BVH files. Raises InputError if the rate is not
+    positive.
     """
     if rate_hz is not None:
         check_rate("import", rate_hz)
-    motions, reports, files = [], [], []
+    motions, errors, files = [], [], []
     for path in paths:
         try:
             files += find_sources([path])
         except InputError as error:
-            reports.append(str(error))
+            errors.append(str(error))
     for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
         try:
             motion = load_motion(file, unit)
         except InputError as error:
-            reports.append(str(error))
+            errors.append(str(error))
             continue
         motion = motion if rate_hz is None else motion.resampled(rate_hz)
         if len(motion) < 2:
-            reports.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
+            errors.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
         else:
             motions.append(motion)
-    return motions, reports
+    return motions, errors
 
 
 def find_clip(data: str | Path, name: str) -> Path:
     """Return the file below `data` of a CMU clip such as "35_02" or a Bandai clip "dataset-1_byebye_normal_001".
 
-    Raises InputError when the name has neither form or there is no such file.
+    Raises InputError if the name has neither form, or there is no such file.
     """
     name = clip_name(name)
     if cmu := re.fullmatch(r"(\d+)_\d+", name):
@@ -208,24 +218,24 @@ def find_clip(data: str | Path, name: str) -> Path:
 
 
 def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
-    """List the AMC files of some subjects of CMU, e.g. ("02", "35"), or of all (None), in the order of its index.
+    """Return the AMC files of CMU subjects, e.g. ("02", "35"), or of all (None), in the order of the index.
 
-    data: the folder that holds cmu/ with index.csv and a folder per subject. activity: the index's, exactly.
-    Raises InputError when the index, a file or all of a subject's clips of that activity are missing.
+    data : the folder with cmu/, which has index.csv and a folder per subject. activity : as in the index. Raises
+    InputError if the index, a file or all of a subject's clips of this activity are missing.
     """
     folder = Path(data) / "cmu"
     rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]
     subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
     if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
-        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
+        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} with activity {activity!r}")
     clips = [folder / row.subject / f"{row.clip}.amc" for row in rows if row.subject in subjects]
     if missing := [clip for clip in clips if not clip.is_file()]:
-        raise InputError(f"{missing[0]}: no such file, though the index lists it")
+        raise InputError(f"{missing[0]}: no such file, but the index lists it")
     return clips
 
 
 def _index_row(path: Path) -> _IndexRow | None:
-    """Return the file's row in the CMU index, in the file's folder or the one above; None where there is none."""
+    """Return the file's row in the CMU index in the file's folder or its parent, or None."""
     for folder in path.resolve().parents[:2]:
         if (folder / "index.csv").is_file():
             return _read_index(folder / "index.csv").get(path.stem)

@@ -1,4 +1,4 @@
-"""A part of the body by a prior of its own, while the rest follows a motion that is known."""
+"""One body part by a prior of its own, while the rest of the body follows a fitted trajectory."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, combined_req
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS, TRAJECTORY
-from workbench.priors.density import Appended
+from workbench.priors.density import AppendedColumns
 from workbench.utils.arrays import FloatArray
 
 
@@ -25,18 +25,18 @@ class Trajectory:
 
 
 @records_arguments
-class Following(Appended):
-    """Another prior's parameters, with all others as a known trajectory has them: an arm of a balancing person.
+class FittedRest(AppendedColumns):
+    """Another prior for some parameters, and a fitted trajectory for the others, e.g. an arm of a balancing person.
 
-    A state is the base prior's and then `time`, s since the trajectory's first pose; between its poses parameters are
-    linear, after the last they stay. The trajectory has no spread, and `parameters` are the base's alone.
-
-    base: moves the part that is tracked. trajectory: gives the whole body's motion, when first asked.
+    A state is the base prior's followed by `time`, s since the trajectory's first pose. Between its poses the
+    parameters are interpolated linearly; after the last they are constant. The trajectory has no uncertainty, and
+    `parameters` are the base's alone. base : prior of the tracked body part. trajectory : returns the motion of the
+    whole body; called once, at the first use.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the base's density, and that the rest of the body follows detected joints."""
+        """Declare the base's density, and that the rest of the body requires detected joints."""
         base: Traits = keys["base"]
         needs = combined_requirements(
             {"base": base, "rest": component_traits(dataset=KEYPOINTS, assumptions=TRAJECTORY)}
@@ -46,30 +46,30 @@ class Following(Appended):
 
     def __init__(self, base: Prior, trajectory: Callable[[], Trajectory]) -> None:
         super().__init__(base, "time", ("time",), "s")
-        self._ask, self.parameters = trajectory, base.parameters
-        self._followed = [i for i, name in enumerate(POSE_NAMES) if name not in base.parameters]
+        self._fit, self.parameters = trajectory, base.parameters
+        self._fitted = [i for i, name in enumerate(POSE_NAMES) if name not in base.parameters]
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The whole body's motion."""
-        return self._ask()
+        return self._fit()
 
     @property
     def capabilities(self) -> PriorCapabilities:
-        """The base's density, and where the trajectory begins."""
+        """The base's density, and the trajectory's first pose."""
         return PriorCapabilities(density=self.density(), first_pose=lambda: self.trajectory.poses[0])
 
     def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-        """N states (N, D) around a starting pose (P,), when the trajectory begins."""
+        """Sample n initial states (n, D) around an initial pose (P,), at the trajectory's first time."""
         return np.concatenate([self.base.sample_initial(pose, n, rng), np.zeros((n, 1))], axis=1)
 
     def transition(self, dt_s: float) -> tuple[float, float, float]:
-        """Let the time go on."""
+        """Return the coefficients of time_t = time_t−1 + dt_s, without noise."""
         return 1.0, dt_s, 0.0
 
     def pose(self, state: FloatArray) -> FloatArray:
-        """The poses (N, P) of states (N, D)."""
-        poses = self.base.pose(self.of_base(state)).copy()
-        for i in self._followed:
+        """Return the poses (N, P) of states (N, D)."""
+        poses = self.base.pose(self.base_state(state)).copy()
+        for i in self._fitted:
             poses[:, i] = np.interp(state[:, -1], self.trajectory.times_s, self.trajectory.poses[:, i])
         return poses

@@ -1,7 +1,7 @@
-"""Priors that a configuration names together with the motions they are learned from.
+"""Priors with their training motions, as targets of a configuration.
 
-The parameters of a function are those of the model (`motion.models.training`) and those of the prior that it gets;
-their meaning and what is raised are described there.
+The parameters of a function are those of the model (`motion.models.training`) and those of the prior; they are
+documented there, as are the errors.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,37 +24,37 @@ _CACHE = "~/.cache/workbench"
 @declares_traits(Cyclic.traits)
 def walking(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (), variance: float = 0.95, n_components: int | None = 8, scaling: str = "joints",
+    exclude: Sequence[str] = (), variance: float = 0.95, n_components: int | None = 8, scaling: str = "joints",
     sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
-    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
-    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
+    initial_rotation_std: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
-    """Return paper A's prior (section 6.2): a model of whole walking cycles, found by gait events."""
+    """Return paper A's prior (section 6.2): a model of whole walking cycles between gait events."""
     return _learned(training.walking_model, Cyclic, locals())
 
 
 @declares_traits(Cyclic.traits)
 def gait(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (), n_components: int = 8,
+    exclude: Sequence[str] = (), n_components: int = 8,
     sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
-    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
-    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
+    initial_rotation_std: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
-    """Return paper A's prior with how the root sways in a cycle learned, too, so that less is left to noise."""
-    return _learned(partial(training.walking_model, root=True), Cyclic, locals())
+    """Return paper A's prior with a learned sway of the root, which reduces the noise."""
+    return _learned(partial(training.walking_model, include_root=True), Cyclic, locals())
 
 
 @declares_traits(Cyclic.traits)
 def cyclic(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
+    exclude: Sequence[str] = (), n_components: int = 8, missing_fraction: float = 0.0,
     sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
-    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
-    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
+    initial_rotation_std: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
 ) -> Cyclic:  # fmt: skip
     """Return paper B's prior: a model of any cyclic motion with gaps."""
     return _learned(training.cyclic_model, Cyclic, locals())
@@ -62,8 +62,9 @@ def cyclic(
 
 @declares_traits(Linear.traits)
 def linear(
-    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
-    activities: Sequence[str] = (), rate_hz: float | None = None, frames_hz: float | None = None, noise: float = 1.0,
+    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, exclude: Sequence[str] = (),
+    activities: Sequence[str] = (), rate_hz: float | None = None, frames_hz: float | None = None,
+    noise_scale: float = 1.0,
 ) -> Linear:  # fmt: skip
     """Return the linear prior over all motions."""
     return _learned(training.linear_motion, Linear, locals())
@@ -71,7 +72,7 @@ def linear(
 
 @declares_traits(Activity.traits)
 def activity(
-    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
+    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, exclude: Sequence[str] = (),
     activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",), variance: float = 0.9,
     n_components: int | None = None, skeleton: str = "person", sigma_coefficients: float = 0.2,
     sigma_phase: float = 0.02, sigma_phase_speed: float = 0.02, sigma_position: float = 0.01,
@@ -84,20 +85,21 @@ def activity(
 
 @declares_traits(Implicit.traits)
 def implicit(
-    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
-    activities: Sequence[str] = (), angles: Sequence[str] = ("body",), root: bool = True,
-    rate_hz: float | None = None, length: int | None = None, frames_hz: float | None = None,
-    search: str = "exact", beta: float = 0.05, epsilon: float = 0.01, leaf: str = "gaussian", reweight: bool = False,
-    prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
+    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, exclude: Sequence[str] = (),
+    activities: Sequence[str] = (), angles: Sequence[str] = ("body",), include_root: bool = True,
+    rate_hz: float | None = None, window_frames: int | None = None, frames_hz: float | None = None,
+    search: str = "exact", beta: float = 0.05, tail_probability: float = 0.01, leaf: str = "gaussian",
+    importance_correction: bool = False, prediction: str = "blend", blend_rate: float = 0.1,
+    velocity_noise_fraction: float = 1.0,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
     sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
 ) -> Implicit:  # fmt: skip
-    """Return paper C's prior: a database of motions, searched."""
+    """Return paper C's implicit prior: a searched database of motions."""
     return _learned(training.motion_windows, Implicit, locals())
 
 
-def _learned(learn: Callable[..., Any], prior: Callable[..., P], given: Mapping[str, Any]) -> P:
-    """Learn the model from those parameters that `learn` has, and put the prior with the others on it."""
-    of_model = signature(learn).parameters
-    model = learn(**{key: value for key, value in given.items() if key in of_model})
-    return prior(model, **{key: value for key, value in given.items() if key not in of_model})
+def _learned(learn: Callable[..., Any], prior: Callable[..., P], arguments: Mapping[str, Any]) -> P:
+    """Return the prior on the model that `learn` makes; each gets the arguments that it has."""
+    model_names = signature(learn).parameters
+    model = learn(**{key: value for key, value in arguments.items() if key in model_names})
+    return prior(model, **{key: value for key, value in arguments.items() if key not in model_names})

@@ -1,4 +1,4 @@
-"""The implicit prior as a density: a mixture over the windows of paper C's database that its exact search finds."""
+"""Transition density of the implicit prior: a mixture over the windows of paper C's database in its exact search."""
 
 import math
 from dataclasses import dataclass
@@ -12,61 +12,61 @@ from workbench.body.simd_kinematics import inlined
 from workbench.priors import implicit_search
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, WindowPrediction
-from workbench.priors.implicit_search import PROBES, KdTree, found_entries, group_equal, padded
+from workbench.priors.implicit_search import PROBES, KdTree, group_equal, padded, search_entries
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
 
-BLOCK = 1 << 14  # windows whose ways are computed at a time
+BLOCK = 1 << 14  # windows whose displacements are computed at a time
 
 
 @dataclass(frozen=True, eq=False)
-class WindowWays:
-    """What each of n windows accounts for of a way between poses, see `WindowPrediction.way`, and how far noise takes
-    it on.
+class WindowDisplacements:
+    """Predicted displacements of n windows, see `WindowPrediction.displacement`, whitened by the noise.
 
-    white: (n, K), the columns with noise first, over their deviations; the others, m or rad, last. order: (K,) which
-    columns of a way those are. deviations: (K',) of those with noise.
+    whitened : (n, K); columns with noise first, over their standard deviations; the others, m or rad, last. order :
+    (K,) their columns in a displacement. std : (K',) of the columns with noise.
     """
 
-    white: FloatArray
+    whitened: FloatArray
     order: IntArray
-    deviations: FloatArray
+    std: FloatArray
 
     @staticmethod
-    def of(prediction: WindowPrediction) -> "WindowWays":
-        """The ways of all windows of the prediction's database."""
-        deviations = prediction.deviations[prediction.moved]
-        order = np.argsort(deviations == 0.0, kind="stable")
-        noisy = deviations[order][: np.count_nonzero(deviations)]
+    def of(prediction: WindowPrediction) -> "WindowDisplacements":
+        """Return the displacements of all windows of the prediction's database."""
+        std = prediction.std[prediction.modelled]
+        order = np.argsort(std == 0.0, kind="stable")
+        noisy = std[order][: np.count_nonzero(std)]
         n = len(prediction.windows)
-        ways = WindowWays(np.empty((n, len(order))), order, noisy)
+        displacements = WindowDisplacements(np.empty((n, len(order))), order, noisy)
         for first in range(0, n, BLOCK):
             entries = np.arange(first, min(first + BLOCK, n))
-            ways.white[entries] = ways.whitened(prediction.ways(entries))
-        return ways
+            predicted = prediction.predicted_displacements(entries)
+            displacements.whitened[entries] = displacements.whiten(predicted)
+        return displacements
 
-    def whitened(self, ways: FloatArray) -> FloatArray:
-        """Ways (N, K) in the order and units of `white`."""
-        white = ways[:, self.order]
-        white[:, : len(self.deviations)] /= self.deviations
-        return white
+    def whiten(self, displacements: FloatArray) -> FloatArray:
+        """Return displacements (N, K) in the order and units of `whitened`."""
+        whitened = displacements[:, self.order]
+        whitened[:, : len(self.std)] /= self.std
+        return whitened
 
 
 @dataclass(frozen=True, eq=False)
 class ImplicitDensity:
-    """p(pose_t | s_t−1) = Σ_i p(i | c_t−1) N(pose_t; m_i(s_t−1), Σ), m_i being where window i leads without noise.
+    """p(pose_t | s_t−1) = Σ_i p(i | c_t−1) N(pose_t; m_i(s_t−1), Σ), m_i being the noise-free prediction of window i.
 
-    The windows i are those that the exact search finds, with the probabilities that it draws them with: this is the
-    density of `Implicit.sample_transition`'s draws; all other windows have the part `epsilon` of the mass of eq. 6 at
-    most. Free are the pose's columns, of which those that are not modelled have no noise. `sample_dependent` draws the
-    window from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies. States must be one library frame
-    apart."""
+    The windows i are those that the exact search returns, with its probabilities: this is the density of
+    `Implicit.sample_transition`. All other windows together have at most `tail_probability` of the mass of eq. 6. The
+    pose's columns are free; those that are not modelled have no noise. `sample_dependent` samples the window from
+    p(i | pose_t, c_t−1) and updates the memory with the implied noise. States are one library frame apart.
+    """
 
     prediction: WindowPrediction
     tree: KdTree
     beta: float
-    epsilon: float
+    tail_probability: float
 
     @property
     def free(self) -> IntArray:
@@ -74,42 +74,44 @@ class ImplicitDensity:
         return np.arange(N_POSE)
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Predict where the likeliest window, the nearest, leads states (N, D) without noise, (N, D)."""
+        """Return the noise-free prediction (N, D) of states (N, D) by the most probable window, the nearest."""
         self._one_row(dt_s)
         probes, size = self._probes(state), len(state)
         order, firsts = group_equal(probes)
         entries = np.empty(size, dtype=np.int64)
-        nearest = implicit_search.nearest_entries(self.tree, probes[order[firsts]], self.beta, self.epsilon)
+        nearest = implicit_search.nearest_entries(self.tree, probes[order[firsts]], self.beta, self.tail_probability)
         entries[order] = np.repeat(nearest, np.diff(np.append(firsts, size)))
         return self.prediction.predict(state, entries, np.zeros((size, N_POSE)))
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
-        """log p(pose | previous), (...), of states (..., D) that broadcast; one search for each distinct previous one.
+        """Return log p(pose | previous), (...), of states (..., D) that broadcast.
 
-        −∞ where a number of the pose that is not modelled is another than before.
+        There is one search per distinct previous state. It is −∞ if a pose parameter that is not modelled changes.
         """
         self._one_row(dt_s)
         shape = np.broadcast_shapes(previous.shape[:-1], state.shape[:-1])
-        known = N_POSE + self.tree.n_components  # the pose and the coefficients say it all
-        before = np.broadcast_to(previous[..., :known], (*shape, known)).reshape(-1, known)
+        size = N_POSE + self.tree.n_components  # the density depends on the pose and the coefficients only
+        before = np.broadcast_to(previous[..., :size], (*shape, size)).reshape(-1, size)
         after = np.broadcast_to(state[..., :N_POSE], (*shape, N_POSE)).reshape(-1, N_POSE)
         density, _ = self._log_mixture(before, after)
-        held = ~np.isin(np.arange(N_POSE), self.prediction.moved)  # the columns that are not modelled
-        same = (np.abs(after - before[:, :N_POSE])[:, held] <= SAME).all(axis=1)
+        fixed = ~np.isin(np.arange(N_POSE), self.prediction.modelled)
+        same = (np.abs(after - before[:, :N_POSE])[:, fixed] <= SAME).all(axis=1)
         return np.where(same, density, -np.inf).reshape(shape)
 
     def sample_dependent(
         self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator
     ) -> FloatArray:
-        """States (N, D) with their poses, and memories drawn given those. A pose that no window leads to gets one of
-        those that the search finds."""
+        """Return states (N, D) with memories sampled given their poses.
+
+        A pose that no window can produce gets one of the windows in the search.
+        """
         self._one_row(dt_s)
         _, entries = self._log_mixture(previous, state, rng.random(len(state)))
-        return self.prediction.arrive(previous, state[:, :N_POSE], entries)
+        return self.prediction.with_pose(previous, state[:, :N_POSE], entries)
 
     @cached_property
-    def _ways(self) -> WindowWays:
-        return WindowWays.of(self.prediction)
+    def _displacements(self) -> WindowDisplacements:
+        return WindowDisplacements.of(self.prediction)
 
     def _probes(self, state: FloatArray) -> FloatArray:
         return state[:, N_POSE : N_POSE + self.tree.n_components]
@@ -117,39 +119,49 @@ class ImplicitDensity:
     def _log_mixture(
         self, before: FloatArray, after: FloatArray, uniforms: FloatArray | None = None
     ) -> tuple[FloatArray, IntArray]:
-        white = self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
-        return log_mixture(self.tree, self._probes(before), self.beta, self.epsilon, self._ways, white, uniforms)
+        observed = self._displacements.whiten(self.prediction.displacement(before[:, :N_POSE], after[:, :N_POSE]))
+        search = self.tree, self._probes(before), self.beta, self.tail_probability
+        return log_mixture(*search, self._displacements, observed, uniforms)
 
     def _one_row(self, dt_s: float) -> None:
         rate_hz = self.prediction.windows.rate_hz
         if abs(dt_s * rate_hz - 1.0) > 0.05:
             raise InputError(
-                f"prior: frames {dt_s:.4g} s apart are {dt_s * rate_hz:.3g} rows of an implicit prior learned at "
-                f"{rate_hz:g} Hz, whose density is of one; learn it at the video's rate, or choose an inference "
-                "that only draws"
+                f"prior: a frame interval of {dt_s:.4g} s is {dt_s * rate_hz:.3g} rows of an implicit prior learned at "
+                f"{rate_hz:g} Hz, whose density covers one; learn it at the video's rate, or choose an inference "
+                "that needs no density"
             )
 
 
 def log_mixture(
-    tree: KdTree, probes: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray,
-    uniforms: FloatArray | None = None,
+    tree: KdTree, probes: FloatArray, beta: float, tail_probability: float, displacements: WindowDisplacements,
+    observed: FloatArray, uniforms: FloatArray | None = None,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
-    """log Σ_i p(i | c) N(way; way_i, Σ), (N,), and an entry (N,) drawn from its terms, for probes c (N, b).
+    """Return log Σ_i p(i | c) N(x; x_i, Σ), (N,), of displacements x, and an entry (N,) sampled from its terms.
 
-    white: ways (N, K) as in `WindowWays.white`. uniforms: (N,) in [0, 1); None: nothing is drawn. One search for each
-    distinct probe. Probes are shared out to numba's threads, on whose number nothing depends.
+    There is one search per distinct probe. Probes are distributed over numba's threads; the result does not depend on
+    their number.
+
+    Parameters
+    ----------
+    tree, beta, tail_probability : as for `implicit_search.search`.
+    probes : c, (N, b).
+    displacements : x_i, of the windows.
+    observed : x, (N, K), as in `WindowDisplacements.whitened`.
+    uniforms : (N,) in [0, 1); None: no entries are sampled.
     """
-    implicit_search.check_probes(tree, probes, beta, epsilon)
+    implicit_search.check_probes(tree, probes, beta, tail_probability)
     order, firsts = group_equal(probes)
     ends = np.append(firsts[1:], len(probes)) if len(probes) else firsts
-    drawn = np.empty(0) if uniforms is None else uniforms[order]
+    ordered_uniforms = np.empty(0) if uniforms is None else uniforms[order]
     density, entries = np.empty(len(probes)), np.zeros(len(probes), dtype=np.int64)
     _log_mixture(
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes[order[firsts]]), ends, beta,
-        epsilon, ways.white, len(ways.deviations), white[order], drawn, density, entries,
+        tail_probability, displacements.whitened, len(displacements.std), observed[order], ordered_uniforms,
+        density, entries,
     )  # fmt: skip
     result, chosen = np.empty_like(density), np.empty_like(entries)
-    result[order] = density - float(np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum())
+    result[order] = density - float(np.log(np.sqrt(2.0 * np.pi) * displacements.std).sum())
     chosen[order] = entries
     return result, chosen
 
@@ -157,60 +169,60 @@ def log_mixture(
 @kernel(parallel=True, error_model="numpy")
 def _log_mixture(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
-    epsilon: float, ways: Any, n_noisy: int, white: Any, uniforms: Any, density: Any, entries: Any,
+    tail_probability: float, displacements: Any, n_noisy: int, observed: Any, uniforms: Any, density: Any, entries: Any,
 ) -> None:  # fmt: skip
     n, n_probes = order.shape[0], probes.shape[0]
     for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
-        log_prob, found, terms = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
+        log_prob, candidates, terms = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
         for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
-            n_found = found_entries(
-                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, epsilon, log_prob, found
+            n_candidates = search_entries(
+                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, candidates
             )
-            near = _gathered(ways, found[:n_found])
+            means = _gathered(displacements, candidates[:n_candidates])
             for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
-                _fill_terms(near, n_noisy, white[i], log_prob, terms)
-                largest = terms[:n_found].max()
+                _fill_terms(means, n_noisy, observed[i], log_prob, terms)
+                largest = terms[:n_candidates].max()
                 density[i] = largest
-                if largest == -np.inf:  # no window leads there
-                    terms[:n_found] = log_prob[:n_found]
-                    largest = terms[:n_found].max()
-                total = _add_up(terms[:n_found], largest)
+                if largest == -np.inf:  # no window predicts it
+                    terms[:n_candidates] = log_prob[:n_candidates]
+                    largest = terms[:n_candidates].max()
+                total = _cumulate(terms[:n_candidates], largest)
                 density[i] += math.log(total)
                 if uniforms.shape[0] > 0:
-                    place = np.searchsorted(terms[:n_found], uniforms[i] * total, side="right")
-                    entries[i] = found[min(place, n_found - 1)]
+                    position = np.searchsorted(terms[:n_candidates], uniforms[i] * total, side="right")
+                    entries[i] = candidates[min(position, n_candidates - 1)]
 
 
 @kernel(error_model="numpy")
-def _gathered(ways: Any, found: Any) -> Any:
-    """The ways of the entries found, (K, F), side by side for the vectors."""
-    near = np.empty((ways.shape[1], found.shape[0]))
-    for j in range(found.shape[0]):
-        for column in range(ways.shape[1]):
-            near[column, j] = ways[found[j], column]
-    return near
+def _gathered(displacements: Any, entries: Any) -> Any:
+    """Return the displacements of F entries, (K, F), contiguous for vector instructions."""
+    gathered = np.empty((displacements.shape[1], entries.shape[0]))
+    for j in range(entries.shape[0]):
+        for column in range(displacements.shape[1]):
+            gathered[column, j] = displacements[entries[j], column]
+    return gathered
 
 
 @inlined
-def _fill_terms(near: Any, n_noisy: int, white: Any, log_prob: Any, terms: Any) -> None:
-    """The log terms of the mixture without their constant."""
-    n_found = near.shape[1]
-    for j in range(n_found):
+def _fill_terms(means: Any, n_noisy: int, observed: Any, log_prob: Any, terms: Any) -> None:
+    """Fill `terms` with the log terms of the mixture without their constant."""
+    n_candidates = means.shape[1]
+    for j in range(n_candidates):
         terms[j] = log_prob[j]
     for column in range(n_noisy):
-        middle = white[column]
-        for j in range(n_found):
-            apart = near[column, j] - middle
-            terms[j] -= 0.5 * apart * apart
-    for column in range(n_noisy, near.shape[0]):
-        for j in range(n_found):
-            if abs(near[column, j] - white[column]) > SAME:
+        value = observed[column]
+        for j in range(n_candidates):
+            difference = means[column, j] - value
+            terms[j] -= 0.5 * difference * difference
+    for column in range(n_noisy, means.shape[0]):
+        for j in range(n_candidates):
+            if abs(means[column, j] - observed[column]) > SAME:
                 terms[j] = -np.inf
 
 
 @kernel(error_model="numpy")
-def _add_up(terms: Any, largest: float) -> float:
-    """Replace log terms by the running sums of their exponentials, over that of the largest; return the last."""
+def _cumulate(terms: Any, largest: float) -> float:
+    """Replace log terms by the cumulative sum of exp(term − largest); return the total."""
     total = 0.0
     for j in range(terms.shape[0]):
         total += math.exp(terms[j] - largest)

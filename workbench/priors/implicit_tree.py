@@ -1,9 +1,9 @@
 """Paper C's binary tree over the coefficients of windows, and its probabilistic search (C, sections 4.1 and 4.2).
 
-The tree is flat: the entries sorted by leaf, and for each of the 2^b leaf codes the number of entries before it. The
-node of a level-l prefix p is then the range of codes [p 2^(b−l), (p + 1) 2^(b−l)); how many entries it holds is a
-difference of two counts, and no pointer is followed. All coefficients are whitened, c_i,l / σ_l. How faithfully a
-search samples p(c_i | c_t) is measured by enumeration.
+The tree is flat: the entries are sorted by leaf, and each of the 2^b leaf codes has the number of entries before it.
+The node of a level-l prefix p is the range of codes [p 2^(b−l), (p + 1) 2^(b−l)); its number of entries is a difference
+of two counts, without pointers. All coefficients are whitened, c_i,l / σ_l. The fidelity of a search as a sampler of
+p(c_i | c_t) is computed by enumeration.
 """
 
 import math
@@ -14,26 +14,26 @@ import numpy as np
 import scipy
 
 from workbench.body.simd_kinematics import inlined
-from workbench.priors.implicit_search import KdTree, exact_log_prob, found_distribution
+from workbench.priors.implicit_search import KdTree, exact_log_prob, search_distribution
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
-TABLE = scipy.special.ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, to be interpolated linearly
-TABLE_ERROR = 2e-5  # above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5
-NEGLIGIBLE = 40.0  # entries whose log odds are lower by this than the nearest one's add nothing to a float64
+TABLE = scipy.special.ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, interpolated linearly
+TABLE_ERROR = 2e-5  # above the interpolation error, h² / 8 times the maximum of |Φ''|, 0.242: 1.7e-5
+NEGLIGIBLE = 40.0  # log weight below the nearest entry's at which an entry is negligible in float64
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
     """n entries in 2^b leaves. A node's right child holds the entries at or above its split.
 
-    coefficients: (n, b) float32, in the entries' own order. order: (n,) the entries sorted by leaf.
-    starts: (2^b + 1,) where each leaf begins in `order`. splits: (2^b − 1,) in heap order: the children of node k are
-    2k + 1 and 2k + 2; a node at level l splits component l. rows: (n, b) float32, the coefficients in that order,
-    so that a leaf's are fetched together.
+    coefficients : (n, b) float32, in the order of the entries. order : (n,) the entries sorted by leaf. starts :
+    (2^b + 1,) the first position of each leaf in `order`. splits : (2^b − 1,) in heap order: the children of node k are
+    2k + 1 and 2k + 2; a node at level l splits component l. rows : (n, b) float32, the coefficients in the order of
+    `order`, contiguous within a leaf.
     """
 
     coefficients: Float32Array
@@ -44,12 +44,12 @@ class Tree:
 
     @property
     def depth(self) -> int:
-        """b, the levels."""
+        """b, the number of levels."""
         return int(self.coefficients.shape[1])
 
 
 def sign_tree(coefficients: Float32Array) -> Tree:
-    """The paper's tree: level l splits on the sign of component l. coefficients: (n, b), whitened, b ≤ 30."""
+    """Return the paper's tree: level l splits on the sign of component l. coefficients : (n, b), whitened, b ≤ 30."""
     coefficients = _checked(coefficients)
     b = coefficients.shape[1]
     codes = (coefficients >= 0.0) @ (1 << np.arange(b - 1, -1, -1, dtype=np.int64))
@@ -60,7 +60,7 @@ def sign_tree(coefficients: Float32Array) -> Tree:
 
 
 def median_tree(coefficients: Float32Array) -> Tree:
-    """The balanced tree the paper mentions: a node of level l splits the median of component l among its entries."""
+    """Return the balanced tree that the paper mentions: a node of level l splits at the median of component l."""
     coefficients = _checked(coefficients)
     n, b = coefficients.shape
     starts = np.arange((1 << b) + 1, dtype=np.int64) * n >> b
@@ -71,11 +71,11 @@ def median_tree(coefficients: Float32Array) -> Tree:
 
 
 def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian") -> IntArray:
-    """One entry (N,) for each probe (N, b) by probabilistic search (C, eq. 7 and 8).
+    """Sample one entry (N,) for each probe (N, b) by probabilistic search (C, eq. 7 and 8).
 
-    At level l the search goes right with probability Φ((c_t,l − split) / (√β σ_l)). A branch without entries is never
-    taken: its sibling is, with probability one. In the leaf an entry is drawn by p(c_i | c_t) at the same temperature
-    ("gaussian") or with equal odds ("uniform"). uniforms: (N, b + 1) in [0, 1), one per level and one for the leaf.
+    At level l the search goes right with probability Φ((c_t,l − split) / (√β σ_l)). An empty branch has probability
+    zero. In the leaf an entry is sampled from p(c_i | c_t) at the same temperature ("gaussian") or uniformly
+    ("uniform"). uniforms : (N, b + 1) in [0, 1), one per level and one for the leaf.
     """
     _check_search(tree, probes, beta, leaf)
     probes, leaves = np.ascontiguousarray(probes, dtype=np.float64), np.empty(len(probes), dtype=np.int64)
@@ -85,25 +85,25 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
         places = np.minimum((uniforms[:, -1] * sizes).astype(np.int64), sizes - 1)
     else:
         places = np.empty(len(probes), dtype=np.int64)
-        # leaf after leaf, so that each is fetched once, and equal probes, such as a parent's children, share its odds
-        turns = np.argsort(leaves, kind="stable")
-        _pick(tree.rows, probes, firsts, sizes, turns, beta, uniforms[:, -1], places)
+        # leaf after leaf: each is fetched once, and equal probes, such as a parent's children, share its weights
+        order = np.argsort(leaves, kind="stable")
+        _sample_in_leaves(tree.rows, probes, firsts, sizes, order, beta, uniforms[:, -1], places)
     return tree.order[firsts + places]
 
 
 def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussian") -> FloatArray:
-    """log q(i | c_t), (n,), the log probability with which `draw` returns each entry for one probe (b,)."""
+    """Return log q(i | c_t), (n,), the log probability of each entry in `draw` for one probe (b,)."""
     _check_search(tree, probe[None], beta, leaf)
-    whole = np.zeros(1)
+    log_leaf = np.zeros(1)
     for level in range(tree.depth):
         bounds = tree.starts[:: 1 << (tree.depth - level - 1)]
         left, right = np.diff(bounds).reshape(-1, 2).T > 0
         offset = (probe[level] - tree.splits[(1 << level) - 1 : (2 << level) - 1]) / np.sqrt(beta)
         with np.errstate(divide="ignore"):
-            odds = np.log(np.stack([scipy.special.ndtr(-offset), scipy.special.ndtr(offset)], axis=1))
-        odds[left & ~right] = (0.0, -np.inf)
-        odds[right & ~left] = (-np.inf, 0.0)
-        whole = (whole[:, None] + odds).ravel()
+            log_branch = np.log(np.stack([scipy.special.ndtr(-offset), scipy.special.ndtr(offset)], axis=1))
+        log_branch[left & ~right] = (0.0, -np.inf)
+        log_branch[right & ~left] = (-np.inf, 0.0)
+        log_leaf = (log_leaf[:, None] + log_branch).ravel()
     sizes = np.diff(tree.starts)
     full = sizes > 0
     inside = np.zeros(len(tree.order))
@@ -112,7 +112,7 @@ def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussi
         inside = -squares / (2.0 * beta)
     within = inside - np.repeat(np.logaddexp.reduceat(inside, tree.starts[:-1][full]), sizes[full])
     log_prob = np.empty(len(tree.order))
-    log_prob[tree.order] = np.repeat(whole[full], sizes[full]) + within
+    log_prob[tree.order] = np.repeat(log_leaf[full], sizes[full]) + within
     return log_prob
 
 
@@ -152,7 +152,7 @@ def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, 
 
 @kernel(error_model="numpy")
 def _is_below(uniform: float, x: float) -> Any:
-    """Return whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
+    """Return whether uniform < Φ(x), by a table where its error cannot matter, else by the function itself."""
     cell = (min(max(x, -TABLE_END), TABLE_END) + TABLE_END) * (TABLE.shape[0] - 1) / (2.0 * TABLE_END)
     k = min(int(cell), TABLE.shape[0] - 2)
     above = TABLE[k] + (cell - k) * (TABLE[k + 1] - TABLE[k]) - uniform
@@ -162,45 +162,47 @@ def _is_below(uniform: float, x: float) -> Any:
 
 
 @kernel(error_model="numpy")
-def _pick(rows: Any, probes: Any, firsts: Any, sizes: Any, turns: Any, beta: float, uniforms: Any, places: Any) -> None:
-    """The place in its leaf of every draw, by p(c_i | c_t) among the leaf's entries; in the order of `turns`."""
-    odds, before = np.empty(sizes.max()), -1
-    for i in turns:
+def _sample_in_leaves(
+    rows: Any, probes: Any, firsts: Any, sizes: Any, order: Any, beta: float, uniforms: Any, places: Any
+) -> None:
+    """Sample the position of an entry in its leaf by p(c_i | c_t), for every probe, in the given order."""
+    weights, before = np.empty(sizes.max()), -1
+    for i in order:
         if before < 0 or firsts[i] != firsts[before] or not _equal(probes[i], probes[before]):
-            _leaf_odds(rows, firsts[i], sizes[i], probes[i], beta, odds)
+            _cumulative_weights(rows, firsts[i], sizes[i], probes[i], beta, weights)
         last, before = sizes[i] - 1, i
-        places[i] = np.searchsorted(odds[:last], uniforms[i] * odds[last], side="right")
+        places[i] = np.searchsorted(weights[:last], uniforms[i] * weights[last], side="right")
 
 
 @kernel(error_model="numpy")
 def _equal(a: Any, b: Any) -> bool:
     same = True
-    for k in range(a.shape[0]):  # an array of what differs would cost more than the rest of a draw
+    for k in range(a.shape[0]):  # a temporary array would cost more than the rest of a sample
         same &= a[k] == b[k]
     return same
 
 
 @inlined
-def _leaf_odds(rows: Any, first: int, size: int, probe: Any, beta: float, odds: Any) -> None:
-    """The running sum of exp(−|c_i − c_t|² / 2β) over a leaf's entries, relative to the nearest."""
+def _cumulative_weights(rows: Any, first: int, size: int, probe: Any, beta: float, weights: Any) -> None:
+    """Compute the cumulative sum of exp(−|c_i − c_t|² / 2β) over a leaf's entries, relative to the nearest."""
     nearest = np.inf
     for j in range(size):
         square = 0.0
         for k in range(probe.shape[0]):
-            away = rows[first + j, k] - probe[k]
-            square += away * away
-        odds[j] = square / (2.0 * beta)
-        nearest = min(nearest, odds[j])
+            difference = rows[first + j, k] - probe[k]
+            square += difference * difference
+        weights[j] = square / (2.0 * beta)
+        nearest = min(nearest, weights[j])
     total = 0.0
     for j in range(size):
-        if odds[j] - nearest < NEGLIGIBLE:
-            total += math.exp(nearest - odds[j])
-        odds[j] = total
+        if weights[j] - nearest < NEGLIGIBLE:
+            total += math.exp(nearest - weights[j])
+        weights[j] = total
 
 
 @kernel()
 def _sort_by_halves(coefficients: Any, starts: Any, order: Any, splits: Any) -> None:
-    """Level by level, sort every node's entries by the level's component, so that `starts` cuts it in halves."""
+    """Sort every node's entries by the component of its level, so that `starts` splits it in halves."""
     n_leaves = starts.shape[0] - 1
     values = np.empty(order.shape[0], dtype=coefficients.dtype)
     width, level = n_leaves, 0
@@ -218,9 +220,11 @@ def _sort_by_halves(coefficients: Any, starts: Any, order: Any, splits: Any) -> 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Means over probes. total_variation: ½ Σ |q − p|. distance: median |c_i − c_t|² of draws from q, whitened, over
-    all probes; exact_distance: that of draws from p. visited: part of the entries whose distance was computed.
-    effective: effective number of entries 1 / Σ p², the median.
+    """Means over probes of a search's accuracy as a sampler.
+
+    total_variation : ½ Σ |q − p|. distance : median |c_i − c_t|² of samples from q, whitened, over all probes.
+    exact_distance : that of samples from p. visited : fraction of the entries whose distance was computed. effective :
+    median effective number of entries 1 / Σ p².
     """
 
     total_variation: float
@@ -231,22 +235,22 @@ class Fidelity:
 
 
 def total_variation(p: FloatArray, q: FloatArray) -> float:
-    """½ Σ |p − q| of two distributions (n,): 0 when they are the same, 1 when they share nothing."""
+    """Return ½ Σ |p − q| of two distributions (n,): 0 if they are equal, 1 if they are disjoint."""
     return 0.5 * float(np.abs(p - q).sum())
 
 
 def fidelity(
     tree: Tree | KdTree, coefficients: Float32Array, probes: FloatArray, beta: float, rng: np.random.Generator, *,
-    leaf: str = "gaussian", epsilon: float = 0.01,
+    leaf: str = "gaussian", tail_probability: float = 0.01,
 ) -> Fidelity:  # fmt: skip
     """Compare the search's distribution with the exact one by enumeration, for probes (K, b) over all entries (n, b).
 
-    Only the distances are sampled, by 100 draws a probe from either distribution.
+    Only the distances are estimated by sampling, with 100 samples per probe from either distribution.
     """
     variations, visited, effective, distances, exact_distances = [], [], [], [], []
     for probe in probes:
         exact = np.exp(exact_log_prob(coefficients, probe, beta))
-        q, n_visited = _distribution(tree, probe, beta, leaf, epsilon)
+        q, n_visited = _distribution(tree, probe, beta, leaf, tail_probability)
         squares = ((coefficients - probe) ** 2).sum(axis=1)
         uniforms = rng.random(100)
         variations.append(total_variation(exact, q))
@@ -262,21 +266,21 @@ def fidelity(
 
 
 def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float, leaf: str = "gaussian") -> FloatArray:
-    """log p(c_i | c_t) − log q(i | c_t), (N,), for entries (N,) that a tree's search drew for one probe (b,).
+    """Return the log importance weights log p(c_i | c_t) − log q(i | c_t), (N,), of entries (N,) for a probe (b,).
 
-    The paper's footnote 3 in its plainest form: the tree is the proposal q, eq. 6 at the same temperature the target,
-    and both are known, q as the product of the branches' probabilities on the way to the entry. A filter multiplies a
-    particle's weight by the exponential. Both are computed for all entries, so this costs a scan per probe.
+    The paper's footnote 3 in its simplest form: the tree is the proposal q, and eq. 6 at the same temperature the
+    target. q is the product of the branch probabilities on the path to the entry. Both are computed for all entries, by
+    a linear scan per probe.
     """
     return exact_log_prob(tree.coefficients, probe, beta)[entries] - log_proposal(tree, probe, beta, leaf)[entries]
 
 
 def _distribution(
-    tree: Tree | KdTree, probe: FloatArray, beta: float, leaf: str, epsilon: float
+    tree: Tree | KdTree, probe: FloatArray, beta: float, leaf: str, tail_probability: float
 ) -> tuple[FloatArray, float]:
-    """The distribution (n,) a search draws from, and the mean number of entries it computes a distance to."""
+    """Return the distribution (n,) of a search, and the mean number of distances it computes."""
     if isinstance(tree, KdTree):
-        return found_distribution(tree, probe, beta, epsilon)
+        return search_distribution(tree, probe, beta, tail_probability)
     q = np.exp(log_proposal(tree, probe, beta, leaf))
     if leaf == "uniform":
         return q, 0.0

@@ -131,6 +131,20 @@ _KEYS: dict[str, dict[str, str]] = {
     },
     "workbench.inference.least_squares.least_squares.LeastSquares": {"most_points": "max_points"},
     "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
+    f"{_PRIORS}.ar_offsets.AROffsets": {"keep": "ar_coefficient"},
+    f"{_PRIORS}.from_motions.activity": {"leave_out": "exclude"},
+    f"{_PRIORS}.from_motions.cyclic": {**_LEARNED, "q": "n_components", "missing": "missing_fraction"},
+    f"{_PRIORS}.from_motions.gait": _LEARNED,
+    f"{_PRIORS}.from_motions.implicit": {
+        "leave_out": "exclude", "root": "include_root", "length": "window_frames", "epsilon": "tail_probability",
+        "reweight": "importance_correction", "pull": "blend_rate", "inertia": "velocity_noise_fraction",
+    },
+    f"{_PRIORS}.from_motions.linear": {"leave_out": "exclude", "noise": "noise_scale"},
+    f"{_PRIORS}.from_motions.walking": _LEARNED,
+    f"{_PRIORS}.kinematic_flips.KinematicFlips": {"share": "proposal_fraction"},
+    f"{_PRIORS}.smooth.Smooth": {
+        "lowest": "lower", "highest": "upper", "start_pose": "initial_pose_scale", "start_uniform": "initial_uniform",
+    },
 }  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
 _INITIALIZATION = {"initialization": {"given": "perturbed_truth"}}

@@ -26,7 +26,7 @@ from workbench.utils.processes import pool
 BEFORE, AFTER = 15, 10
 """Frames before a loss where repetitions begin, and after it up to which they must keep the track."""
 _FIRST_SEED = 1000
-_PRIORS = ("smooth", "jitter")  # one without any activity, and a walk with freedom for every angle
+_PRIORS = ("smooth", "ar_offsets")  # one without any activity, and a walk with freedom for every angle
 _PERSON = "state/person"
 
 

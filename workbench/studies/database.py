@@ -217,8 +217,8 @@ def _shown_window(windows: Windows, clip: str | None, frame: int | None, rng: np
     frames = windows.ends[inside] - windows.firsts[windows.clip_of[inside]] + 1
     if not (frames == frame).any():
         raise InputError(
-            f"study: frame must lie between {frames.min()} and {frames.max()} for windows of {windows.length} frames "
-            f"and a pose after them, found {frame}"
+            f"study: frame must lie between {frames.min()} and {frames.max()} for windows of "
+            f"{windows.window_frames} frames and a pose after them, found {frame}"
         )
     return int(rng.choice(inside[frames == frame]))
 
@@ -228,7 +228,7 @@ def _fidelities(probes: _Probes, name: str, betas: FloatArray, rng: np.random.Ge
     return [
         fidelity(
             prior.tree, prior.windows.coefficients, probes.coefficients, beta, rng,
-            leaf=prior.leaf, epsilon=prior.epsilon,
+            leaf=prior.leaf, tail_probability=prior.tail_probability,
         )
         for beta in tqdm(betas, desc=f"fidelity of the {SEARCHES[name]}", unit="β", disable=None)
     ]  # fmt: skip
@@ -261,6 +261,6 @@ def _poses(windows: Windows, rows: IntArray) -> FloatArray:
     """Return the poses (N, P) of rows, at the origin; angles that are not modelled are zero."""
     poses = np.zeros((len(rows), len(POSE_NAMES)))
     poses[:, [POSE_NAMES.index(name) for name in windows.angles]] = windows.rows[rows, : len(windows.angles)]
-    if windows.root:
+    if windows.include_root:
         poses[:, [POSE_NAMES.index("root_pitch"), POSE_NAMES.index("root_roll")]] = windows.rows[rows, -2:]
     return poses

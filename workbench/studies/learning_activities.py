@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from workbench.core.study import Curves, Figure, Scatter, StudyResult
 from workbench.motion.formats import names
 from workbench.motion.models import activities
-from workbench.motion.models.activities import ActivityModel, fewest, learn_activities
+from workbench.motion.models.activities import ActivityModel, learn_activities, min_components
 from workbench.motion.models.activity_cycles import ActivityCycles, activity_cycles
 from workbench.motion.models.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title
@@ -50,9 +50,9 @@ class LearnWalkRun:
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Learn and plot; not random. Raises InputError as `database_motions` and the learning functions do."""
         motions = database_motions(
-            self.motions, data=self.data, cache=self.cache, leave_out=self.exclude, activities=self.activities
+            self.motions, data=self.data, cache=self.cache, exclude=self.exclude, activities=self.activities
         )
-        cycles = activity_cycles(motions, most_per_clip=self.max_per_clip)
+        cycles = activity_cycles(motions, max_per_clip=self.max_per_clip)
         log.info("motions: %d cycles (%s) of %d clips", len(cycles), self.motions, len(set(cycles.sources)))
         parts = PARTS_SHOWN.items()
         models = {name: learn_activities(cycles, angles=[part], n_components=EIGENVECTORS) for name, part in parts}
@@ -78,10 +78,10 @@ def _metrics(cycles: ActivityCycles, models: dict[str, ActivityModel]) -> dict[s
     styles = [style(source) for source in cycles.sources]
     for suffix, (label, part) in zip(("", "_legs"), PARTS_SHOWN.items(), strict=True):
         selected = cycles.of_angles([part])
-        metrics[f"n_components_90{suffix}"] = float(fewest(models[label].explained, VARIANCE))
-        metrics[f"activity_accuracy{suffix}"] = activities.accuracy_left_out(selected, cycles.sources, EIGENVECTORS)
-        metrics[f"activity_accuracy_2{suffix}"] = activities.accuracy_left_out(selected, cycles.sources, 2)
-        metrics[f"unseen_style_deg{suffix}"] = activities.error_left_out_deg(selected, styles, EIGENVECTORS)
+        metrics[f"n_components_90{suffix}"] = float(min_components(models[label].explained, VARIANCE))
+        metrics[f"activity_accuracy{suffix}"] = activities.held_out_accuracy(selected, cycles.sources, EIGENVECTORS)
+        metrics[f"activity_accuracy_2{suffix}"] = activities.held_out_accuracy(selected, cycles.sources, 2)
+        metrics[f"unseen_style_deg{suffix}"] = activities.held_out_error_deg(selected, styles, EIGENVECTORS)
     rates = activities.mean_rates_hz(models["whole body"])
     return metrics | {f"cycle_rate_hz_{activity}": rate for activity, rate in rates.items()}
 

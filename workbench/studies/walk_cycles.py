@@ -11,7 +11,7 @@ from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.study import Curves, StudyResult
 from workbench.motion.models.cycle_alignment import CycleAlignment, align, motion_period, snr, snr_per_series
 from workbench.motion.models.imputation import remove_blocks
-from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion, gait_events
+from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion, gait_events
 from workbench.studies.learning import ANGLES, WalkStudy, angle, closed, cyclic, degrees, phases, title
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -165,8 +165,8 @@ def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> 
 
 def _whole_periods(motion: Motion) -> FloatArray:
     """Return integer periods, in frames, from the shortest stride to the longest that fits twice, for figures."""
-    longest = min(LONGEST_S * motion.rate_hz, len(motion) / 2)
-    return np.arange(round(SHORTEST_S * motion.rate_hz), int(longest) + 1, dtype=np.float64)
+    longest = min(MAX_CYCLE_S * motion.rate_hz, len(motion) / 2)
+    return np.arange(round(MIN_CYCLE_S * motion.rate_hz), int(longest) + 1, dtype=np.float64)
 
 
 def _period_or_nan(motion: Motion, angles: FloatArray) -> float:

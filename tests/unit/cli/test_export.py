@@ -128,13 +128,13 @@ def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, caps
     for arguments, sentence in (
         ((tmp_path / "none.rrd", output), f"{tmp_path / 'none.rrd'}: no such recording"),
         ((junk, output), f"{junk}: expected a whole Rerun recording"),
-        ((recorded, tmp_path / "out.fbx"), "ends in .bvh, .trc, .csv"),
-        ((recorded, tmp_path / "none" / "out.bvh"), "in a folder that exists"),
+        ((recorded, tmp_path / "out.fbx"), "with the extension .bvh, .trc, .csv"),
+        ((recorded, tmp_path / "none" / "out.bvh"), "in an existing folder"),
         ((empty, output), "expected a recording with poses (estimate/pose), found none"),
         ((empty, output, "--truth"), "expected a recording of a tracked person"),
         ((blind, output, "--truth"), "with true joints (world/truth/joints), found none"),
         ((gappy, tmp_path / "out.trc", "--truth"), "0.0667 s after 0.133 s"),
-        ((recorded, output, "--truth"), "BVH holds angles, but only joints are known here"),
+        ((recorded, output, "--truth"), "BVH requires joint angles, but only joint positions are known"),
     ):
         assert exported(*arguments) == 2
         printed = capsys.readouterr()

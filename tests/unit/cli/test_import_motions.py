@@ -94,12 +94,12 @@ def test_a_motion_knows_where_it_comes_from(cmu, tmp_path):
 def test_clips_of_subjects(cmu):
     found = cmu_clips(cmu.parent, ["35", "07"])
     assert [path.name for path in found] == ["07_01.amc", "35_01.amc"]  # "walk, then run" is not exactly "walk"
-    with pytest.raises(InputError, match="expected clips of subject '99' called 'walk'"):
+    with pytest.raises(InputError, match="expected clips of subject '99' with activity 'walk'"):
         cmu_clips(cmu.parent, ["07", "99"])
-    with pytest.raises(InputError, match=r"subject '35' called 'walk, then run'"):
+    with pytest.raises(InputError, match=r"subject '35' with activity 'walk, then run'"):
         cmu_clips(cmu.parent, ["35"], activity="walk, then run")
     (cmu / "35" / "35_01.amc").unlink()
-    with pytest.raises(InputError, match=r"35_01\.amc: no such file, though the index lists it"):
+    with pytest.raises(InputError, match=r"35_01\.amc: no such file, but the index lists it"):
         cmu_clips(cmu.parent, ["35"])
     with pytest.raises(InputError, match=r"index\.csv: no such file"):
         cmu_clips(cmu, ["35"])
@@ -116,7 +116,7 @@ def test_a_bad_clip_costs_only_itself(cmu):
     assert len(reports) == 3
     assert "none.bvh: expected motion files" in reports[0]
     assert "07_01.amc, line" in reports[1]
-    assert "other.bvh: clip other: expected a known skeleton; for" in reports[2]
+    assert "other.bvh: clip other: expected a skeleton of a supported source; for" in reports[2]
     motions, reports = import_sources([cmu / "35" / "35_01.amc"], rate_hz=1.0)
     assert motions == []
     assert "two frames or more at 1 Hz" in reports[0]

@@ -127,7 +127,7 @@ def test_a_clip_of_a_library(tmp_path):
     dataset = scene(motion=f"{tmp_path / 'lib.h5'}:{motions[1].name}", rate_hz=60.0)
     assert np.array_equal(dataset.info.initial_pose, motions[1].poses[0])
     assert dataset.info.shape == motions[1].shape
-    with pytest.raises(InputError, match=r"no motion called 'nobody', expected one of walker_00_straight, "):
+    with pytest.raises(InputError, match=r"no motion 'nobody', expected one of walker_00_straight, "):
         _ = scene(motion=f"{tmp_path / 'lib.h5'}:nobody").info
 
 

@@ -112,7 +112,7 @@ def test_own_parts_go_within_ours_and_own_experiments_begin_with_ours(package):
     assert composed("experiment=holding").prior.sigma == 0.125
     assert composed("experiment=holding").inference.n_particles == 7
     assert "sigma" not in composed("experiment=holding", "prior=implicit").prior
-    assert composed("prior=jitter", "prior@prior.base=still", "experiment=custom").prior.base.sigma == 0.25
+    assert composed("prior=ar_offsets", "prior@prior.base=still", "experiment=custom").prior.base.sigma == 0.25
 
 
 def test_an_option_of_ones_own_is_checked_like_ours(package):

@@ -89,8 +89,8 @@ def test_mappings_that_a_class_leaves_empty_are_filled_without_a_plus_and_with_o
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("_target_: workbench.priors.ar_offsets.Jitter\nsigmas: 1", "mine.yaml.*Jitter has no key 'sigmas'"),
-        ("_target_: workbench.priors.ar_offsets.Jitter\nsigma: much", "mine.yaml.*much.*sigma"),
+        ("_target_: workbench.priors.ar_offsets.AROffsets\nsigmas: 1", "mine.yaml.*AROffsets has no key 'sigmas'"),
+        ("_target_: workbench.priors.ar_offsets.AROffsets\nsigma: much", "mine.yaml.*much.*sigma"),
         ("base: {_target_: workbench.priors.smooth.Smooth, k: 1}", "mine.yaml.*Smooth.*'k'"),
         ("_target_: workbench.priors.ar_offsets.Nobody", "mine.yaml.*Nobody"),
         ("_target_: os.system", "mine.yaml.*os.system"),

@@ -63,8 +63,8 @@ def test_what_a_run_shows_is_drawn_for_every_clip_and_seed(listed):
 
 
 def test_the_persons_clips_and_those_in_their_style_are_left_out():
-    assert list(run("02_05").prior.leave_out) == ["02"]
-    assert list(run("dataset-1_bow_old_001").prior.leave_out) == ["bandai-old"]
+    assert list(run("02_05").prior.exclude) == ["02"]
+    assert list(run("dataset-1_bow_old_001").prior.exclude) == ["bandai-old"]
 
 
 def test_a_sweep_goes_through_one_half_where_it_is_told_to(listed):

@@ -79,7 +79,7 @@ def setting(n_frames=6):
 
 def exact(prior, marks):
     """Mean of all poses (F, N) given the marks of all frames but the first, as one Gaussian."""
-    mean, covariance = prior.start_moments(np.zeros(N))
+    mean, covariance = prior.initial_moments(np.zeros(N))
     unit = np.eye(2 * N)
     lead = (prior.mean(unit, DT_S) - prior.mean(np.zeros((1, 2 * N)), DT_S)).T
     noise, d, frames = prior.noise_covariance(np.zeros(2 * N), DT_S), 2 * N, len(marks)
@@ -127,13 +127,13 @@ def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
 def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_as_before():
     prior, marks, frames = setting()
     taken = PosePrior(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])
-    drawn = Linear(replace(prior.model, postures=taken))
+    drawn = Linear(replace(prior.model, pose_prior=taken))
     options = {"curvature_weight": 1.0, "outlier_motion_probability": 1e-12, "n_particles": 40_000}
     before = run(IteratedEkf(drawn, Seen(marks), BODY, **options), frames)
     after = run(IteratedEkf(drawn, Seen(marks), BODY, pose_prior_power=0.3, **options), frames)
     for plain, told in zip(before, after, strict=True):
         covariance = np.cov(plain.poses.T)
-        pose, narrowed = taken.drawn(plain.expected_pose, covariance, 0.3)
+        pose, narrowed = taken.geometric_product(plain.expected_pose, covariance, 0.3)
         missed = np.linalg.norm(told.expected_pose - pose)  # as a covariance of draws is off by a hundredth
         assert missed < 0.1 * np.linalg.norm(plain.expected_pose - pose)
         assert np.allclose(told.poses[:, 4:].std(axis=0), np.sqrt(np.diag(narrowed))[4:], rtol=0.1)
@@ -192,7 +192,7 @@ def test_constant_velocity_is_a_gaussian_prior():
     prior, rng = Smooth(), np.random.default_rng(0)
     middle = np.zeros(N)
     middle[6:] = 0.5 * (prior.limits[6:].sum(axis=1))
-    mean, covariance = prior.start_moments(middle)
+    mean, covariance = prior.initial_moments(middle)
     drawn = prior.sample_initial(middle, 20000, rng)
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=5.0 * np.sqrt(np.diag(covariance) / 20000).max())
     np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.05)

@@ -80,7 +80,7 @@ def test_particles_are_drawn_from_the_posterior():
 def test_what_the_model_misses_is_in_the_poses_and_not_in_the_states():
     fit, _, times = sequence()
     missed = Discrepancy(WALKER.dof_names[6:8], np.array([[0.1], [0.05]]), np.array([0.1, 0.2]), np.zeros(2), 3)
-    wider = fit.with_discrepancy(np.repeat(missed.root(WALKER.dof_names)[None], len(times), axis=0))
+    wider = fit.with_discrepancy(np.repeat(missed.covariance_root(WALKER.dof_names)[None], len(times), axis=0))
     added = wider.covariance[4] - fit.covariance[4]
     np.testing.assert_allclose(added[6:8, 6:8], missed.covariance, atol=1e-15)
     assert np.count_nonzero(added) == 4

@@ -86,11 +86,11 @@ def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part():
         "left_knee_flexion",
         "left_elbow_flexion",
         "left_knee_flexion_velocity",
-        "left_elbow_flexion_jitter",
+        "left_elbow_flexion_offset",
     )
     columns = partition_columns(StateSpace.of({"all": (names, "1")}), PARTS)
     assert [[names[i] for i in part] for part in columns] == [
         ["c1", "phase"],
         ["left_knee_flexion", "left_knee_flexion_velocity"],
-        ["left_elbow_flexion", "left_elbow_flexion_jitter"],
+        ["left_elbow_flexion", "left_elbow_flexion_offset"],
     ]

@@ -85,7 +85,7 @@ def test_one_camera_is_told_by_the_postures_that_people_take_how_limbs_lie_in_de
     known, far = poses[:, 4:].mean(axis=0), np.full(21, 0.8)
     covariances = np.array([np.cov(poses[:, 4:].T) + 0.05**2 * np.eye(21), 0.2 * np.eye(21)])
     knows = SimpleNamespace(
-        capabilities=PriorCapabilities(postures=PosePrior(np.array([0.1, 0.9]), np.array([known, far]), covariances))
+        capabilities=PriorCapabilities(pose_prior=PosePrior(np.array([0.1, 0.9]), np.array([known, far]), covariances))
     )
     rng = np.random.default_rng(0)
     (before, *_), (after, *_) = (

@@ -29,7 +29,7 @@ from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
-from workbench.priors.density import apart, log_normal
+from workbench.priors.density import log_normal, state_difference
 
 T, SEEDS, N = 5, 16, 150
 EXACT = {
@@ -195,7 +195,7 @@ class Cycle(IsDensity):
 
     def log_transition(self, previous, state, dt_s):
         mean = self.mean(previous.reshape(-1, 9), dt_s).reshape(previous.shape)
-        return log_normal(apart(self.space, mean, state), SIGMA)
+        return log_normal(state_difference(self.space, mean, state), SIGMA)
 
     def pose(self, state):
         return state.copy()

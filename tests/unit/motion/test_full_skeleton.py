@@ -100,7 +100,9 @@ def test_a_joint_that_travels_is_refused():
     places = np.broadcast_to(offsets, (len(rotations), *offsets.shape)).copy()
     places[5, 2, 0] += 0.0123
     for make in (full_skeleton, full_poses):
-        with pytest.raises(InputError, match=r"clip made: .* found hand moved by 12\.3 mm within the frame of arm"):
+        with pytest.raises(
+            InputError, match=r"clip made: .* found hand translated by 12\.3 mm within the frame of arm"
+        ):
             make(clips.clip(clips.TRAVELLER, rotations, places))
 
 

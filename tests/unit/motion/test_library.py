@@ -84,7 +84,7 @@ BAD = {  # what: (place, its new value, what the sentence says)
     "a later version": ("@format_version", 2, "of version 1"),
     "rate nought": ("motions/000001@rate_hz", 0.0, "a positive rate_hz"),
     "poses of 24": ("motions/000001/poses", np.zeros((7, 24)), "poses must be F × 25 float64, found (7, 24)"),
-    "a pose that is no number": ("motions/000001/poses", np.full((7, 25), np.nan), "poses holds numbers"),
+    "a pose that is no number": ("motions/000001/poses", np.full((7, 25), np.nan), "poses has numbers"),
     "a flat neck": ("motions/000001/shape@neck", [0.0, 0.5], "length 'neck'"),
 }  # fmt: skip
 

@@ -42,7 +42,7 @@ def test_unit_and_axes_are_told_by_the_person_whatever_the_header_says(unit, fac
     markers = in_world("file", JOINT_NAMES, 50.0, factor * given, "mm")
     np.testing.assert_allclose(markers.positions, truth, atol=1e-12)
     assert f"read as {unit} with {up} up" in caplog.text
-    assert ("says its unit is 'mm'" in caplog.text) == (unit != "mm")
+    assert ("the header's unit is 'mm'" in caplog.text) == (unit != "mm")
 
 
 def test_blank_cells_are_gaps_also_at_a_line_s_end(tmp_path):
@@ -114,10 +114,10 @@ def test_what_cannot_be_told_is_refused(tmp_path):
     for positions, names, said in (
         (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, found x"),
         (truth * [1.0, 1.0, -1.0], JOINT_NAMES, "y or z to be up, found -z"),
-        (truth, tuple(f"M{j}" for j in range(15)), "to tell what is up"),
+        (truth, tuple(f"M{j}" for j in range(15)), "to determine the vertical axis"),
         (np.full_like(truth, np.nan), JOINT_NAMES, "found none in 4 frames"),
     ):
         with pytest.raises(InputError, match=said):
             in_world("file", names, 50.0, positions, "m")
-    with pytest.raises(InputError, match=r"ends in \.trc or \.c3d"):
+    with pytest.raises(InputError, match=r"the extension \.trc or \.c3d"):
         read_markers(tmp_path / "a.csv")

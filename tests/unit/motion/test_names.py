@@ -1,6 +1,6 @@
 import pytest
 
-from workbench.motion.formats.names import left_out, performer
+from workbench.motion.formats.names import excluded_subjects, performer
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
@@ -19,8 +19,12 @@ def test_a_name_tells_its_performer_where_it_can(name, who):
 
 
 def test_who_is_tracked_is_left_out_by_performer_or_else_by_clip():
-    assert left_out(["35_02", "32_02", "35_15", "builtin", "my_walk.bvh", "joints.trc"]) == ["35", "32", "my_walk"]
-    assert left_out(["dataset-1_run_active_001", "dataset-1_walk_active_001"]) == ["bandai-1"]
+    assert excluded_subjects(["35_02", "32_02", "35_15", "builtin", "my_walk.bvh", "joints.trc"]) == [
+        "35",
+        "32",
+        "my_walk",
+    ]
+    assert excluded_subjects(["dataset-1_run_active_001", "dataset-1_walk_active_001"]) == ["bandai-1"]
 
 
 def test_nobody_who_is_generated_to_be_tracked_is_among_those_to_learn_from():

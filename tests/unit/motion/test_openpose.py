@@ -55,7 +55,7 @@ def test_whatever_is_written_is_read(frames):
         write(Path(folder), {3 * t: [rows(one) for one in people] for t, people in enumerate(frames)})
         anybody = any(rows(one).any() for people in frames for one in people)
         if not anybody:
-            assert f"found nobody in {len(frames)}" in refusal(folder)
+            assert f"found none in {len(frames)}" in refusal(folder)
             return
         found = read_openpose(folder)
     assert found.layout == "COCO_17"
@@ -95,7 +95,7 @@ def test_what_is_no_such_folder_is_refused(tmp_path):
     (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 30}]}))
     assert "expected one of 25 (BODY_25)" in refusal(good)
     (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 54}]}))
-    assert "as many points a person in every file, found [17, 18]" in refusal(good)
-    assert "found nobody in 2" in refusal(write(tmp_path / "empty", {0: [], 1: []}))
+    assert "the same number of points per person in every file, found [17, 18]" in refusal(good)
+    assert "found none in 2" in refusal(write(tmp_path / "empty", {0: [], 1: []}))
     assert "already in" in refusal(write(write(tmp_path / "twice", {1: []}), {1: []}, "other_{}.json"))
     assert "frame's number" in refusal(write(tmp_path / "none", {1: []}, "keypoints.json"))

@@ -26,7 +26,8 @@ OPTIONS = [
     (learn_walking, {"n_components": 0}, "components"), (learn_walking, {"n_components": 500}, "components"),
     (learn_walking, {"variance": 1.0}, "variance"), (learn_walking, {"scaling": "x"}, "scaling"),
     (learn_windows, {"angles": ("left_wing",)}, "left_wing"), (learn_windows, {"angles": ()}, "angles"),
-    (learn_windows, {"length": 0}, "length"), (learn_windows, {"length": 5000}, "at least 4 windows"),
+    (learn_windows, {"window_frames": 0}, "window_frames"),
+    (learn_windows, {"window_frames": 5000}, "at least 4 windows"),
     (learn_windows, {"rate_hz": 0.0}, "rate"),
 ]  # fmt: skip
 

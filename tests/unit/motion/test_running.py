@@ -5,7 +5,7 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.motion.models.activities import accuracy_left_out, learn_activities
+from workbench.motion.models.activities import held_out_accuracy, learn_activities
 from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT, builtin_motions
 from workbench.motion.synthetic.run_gait import (
@@ -76,7 +76,7 @@ def test_runs_have_running_cycles_and_are_told_from_walks():
     assert (cycles.durations_s[~runs] > 0.9).all()
     knee = cycles.angles.index("left_knee_flexion")
     assert cycles.curves[runs][:, :, knee].max() > np.radians(80.0) > cycles.curves[~runs][:, :, knee].max()
-    assert accuracy_left_out(cycles, cycles.sources, 2) == 1.0
+    assert held_out_accuracy(cycles, cycles.sources, 2) == 1.0
     assert len(learn_activities(cycles).scales) < 5
 
 

@@ -51,9 +51,9 @@ def test_decoding_is_the_model_at_its_own_phases():
 
 
 def test_start_is_near_the_pose(monkeypatch):
-    for name in ("COEFFICIENTS", "PHASE"):
-        monkeypatch.setattr(f"workbench.priors.cyclic.START_{name}", 0.0)
-    prior = Cyclic(model(), start_position=0.01, start_rotation=0.02)
+    for name in ("COEFFICIENT", "PHASE"):
+        monkeypatch.setattr(f"workbench.priors.cyclic.INITIAL_{name}_STD", 0.0)
+    prior = Cyclic(model(), initial_position_std=0.01, initial_rotation_std=0.02)
     true = states(prior, 1)
     true[0, prior.space.slices["coefficients"]] = [0.4, -0.3, 0.2]
     pose = prior.pose(true)[0]

@@ -56,7 +56,7 @@ def test_predictions_follow_their_definitions(windows, poses):
     before, after = (rows[windows.ends[entries] + k][:, : len(PARTS["body"])] for k in (0, 1))
     expected = {"copy": after, "increment": after - before, "blend": after - before}
     for prediction, target in expected.items():
-        prior = Implicit(windows, prediction=prediction, pull=0.25, **STILL)
+        prior = Implicit(windows, prediction=prediction, blend_rate=0.25, **STILL)
         state = prior.start_after(poses[20:31] + offset, 2)
         now = state[:, N_ROOT : len(POSE_NAMES)]
         moved = prior.predict(state, entries, np.zeros((2, len(POSE_NAMES))))[:, N_ROOT : len(POSE_NAMES)]
@@ -72,7 +72,7 @@ def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, po
     prior, rng = Implicit(windows, prediction="increment", beta=0.5, **STILL), np.random.default_rng(1)
     state = prior.start_after(poses[20:31], 5)
     track = [prior.pose(state)]
-    for _ in range(windows.length):
+    for _ in range(windows.window_frames):
         state = prior.sample_transition(state, DT, rng)
         track.append(prior.pose(state))
     b = len(windows.sigmas)
@@ -94,13 +94,13 @@ def test_noise_has_the_stated_deviations(windows, poses):
     assert spread[6:] == pytest.approx(0.05, rel=0.03)
 
 
-def start_constants(monkeypatch, **values):
+def initial_constants(monkeypatch, **values):
     for name, value in values.items():
-        monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", value)
+        monkeypatch.setattr(f"workbench.priors.implicit.INITIAL_{name}", value)
 
 
 def test_start_finds_windows_that_end_near_the_pose(windows, poses, monkeypatch):
-    start_constants(monkeypatch, BETA=1e-4, POSITION=0.0, ROTATION=0.0, ANGLES=0.0)
+    initial_constants(monkeypatch, BETA=1e-4, POSITION_STD=0.0, ROTATION_STD=0.0, ANGLE_STD=0.0)
     prior = Implicit(windows)
     state = prior.sample_initial(poses[40], 10, np.random.default_rng(0))
     assert (prior.pose(state) == poses[40]).all()
@@ -109,7 +109,7 @@ def test_start_finds_windows_that_end_near_the_pose(windows, poses, monkeypatch)
 
 
 def test_start_spreads_as_asked(windows, poses, monkeypatch):
-    start_constants(monkeypatch, POSITION=0.03, ROTATION=0.02, ANGLES=0.04)
+    initial_constants(monkeypatch, POSITION_STD=0.03, ROTATION_STD=0.02, ANGLE_STD=0.04)
     prior = Implicit(windows)
     spread = prior.pose(prior.sample_initial(poses[40], 20000, np.random.default_rng(0))).std(axis=0)
     assert spread == pytest.approx([0.03] * 3 + [0.02] * 3 + [0.04] * 19, rel=0.03)

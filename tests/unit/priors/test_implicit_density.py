@@ -9,8 +9,8 @@ from tests.oracles import implicit as oracle
 from workbench.body.skeleton import POSE_NAMES
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.priors.implicit import MOST_EXAMPLES, Implicit
-from workbench.priors.implicit_density import WindowWays, log_mixture
+from workbench.priors.implicit import MAX_EXAMPLES, Implicit
+from workbench.priors.implicit_density import WindowDisplacements, log_mixture
 from workbench.priors.implicit_search import exact_log_prob, kd_tree, nearest_entries
 from workbench.utils.errors import InputError
 
@@ -32,7 +32,7 @@ def poses(motions):
 @pytest.fixture(scope="module")
 def elbow(motions):
     """A library of one angle."""
-    return learn_windows(motions, angles=["left_elbow_flexion"], root=False, length=4)
+    return learn_windows(motions, angles=["left_elbow_flexion"], include_root=False, window_frames=4)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def body(motions):
 
 
 def parent(prior, poses, n=1):
-    return prior.start_after(poses[20 : 21 + prior.windows.length] + 0.01, n)
+    return prior.start_after(poses[20 : 21 + prior.windows.window_frames] + 0.01, n)
 
 
 @pytest.mark.parametrize("still", [0, 2])
@@ -50,7 +50,7 @@ def test_the_kernel_agrees_with_numpy(still):
     rng = np.random.default_rng(0)
     coefficients, white = rng.normal(size=(900, 5)).astype(np.float32), rng.normal(size=(900, 6))
     white[:, 6 - still :] = np.round(white[:, 6 - still :])
-    ways = WindowWays(white, np.arange(6), np.linspace(0.1, 0.5, 6 - still))
+    ways = WindowDisplacements(white, np.arange(6), np.linspace(0.1, 0.5, 6 - still))
     tree = kd_tree(coefficients)
     probes = rng.normal(size=(7, 5))[np.array([0, 1, 0, 2, 3, 4, 5, 0, 6, 6])]
     sought = white[rng.integers(900, size=10)] + 0.3 * rng.normal(size=(10, 6)) * (np.arange(6) < 6 - still)
@@ -65,7 +65,7 @@ def test_the_kernel_agrees_with_numpy(still):
 def test_a_draw_given_the_way_has_the_odds_of_the_mixtures_terms():
     rng = np.random.default_rng(1)
     coefficients, white = rng.normal(size=(60, 3)).astype(np.float32), rng.normal(size=(60, 2))
-    ways, tree = WindowWays(white, np.arange(2), np.ones(2)), kd_tree(coefficients)
+    ways, tree = WindowDisplacements(white, np.arange(2), np.ones(2)), kd_tree(coefficients)
     probe, sought = np.array([[0.2, -0.1, 0.4]]), np.array([[0.3, 0.8]])
     terms = oracle.log_mixture(tree, probe[0], 1.0, 1e-6, ways, sought[0])
     p = np.exp(terms - logsumexp(terms))
@@ -79,7 +79,7 @@ def test_a_draw_given_the_way_has_the_odds_of_the_mixtures_terms():
 
 @pytest.mark.parametrize("prediction", ["copy", "increment", "blend"])
 def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_windows(elbow, poses, prediction):
-    prior = Implicit(elbow, prediction=prediction, epsilon=0.01, **WARM)
+    prior = Implicit(elbow, prediction=prediction, tail_probability=0.01, **WARM)
     before = parent(prior, poses)
     grid = np.linspace(-2.0, 4.0, 6001)
     states = np.repeat(before, len(grid), axis=0)
@@ -95,7 +95,7 @@ def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_wind
 
 def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow, poses):
     """By enumeration: each window leaves a memory of its own, and is drawn by p(i | c) N(pose; m_i, σ²)."""
-    prior = Implicit(elbow, epsilon=1e-6, **WARM)
+    prior = Implicit(elbow, tail_probability=1e-6, **WARM)
     before = parent(prior, poses)
     everything, n = np.arange(len(elbow)), len(elbow)
     means = prior.predict(np.repeat(before, n, axis=0), everything, np.zeros((n, P)))[:, ELBOW]
@@ -104,7 +104,7 @@ def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow,
     log_p = exact_log_prob(elbow.coefficients, before[0, prior.space.slices["coefficients"]], prior.beta)
     log_p += norm.logpdf(after[0, ELBOW], means, 0.05)
     p = np.exp(log_p - logsumexp(log_p))
-    memories = prior.prediction.arrive(np.repeat(before, n, axis=0), np.repeat(after[:, :P], n, axis=0), everything)
+    memories = prior.prediction.with_pose(np.repeat(before, n, axis=0), np.repeat(after[:, :P], n, axis=0), everything)
     completed = prior.capabilities.density.sample_dependent(
         np.repeat(before, N, axis=0), np.repeat(after, N, axis=0), DT, np.random.default_rng(0)
     )
@@ -120,7 +120,7 @@ def test_arriving_where_a_prediction_led_is_that_prediction(body, poses):
     before = parent(prior, poses, 50)
     entries = rng.integers(len(body), size=50)
     predicted = prior.predict(before, entries, rng.standard_normal((50, P)))
-    arrived = prior.prediction.arrive(before, predicted[:, :P], entries)
+    arrived = prior.prediction.with_pose(before, predicted[:, :P], entries)
     np.testing.assert_allclose(arrived, predicted, rtol=1e-9, atol=1e-9)
 
 
@@ -188,13 +188,13 @@ def test_other_searches_have_no_density_and_other_rates_are_refused(elbow, poses
         lambda dt_s: prior.capabilities.density.log_transition(before, before, dt_s),
         lambda dt_s: prior.capabilities.density.sample_dependent(before, before, dt_s, np.random.default_rng(0)),
     ):
-        with pytest.raises(InputError, match=r"2 rows .* whose density is of one"):
+        with pytest.raises(InputError, match=r"2 rows .* whose density covers one"):
             ask(2 * DT)
 
 
 def test_examples_are_poses_at_the_windows_ends(body, elbow):
     examples = Implicit(body).capabilities.examples()
-    assert examples.shape == (min(len(body), MOST_EXAMPLES), P)
+    assert examples.shape == (min(len(body), MAX_EXAMPLES), P)
     assert (examples[:, :4] == 0.0).all()
     rows = body.rows[body.ends].astype(np.float64)
     np.testing.assert_array_equal(examples[:, 6:], rows[:, :19])
@@ -204,9 +204,9 @@ def test_examples_are_poses_at_the_windows_ends(body, elbow):
 
 
 def test_many_examples_are_thinned_evenly(elbow):
-    repeated = elbow.only(np.tile(np.arange(len(elbow)), 9)) if len(elbow) * 9 > MOST_EXAMPLES else None
+    repeated = elbow.only(np.tile(np.arange(len(elbow)), 9)) if len(elbow) * 9 > MAX_EXAMPLES else None
     assert repeated is not None
     examples = Implicit(repeated).capabilities.examples()
-    assert len(examples) == MOST_EXAMPLES
+    assert len(examples) == MAX_EXAMPLES
     ends = repeated.rows[repeated.ends, 0]
     assert (examples[0, ELBOW], examples[-1, ELBOW]) == (ends[0], ends[-1])

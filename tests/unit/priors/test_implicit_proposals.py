@@ -32,7 +32,9 @@ def parents(motions, windows):
 
 
 def reweighted(windows, leaf):
-    return Implicit(windows, search="sign_tree", reweight=True, beta=BETA, leaf=leaf, prediction="increment", **STILL)
+    return Implicit(
+        windows, search="sign_tree", importance_correction=True, beta=BETA, leaf=leaf, prediction="increment", **STILL
+    )
 
 
 def exact_mean(prior, state, n_steps):

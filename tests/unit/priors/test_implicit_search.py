@@ -11,9 +11,9 @@ from tests.oracles import implicit as oracle
 from workbench.priors.implicit_search import (
     LANES,
     exact_log_prob,
-    found_distribution,
     kd_tree,
     search,
+    search_distribution,
 )
 from workbench.priors.implicit_tree import (
     draw,
@@ -122,20 +122,20 @@ def test_the_tree_kernel_agrees_with_numpy(n, b, seed, beta, leaf, kind):
     b=st.integers(1, 17),
     seed=st.integers(0, 10**6),
     beta=st.floats(1e-3, 10.0),
-    epsilon=st.floats(1e-4, 0.5),
+    tail_probability=st.floats(1e-4, 0.5),
     spread=st.floats(0.0, 5.0),
 )
-def test_the_search_misses_at_most_epsilon(n, b, seed, beta, epsilon, spread):
+def test_the_search_misses_at_most_epsilon(n, b, seed, beta, tail_probability, spread):
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(size=(n, b)).astype(np.float32)
     coefficients[n // 2 :] = coefficients[: n - n // 2]  # repeated entries
     probe = spread * rng.normal(size=b)
     tree = kd_tree(coefficients)
-    found, visited = found_distribution(tree, probe, beta, epsilon)
+    found, visited = search_distribution(tree, probe, beta, tail_probability)
     exact = np.exp(exact_log_prob(coefficients, probe.astype(np.float32), beta))
     # float32 distances: 1e-6 of the square, over 2β in the exponent
     rounding = 1e-6 * ((coefficients - probe) ** 2).sum(axis=1).max() / beta
-    assert total_variation(found, exact) <= epsilon + rounding
+    assert total_variation(found, exact) <= tail_probability + rounding
     assert 1 <= visited <= n
 
 
@@ -143,7 +143,7 @@ def test_the_search_kernel_agrees_with_numpy():
     coefficients, rng = database(2700, 11), np.random.default_rng(5)
     tree = kd_tree(coefficients)
     for probe in rng.normal(size=(10, 11)):
-        found, visited = found_distribution(tree, probe, 0.1)
+        found, visited = search_distribution(tree, probe, 0.1)
         expected, expected_visited = oracle.found_distribution(tree, probe, 0.1)
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-9)  # float32 distances over 2β
         assert visited == expected_visited
@@ -199,7 +199,9 @@ def test_the_table_of_phi_decides_as_phi_does():
 def test_many_draws_from_one_search_have_the_exact_probabilities(beta):
     coefficients, rng = database(), np.random.default_rng(1)
     probes = coefficients[[7, 100]] + 0.3 * rng.normal(size=(2, 8))
-    found = search(kd_tree(coefficients), probes, np.array([20000, 10000]), beta, rng.random(30000), epsilon=1e-6)
+    found = search(
+        kd_tree(coefficients), probes, np.array([20000, 10000]), beta, rng.random(30000), tail_probability=1e-6
+    )
     for probe, entries, log_mass in zip(probes, np.split(found.entries, [20000]), found.log_mass, strict=True):
         assert goodness_of_fit(entries, np.exp(exact_log_prob(coefficients, probe, beta))) > 1e-4
         squares = ((coefficients - probe) ** 2).sum(axis=1)
@@ -232,7 +234,9 @@ def test_fidelity_of_the_exact_distribution_is_perfect_and_of_the_tree_is_enumer
     tree, exact = sign_tree(coefficients), [np.exp(exact_log_prob(coefficients, probe, 0.05)) for probe in probes]
     by_hand = [0.5 * np.abs(p - np.exp(log_proposal(tree, c, 0.05))).sum() for p, c in zip(exact, probes, strict=True)]
     assert result.total_variation == pytest.approx(np.mean(by_hand))
-    assert fidelity(kd_tree(coefficients), coefficients, probes, 0.05, rng, epsilon=1e-6).total_variation < 1e-5
+    assert (
+        fidelity(kd_tree(coefficients), coefficients, probes, 0.05, rng, tail_probability=1e-6).total_variation < 1e-5
+    )
 
 
 def test_bad_input_is_refused():
@@ -241,8 +245,8 @@ def test_bad_input_is_refused():
     one = np.array([1])
     with pytest.raises(InputError, match="beta"):
         search(tree, probe, one, 0.0, np.zeros(1))
-    with pytest.raises(InputError, match="epsilon"):
-        search(tree, probe, one, 1.0, np.zeros(1), epsilon=0.0)
+    with pytest.raises(InputError, match="tail_probability"):
+        search(tree, probe, one, 1.0, np.zeros(1), tail_probability=0.0)
     with pytest.raises(ValueError, match="probes"):
         search(tree, np.full((1, 8), np.nan), one, 1.0, np.zeros(1))
     with pytest.raises(ValueError, match="probes"):

@@ -19,7 +19,9 @@ def prior():
     mixed = 0.3 * rng.standard_normal((N_POSE, N_POSE))
     covariance = mixed @ mixed.T + 0.1 * np.eye(N_POSE)
     still = np.zeros((N_POSE, N_POSE - 4))
-    return Linear(LinearMotion(30.0, gain, np.zeros(N_POSE), covariance, still, np.ones(N_POSE), covariance), noise=2.0)
+    return Linear(
+        LinearMotion(30.0, gain, np.zeros(N_POSE), covariance, still, np.ones(N_POSE), covariance), noise_scale=2.0
+    )
 
 
 def test_draws_have_the_mean_and_the_noise_that_it_tells(prior):
@@ -47,7 +49,7 @@ def test_the_density_is_that_of_the_poses_drawn(prior):
 
 def test_first_states_are_as_their_moments_say(prior):
     pose = np.linspace(-0.1, 0.1, N_POSE)
-    mean, covariance = prior.start_moments(pose)
+    mean, covariance = prior.initial_moments(pose)
     drawn = prior.sample_initial(pose, 20000, np.random.default_rng(3))
     assert np.abs((drawn.mean(axis=0) - mean) / np.sqrt(np.diag(covariance))).max() < 5.0 / np.sqrt(20000)
     assert np.allclose(drawn.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.03)
@@ -61,7 +63,7 @@ def test_it_says_what_it_is_and_refuses_other_rates(prior):
         prior.sample_transition(
             prior.sample_initial(np.zeros(N_POSE), 2, np.random.default_rng(0)), 0.05, np.random.default_rng(0)
         )
-    with pytest.raises(InputError, match="that of one frame"):
+    with pytest.raises(InputError, match="covers one frame"):
         prior.noise_covariance(np.zeros(2 * N_POSE), 2.0 * DT_S)
-    with pytest.raises(InputError, match="noise"):
-        Linear(prior.model, noise=0.0)
+    with pytest.raises(InputError, match="noise_scale"):
+        Linear(prior.model, noise_scale=0.0)

@@ -10,10 +10,10 @@ from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
-from workbench.priors.ar_offsets import Jitter
-from workbench.priors.fitted_rest import Following, Trajectory
+from workbench.priors.ar_offsets import AROffsets
+from workbench.priors.fitted_rest import FittedRest, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import Flipping
+from workbench.priors.kinematic_flips import KinematicFlips
 from workbench.priors.smooth import Smooth
 
 
@@ -24,7 +24,7 @@ def folder(cache):
 
 @pytest.fixture(scope="module")
 def windows():
-    return learn_windows(builtin_motions(n_subjects=2), angles=["left_arm"], root=False)
+    return learn_windows(builtin_motions(n_subjects=2), angles=["left_arm"], include_root=False)
 
 
 @pytest.mark.parametrize("name", ["walking", "gait", "cyclic"])
@@ -55,13 +55,13 @@ def test_a_penalty_is_as_given_and_else_the_default(folder):
 
 def test_wrappers_pass_on_what_still_holds(folder, windows):
     walking = from_motions.walking(motions="builtin", cache=folder)
-    jitter = Jitter(walking)
-    assert jitter.capabilities.motion is walking.capabilities.motion
-    assert jitter.capabilities.smoothness is None
-    flipping = Flipping(jitter, lambda: None)
-    assert flipping.capabilities.motion is walking.capabilities.motion
-    followed = Following(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
+    offsets = AROffsets(walking)
+    assert offsets.capabilities.motion is walking.capabilities.motion
+    assert offsets.capabilities.smoothness is None
+    flips = KinematicFlips(offsets, lambda: None)
+    assert flips.capabilities.motion is walking.capabilities.motion
+    followed = FittedRest(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
     assert (followed.capabilities.first_pose() == 1.0).all()
-    assert (Flipping(followed, lambda: None).capabilities.first_pose() == 1.0).all()
+    assert (KinematicFlips(followed, lambda: None).capabilities.first_pose() == 1.0).all()
     arm = Implicit(windows)
-    assert len(Jitter(arm).capabilities.examples()) == len(arm.capabilities.examples())
+    assert len(AROffsets(arm).capabilities.examples()) == len(arm.capabilities.examples())

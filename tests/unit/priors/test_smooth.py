@@ -83,7 +83,7 @@ def test_one_step_away_from_limits(dt_s):
 def test_ten_steps_away_from_limits_follow_the_linear_model():
     """Mean F^t x and covariance Σ F^i Q F^iᵀ of the linear-Gaussian model, as a Kalman filter predicts them."""
     low, high = dict.fromkeys(ARM, -1e6), dict.fromkeys(ARM, 1e6)
-    prior, dt_s = Smooth(parameters=ARM, lowest=low, highest=high, damping=1.5), 1 / 25
+    prior, dt_s = Smooth(parameters=ARM, lower=low, upper=high, damping=1.5), 1 / 25
     state = many(prior, POSE, np.full(25, 0.7))
     i = ARM.index("right_elbow_flexion")
     q = 30 * dt_s * np.diag([prior.sigma[i] ** 2, prior.sigma_velocity[i] ** 2])
@@ -116,7 +116,7 @@ def test_draws_near_a_limit_follow_the_normalised_density(velocity):
 
 def test_start_is_around_the_pose_and_uniform_where_asked():
     twist = "right_shoulder_twist"
-    prior = Smooth(parameters=ARM, start_pose=1.5, start_uniform=[twist])
+    prior = Smooth(parameters=ARM, initial_pose_scale=1.5, initial_uniform=[twist])
     state = prior.sample_initial(POSE, N, np.random.default_rng(0))
     low, high = SKELETON.limits[POSE_NAMES.index(twist)]
     assert kstest(column(prior, state, twist), "uniform", (low, high - low)).pvalue > 1e-4
@@ -178,11 +178,11 @@ deviations = st.floats(0.0, 100.0)
 def test_no_draw_leaves_the_limits(a, b, sigma, sigma_velocity, pose, dt_s, seed):
     prior = Smooth(
         parameters=NAMES,
-        lowest=dict(zip(NAMES, (a[0], b[0]), strict=True)),
-        highest=dict(zip(NAMES, (a[1], b[1]), strict=True)),
+        lower=dict(zip(NAMES, (a[0], b[0]), strict=True)),
+        upper=dict(zip(NAMES, (a[1], b[1]), strict=True)),
         sigma=dict.fromkeys(NAMES, sigma),
         sigma_velocity=dict.fromkeys(NAMES, sigma_velocity),
-        start_uniform=["root_heading"],
+        initial_uniform=["root_heading"],
     )
     rng = np.random.default_rng(seed)
     state = prior.sample_initial(np.full(len(POSE_NAMES), pose), 30, rng)

@@ -48,7 +48,7 @@ def priors():
         Smooth(parameters=["right_arm"]),
         Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
     )
-    arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], root=False)
+    arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], include_root=False)
     return {
         "walk": walk,
         "smooth": Smooth(),
@@ -64,7 +64,7 @@ def test_memory_ahead_is_left_out(priors, name):
     b = len(prior.windows.sigmas)
     expected = (*POSE_NAMES, *(f"c{k + 1}" for k in range(b)))
     assert posterior(prior, steps(prior)).names == expected
-    assert len(prior.space) == len(expected) + b * (prior.windows.length - 1)  # there is such memory
+    assert len(prior.space) == len(expected) + b * (prior.windows.window_frames - 1)  # there is such memory
 
 
 @pytest.mark.parametrize("name", ["walk", "smooth", "arm", "database", "arm database"])

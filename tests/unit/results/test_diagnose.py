@@ -29,7 +29,7 @@ def test_one_thing_is_changed_at_a_time():
     found = changes("dataset=synthetic", *given)
     assert list(found) == [
         "4 times the particles", "without image_motion", "without background", "without appearance", "without edges",
-        "prior=smooth", "prior=jitter", "without the occluder", "the true body", "without perturbation clothes_m",
+        "prior=smooth", "prior=ar_offsets", "without the occluder", "the true body", "without perturbation clothes_m",
         "without perturbation camera", "without perturbation camera_deg",
     ]  # fmt: skip
     assert found["without edges"] == Change("without edges", ("likelihood.weights.edges=0.0",))
@@ -41,7 +41,7 @@ def test_one_thing_is_changed_at_a_time():
 
 def test_only_what_applies_is_changed():
     found = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.perturb=false")
-    assert list(found) == ["4 times the particles", "prior=jitter"]
+    assert list(found) == ["4 times the particles", "prior=ar_offsets"]
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -45,7 +45,7 @@ def histograms(prior):
 def test_the_probe_is_the_window_that_ends_at_the_frame(prior, motions):
     name = prior.windows.clips[2]
     probes = held_out_probes(prior, name, 25, 6, rng())
-    own = prior.start_after(motions[2].poses[25 - prior.windows.length : 26], 1)
+    own = prior.start_after(motions[2].poses[25 - prior.windows.window_frames : 26], 1)
     assert probes.coefficients[0] == pytest.approx(own[0, prior.space.slices["coefficients"]], abs=1e-4)
     assert prior.windows.rows[probes.truth, :19] == pytest.approx(motions[2].poses[26, 6:], abs=1e-6)
     assert name in probes.description
@@ -75,7 +75,7 @@ def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
         for probe in probes.coefficients
     ]
     assert temperature.metrics["tv_sign_tree"] == pytest.approx(np.mean(apart))
-    assert temperature.metrics["tv_search"] <= prior.epsilon
+    assert temperature.metrics["tv_search"] <= prior.tail_probability
     assert 0.0 < temperature.metrics["visited_pct"] < 100.0
     assert temperature.metrics["distance_sign_tree"] > temperature.metrics["distance_exact"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.motion.pose_sequence import SHORTEST_RUN_S, Motion, gait_events
+from workbench.motion.pose_sequence import MIN_RUN_CYCLE_S, Motion, gait_events
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -67,7 +67,7 @@ def concatenate(
 def gait_phases(motion: Motion) -> FloatArray:
     """Return gait phases (F,), cycles, whole numbers at the events where the left thigh is furthest ahead
     (`gait_events`): linear between events, extrapolated at the nearest cycle's rate, NaN for fewer than two events."""
-    events, frames = gait_events(motion, SHORTEST_RUN_S), np.arange(len(motion), dtype=np.float64)
+    events, frames = gait_events(motion, MIN_RUN_CYCLE_S), np.arange(len(motion), dtype=np.float64)
     if len(events) < 2:
         return np.full(len(motion), np.nan)
     phases = np.interp(frames, events, np.arange(len(events)))

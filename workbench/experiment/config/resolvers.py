@@ -13,7 +13,7 @@ from typing import Any
 
 from omegaconf import ListConfig
 
-from workbench.motion.formats.names import clip_name, left_out
+from workbench.motion.formats.names import clip_name, excluded_subjects
 from workbench.utils.errors import InputError
 
 _HALVES = ("report", "choose")
@@ -63,7 +63,7 @@ def _given(value: str | None, then: object, otherwise: object) -> object:
 def _performers(*motions: Any, by_style: bool = False) -> list[str]:
     """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
     listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
-    return left_out((str(name) for names in listed for name in names), by_style)
+    return excluded_subjects((str(name) for names in listed for name in names), by_style)
 
 
 def _each(values: Sequence[str]) -> str:

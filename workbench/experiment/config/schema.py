@@ -181,9 +181,9 @@ class ComponentSource(ConfigSource):
     An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
 
         when:
-          prior.jitter: {sigma: 0.01}
+          prior.ar_offsets: {sigma: 0.01}
 
-    in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
+    in its own file, or in that of an experiment it begins with, holds where the prior is ar_offsets, and only there.
     Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
     """
 

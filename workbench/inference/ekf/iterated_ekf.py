@@ -161,7 +161,7 @@ class IteratedEkf:
             (log_evidence,) = resumed.array("log_evidence", 1)
             mean, covariance = resumed.array("mean", size), resumed.array("covariance", size, size)
         else:
-            mean, covariance = model.start_moments(np.atleast_2d(start)[0])
+            mean, covariance = model.initial_moments(np.atleast_2d(start)[0])
         state = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, Observed, observe, person_px
-from workbench.core.prior import RECORDED, REFERENCE_RATE_HZ, Smoothness
+from workbench.core.prior import RECORDED_SMOOTHNESS, REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
 from workbench.inference.least_squares.smooth_fit import (
@@ -83,7 +83,7 @@ def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Traj
     )  # which draws nothing, as there are no points
     first, times_s = first_keypoints(observations), np.array([frame.time_s for frame in stripped])
     sigma_px = START_SIGMA * person_px(first)
-    problem = keypoint_problem(skeleton, observations, times_s, sigma_px, LOSS, smoothness=RECORDED)
+    problem = keypoint_problem(skeleton, observations, times_s, sigma_px, LOSS, smoothness=RECORDED_SMOOTHNESS)
     poses = fit_smooth(problem, observations, first_poses(skeleton, first, sigma_px), MAX_ITERATIONS).poses
     n_cameras = len({keypoints.camera.name for frame in observations for keypoints in frame.keypoints})
     log.info("whole-body motion fitted to the keypoints of %d cameras", n_cameras)

@@ -77,7 +77,7 @@ class LeastSquares:
             default_length_uncertainty(body.skeleton) if body.length_doubt is None else body.length_doubt
         )
         self.motion, self.smoothness = capabilities.motion, capabilities.smoothness or Smoothness()
-        self.discrepancy, self.pose_prior = capabilities.discrepancy, capabilities.postures
+        self.discrepancy, self.pose_prior = capabilities.discrepancy, capabilities.pose_prior
         self.problem: Problem = problem or (SmoothFit() if capabilities.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True

@@ -9,7 +9,7 @@ import scipy
 
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, component_traits
-from workbench.core.discrepancy import widening
+from workbench.core.discrepancy import small_sample_inflation
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.side_information import PHASE_ENDS
@@ -76,7 +76,11 @@ class MotionFit:
         decoder = MotionDecoder(task.skeleton, required_motion(task.motion), rest)
         frames_per_style = self.frames_per_style or len(task.observations)
         model = task.discrepancy if self.discrepancy else None
-        discrepancy = None if model is None else widening(model.n_people) * model.root(task.skeleton.dof_names)
+        discrepancy = (
+            None
+            if model is None
+            else small_sample_inflation(model.n_subjects) * model.covariance_root(task.skeleton.dof_names)
+        )
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,

@@ -248,7 +248,7 @@ def pose_prior_gaussians(
     pose_prior: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return means (T, P) and precisions (T, P, P) of the pose prior's Gaussians at poses (T, P) with covariances (T,
-    P, P), to a power above 0, see `PosePrior.nearest`; they are fixed in the following fit."""
+    P, P), to a power above 0, see `PosePrior.geometric_mean`; they are fixed in the following fit."""
     angles = slice(poses.shape[1] - pose_prior.means.shape[1], None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):

@@ -12,7 +12,7 @@ from workbench.core.state_space import StateSpace
 from workbench.inference.smc.move import DensityMove, Streams
 from workbench.inference.smc.target import ZERO_NOISE, MoveResult, Target
 from workbench.inference.smc.weights import systematic, uniform_log_weights
-from workbench.priors.density import apart, circular
+from workbench.priors.density import phase_columns, state_difference
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 MAX_STEP = 2.0
@@ -89,24 +89,24 @@ class _PredictedStates:
         """Return states (M, D) after changes (M, D') of the columns that have noise."""
         states = states.copy()
         states[:, self.noisy] += changes
-        states[:, circular(self.space)] %= 1.0
+        states[:, phase_columns(self.space)] %= 1.0
         return states
 
     def difference(self, origin: FloatArray, states: FloatArray) -> FloatArray:
         """Return the differences (M, D') of states (M, D) from one (D,), in the columns that have noise."""
-        return apart(self.space, origin, states)[:, self.noisy]
+        return state_difference(self.space, origin, states)[:, self.noisy]
 
 
 def predict_states(target: Target, rng: np.random.Generator) -> _PredictedStates:
     """Return the prediction from the target's parents; the noise is estimated from one sample for each parent."""
     space, parents = target.prior.space, target.parents
     means = target.density.mean(parents.state, target.dt_s)
-    noise = apart(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
+    noise = state_difference(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
     noisy = np.flatnonzero(target.free_columns() & (np.abs(noise).max(axis=0) > ZERO_NOISE))
     weights, heaviest = np.exp(parents.log_weights), means[np.argmax(parents.log_weights)]
-    mean = heaviest + weights @ apart(space, heaviest, means)  # phases have a mean only relative to one of them
+    mean = heaviest + weights @ state_difference(space, heaviest, means)  # phases have a mean only relative to one of them
     sigma = np.sqrt((noise[:, noisy] ** 2).mean(axis=0))
-    deviations = apart(space, mean, means)[:, noisy]
+    deviations = state_difference(space, mean, means)[:, noisy]
     covariance = (weights * deviations.T) @ deviations + np.diag(sigma**2)
     return _PredictedStates(space, means, mean, noisy, sigma, covariance)
 

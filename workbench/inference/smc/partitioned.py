@@ -87,11 +87,11 @@ def partition_columns(space: StateSpace, partitions: Sequence[str]) -> list[IntA
     names = [set(named_parameters("inference: partitions", [part])) for part in partitions]
     owners = np.zeros(len(space), dtype=np.int64)
     for column, name in enumerate(space.names):
-        parameter = name.removesuffix("_jitter").removesuffix("_velocity")
+        parameter = name.removesuffix("_offset").removesuffix("_velocity")
         owners[column] = next((k for k, part in enumerate(names) if parameter in part), 0)
     if len(np.unique(owners)) < 2:
         raise InputError(
             "inference: partitions must divide the prior's columns, all of which are in one partition; choose a prior "
-            "with columns for joint angles, such as smooth or jitter"
+            "with columns for joint angles, such as smooth or ar_offsets"
         )
     return [np.flatnonzero(owners == k) for k in np.unique(owners)]

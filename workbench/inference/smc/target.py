@@ -10,7 +10,7 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.prior import Density, Prior, propose
 from workbench.inference.smc.weights import DegenerateWeights, drop_undefined, effective_sample_size, logsumexp
-from workbench.priors.density import apart, circular
+from workbench.priors.density import phase_columns, state_difference
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
@@ -198,7 +198,7 @@ class Target:
     def noisy_columns(self, candidates: Candidates) -> BoolArray:
         """Select (D,), the free columns in which candidates differ from the prior's mean."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > ZERO_NOISE) & self.free_columns()
+        return (np.abs(state_difference(self.prior.space, mean, candidates.state)).max(axis=0) > ZERO_NOISE) & self.free_columns()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the states' innovations (N, D') in the columns noisy (D,), and the prior's means (N, D').
@@ -206,14 +206,14 @@ class Target:
         Means are relative to the first one.
         """
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        difference = apart(self.prior.space, mean, candidates.state)
-        return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
+        difference = state_difference(self.prior.space, mean, candidates.state)
+        return difference[:, noisy], state_difference(self.prior.space, mean[0], mean)[:, noisy]
 
     def shift(self, candidates: Candidates, noisy: BoolArray, change: FloatArray) -> Candidates:
         """Return the candidates with their columns noisy (D,) changed by (N, D')."""
         state = candidates.state.copy()
         state[:, noisy] += change
-        state[:, circular(self.prior.space)] %= 1.0
+        state[:, phase_columns(self.prior.space)] %= 1.0
         return self.evaluate(state, candidates.parents)
 
     def sample_dependent(self, candidates: Candidates, rng: np.random.Generator) -> Candidates:

@@ -21,7 +21,7 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues import edge_filters
 from workbench.likelihoods.cues.edge_filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, SmoothedView
 from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, limb_points, looked_up
-from workbench.motion.models.store import Provenance, keep, load
+from workbench.motion.models.store import Provenance, cache_model, load
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
@@ -74,7 +74,7 @@ def _edge_model(cache: str) -> EdgeModel:
         return load(EdgeModel, path)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
-    return keep(path, learn_edges(_rendered_people(rng), rng), provenance)
+    return cache_model(path, learn_edges(_rendered_people(rng), rng), provenance)
 
 
 def _rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, FloatArray]]:

@@ -1,4 +1,4 @@
-"""Acclaim files: an ASF skeleton and the AMC motions made with it, as in the CMU database."""
+"""Acclaim files: an ASF skeleton and its AMC motions, as in the CMU database."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,18 +16,21 @@ from workbench.utils.input_limits import MOST_FRAMES, MOST_JOINTS, check_number,
 
 _INCH_M = 0.0254
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
-_TURNS = ("rx", "ry", "rz")
-_SHIFTS = ("tx", "ty", "tz")
+_ROTATIONS = ("rx", "ry", "rz")
+_TRANSLATIONS = ("tx", "ty", "tz")
 _PROPERTIES = frozenset(["end", "id", "name", "direction", "length", "axis", "dof", "limits", "bodymass", "cofmass"])
 
 _Properties = dict[str, tuple[int, list[str]]]
-"""Line and values of every keyword."""
+"""Line and values by keyword."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Bone:
-    """A bone from its joint to `end` (3,), m. axis: rotation (3, 3) from the frame of its angles, `order` ("XYZ") that
-    of the turns. channels: the values that an AMC line has, of "tx".."rz"; none where the joint does not turn."""
+    """A bone from its joint to `end` (3,), m.
+
+    axis : rotation (3, 3) from the frame of its angles. order : of the rotations, e.g. "XYZ". channels : the values in
+    an AMC line, of "tx".."rz"; none if the joint is rigid.
+    """
 
     end: FloatArray
     axis: FloatArray
@@ -37,10 +40,10 @@ class _Bone:
 
 @dataclass(frozen=True, eq=False)
 class _AsfSkeleton:
-    """The skeleton of an ASF file, in the file's axes (y up). A joint is the near end of its bone, and turns it.
+    """The skeleton of an ASF file, in the file's axes (y up). A joint is the proximal end of its bone.
 
-    joints: K names, parents before children: the root, the bones, and <bone>_end for every bone without children.
-    parents: (K,), -1 for the root. bones: K. metres_per_unit: the length of 1. degrees: the unit of angles.
+    joints : K names, parents before children: the root, the bones, and <bone>_end for every bone without children.
+    parents : (K,), -1 for the root. bones : K. metres_per_unit : m. degrees : whether angles are in degrees.
     """
 
     joints: tuple[str, ...]
@@ -51,11 +54,11 @@ class _AsfSkeleton:
 
 
 def _read_asf(path: str | Path) -> _AsfSkeleton:
-    """Read the skeleton of an ASF file.
+    """Return the skeleton of an ASF file.
 
-    Lengths are in units of 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad.
-    Raises InputError, with the file and the line, when the file is missing, malformed or truncated, or uses what the
-    CMU database does not: a root that starts displaced or turned, bones that stretch or shift.
+    Lengths are in units of 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad. Raises
+    InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that the
+    CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -72,7 +75,7 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
     for block in blocks:
         line, name = block["end"][0], " ".join(block.get("name", (0, []))[1])
         if not name or name in bones:
-            fail(path, line, f"expected a bone with a name of its own, found {name!r}")
+            fail(path, line, f"expected a bone with a unique name, found {name!r}")
         bones[name] = _bone(path, name, block, metres, degrees)
     check_number(path, "bones", len(bones), MOST_JOINTS)
     joints, parents = _tree(path, sections.get(":hierarchy", ()), bones, len(lines))
@@ -81,18 +84,18 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
 
 
 def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 120.0) -> MotionClip:
-    """Read the clip of an AMC file.
+    """Return the clip of an AMC file.
 
     Parameters
     ----------
-    path : the file. Its angles are in degrees or radians as the file states, else as the ASF does.
-    asf : its skeleton's file, by default the one in its folder named for the subject (35.asf for 35_02.amc)
-    rate_hz : the format carries no rate; 120 Hz is that of the CMU database
+    path : the file. Its angles are in degrees or radians as the file states, else as the ASF states.
+    asf : the skeleton's file, by default the subject's in the same folder (35.asf for 35_02.amc).
+    rate_hz : Hz; the format has no rate. 120 Hz is that of the CMU database.
 
     Raises
     ------
-    InputError : with the file and the line, for a missing, repeated or unknown bone, a wrong number of values, what is
-        not a number, frame numbers that do not follow each other, and a file without frames
+    InputError : with the file and the line, for a missing, repeated or unknown bone, a wrong number of values, a value
+        that is not a number, frame numbers that are not consecutive, and a file without frames.
     """
     path = Path(path)
     check_rate(f"{path}: the rate", rate_hz)
@@ -111,67 +114,69 @@ def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 1
 
     offsets = np.array([skeleton.bones[parent].end if parent >= 0 else np.zeros(3) for parent in skeleton.parents])
     rotations = np.broadcast_to(np.eye(3), (len(frames), len(skeleton.joints), 3, 3)).copy()
-    places = np.broadcast_to(offsets, (len(frames), *offsets.shape)).copy()
+    translations = np.broadcast_to(offsets, (len(frames), *offsets.shape)).copy()
     for k, (joint, bone) in enumerate(zip(skeleton.joints, skeleton.bones, strict=True)):
         if bone.channels:
             values = dict(zip(bone.channels, np.array([frame[joint] for frame in frames]).T, strict=True))
             angles = np.stack([values.get(f"r{axis}", np.zeros(len(frames))) for axis in bone.order.lower()], axis=-1)
-            rotations[:, k] = bone.axis @ _turned(bone.order, angles, degrees) @ bone.axis.T
+            rotations[:, k] = bone.axis @ _rotation_matrices(bone.order, angles, degrees) @ bone.axis.T
             if k == 0:
-                places[:, 0] = np.stack([values[shift] for shift in _SHIFTS], axis=-1) * skeleton.metres_per_unit
-    return clip_of_file(path.stem, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, places)
+                translations[:, 0] = (
+                    np.stack([values[channel] for channel in _TRANSLATIONS], axis=-1) * skeleton.metres_per_unit
+                )
+    return clip_of_file(path.stem, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations)
 
 
 def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> tuple[int, list[dict[str, list[float]]]]:
-    """Return the first frame's number, and every frame's values by bone. sizes: how many each bone has."""
+    """Return the first frame's number, and every frame's values by bone. sizes : number of values by bone."""
     first, frames, lines = 0, list[dict[str, list[float]]](), list[int]()
     for line, words in rows:
         number = first + len(frames) - 1
         if words[0].isdecimal() or not frames:
-            found = int(words[0]) if len(words) == 1 and words[0].isdecimal() and len(words[0]) < 10 else None
-            if found is None or (frames and found != number + 1):
+            index = int(words[0]) if len(words) == 1 and words[0].isdecimal() and len(words[0]) < 10 else None
+            if index is None or (frames and index != number + 1):
                 expected = f"the number {number + 1}" if frames else "the number"
                 fail(path, line, f"expected {expected} of a frame, found {' '.join(words)[:60]!r}")
-            first = first if frames else found
+            first = first if frames else index
             frames.append({})
             lines.append(line)
             check_number(path, "frames", len(frames), MOST_FRAMES)
             continue
         bone = words[0]
         if bone not in sizes:
-            fail(path, line, f"expected a bone that turns in the skeleton, found {bone[:60]!r} in frame {number}")
+            fail(path, line, f"expected a bone with channels in the skeleton, found {bone[:60]!r} in frame {number}")
         if bone in frames[-1]:
             fail(path, line, f"expected {bone} once in frame {number}, found it again")
         frames[-1][bone] = numbers(path, line, words[1:], sizes[bone], f"{bone} in frame {number}")
     for k, frame in enumerate(frames):
-        if lacking := ", ".join(bone for bone in sizes if bone not in frame):
-            fail(path, lines[k], f"expected the rest of frame {first + k}, which lacks {lacking}")
+        if missing := ", ".join(bone for bone in sizes if bone not in frame):
+            fail(path, lines[k], f"expected values of {missing} in frame {first + k}, found none")
     return first, frames
 
 
 def _properties(section: Iterable[Statement]) -> _Properties:
-    return {what: (line, values) for line, (what, *values) in section}
+    return {keyword: (line, values) for line, (keyword, *values) in section}
 
 
 def _blocks(path: Path, section: Iterable[Statement], last_line: int) -> list[_Properties]:
-    """Return the properties of every bone, between its begin and its "end", which is one of them."""
+    """Return the properties of every bone, between its "begin" and "end", including "end"."""
     blocks: list[_Properties] = []
-    for line, (what, *values) in section:
+    for line, (keyword, *values) in section:
         is_open = bool(blocks) and "end" not in blocks[-1]
-        if is_open == (what == "begin"):
+        if is_open == (keyword == "begin"):
             expected = "the end of a bone before the next begins" if is_open else "the begin of a bone"
-            fail(path, line, f"expected {expected}, found {what[:60]!r}")
-        if what == "begin":
+            fail(path, line, f"expected {expected}, found {keyword[:60]!r}")
+        if keyword == "begin":
             blocks.append({})
-        elif not what.startswith("("):  # limits have a line per degree of freedom
-            blocks[-1][what] = line, values
+        elif not keyword.startswith("("):  # limits have a line per degree of freedom
+            blocks[-1][keyword] = line, values
     if not blocks or "end" not in blocks[-1]:
-        fail(path, last_line, "expected whole :bonedata and :hierarchy sections before the end of the file")
+        fail(path, last_line, "expected complete :bonedata and :hierarchy sections before the end of the file")
     return blocks
 
 
 def _units(path: Path, units: _Properties) -> tuple[float, bool]:
-    """Return the length of 1 in metres, and whether angles are in degrees."""
+    """Return the unit of length in metres, and whether angles are in degrees."""
     line, words = units.get("length", (0, ["1"]))
     (length,) = numbers(path, line, words, 1, "the unit of length")
     if length <= 0.0:
@@ -183,15 +188,15 @@ def _units(path: Path, units: _Properties) -> tuple[float, bool]:
 
 
 def _root(path: Path, root: _Properties, last_line: int) -> _Bone:
-    """Return the root: a bone of no length, whose joint shifts and turns."""
-    for what in ("position", "orientation"):
-        line, words = root.get(what, (0, ["0"] * 3))
-        if any(numbers(path, line, words, 3, f"the root's {what}")):
-            fail(path, line, f"expected a root that starts with {what} 0 0 0, found {' '.join(words)!r}")
+    """Return the root: a bone of zero length, whose joint translates and rotates."""
+    for key in ("position", "orientation"):
+        line, words = root.get(key, (0, ["0"] * 3))
+        if any(numbers(path, line, words, 3, f"the root's {key}")):
+            fail(path, line, f"expected the root's initial {key} 0 0 0, found {' '.join(words)!r}")
     if "order" not in root:
         fail(path, last_line, "expected the order of the root's channels in :root")
     line, words = root["order"]
-    channels = _channels(path, line, words, (*_SHIFTS, *_TURNS))
+    channels = _channels(path, line, words, (*_TRANSLATIONS, *_ROTATIONS))
     if len(channels) != 6:
         fail(path, line, f"expected TX TY TZ RX RY RZ in any order, found {' '.join(words)!r}")
     line, words = root.get("axis", (0, ["XYZ"]))
@@ -214,16 +219,16 @@ def _bone(path: Path, name: str, block: _Properties, metres: float, degrees: boo
             f"expected a direction of length 1 and a length, not negative, of bone {name}, found "
             f"{size:.4g} and {length:g}",
         )
-    place, words = block["axis"]
-    order = _axis_order(path, place, " ".join(words[3:]))
-    axis = numbers(path, place, words[:3], 3, f"the axis of {name}")
-    turned = _turned(order, np.array([axis["XYZ".index(letter)] for letter in order]), degrees)
-    channels = _channels(path, *block["dof"], _TURNS) if "dof" in block else ()
-    return _Bone(metres * length * np.array(direction), turned, order, channels)
+    axis_line, words = block["axis"]
+    order = _axis_order(path, axis_line, " ".join(words[3:]))
+    axis = numbers(path, axis_line, words[:3], 3, f"the axis of {name}")
+    rotation = _rotation_matrices(order, np.array([axis["XYZ".index(letter)] for letter in order]), degrees)
+    channels = _channels(path, *block["dof"], _ROTATIONS) if "dof" in block else ()
+    return _Bone(metres * length * np.array(direction), rotation, order, channels)
 
 
-def _turned(order: str, angles: FloatArray, degrees: bool) -> FloatArray:
-    """Return rotations (..., 3, 3) by angles (..., 3) about fixed axes, for which scipy's orders are in lower case."""
+def _rotation_matrices(order: str, angles: FloatArray, degrees: bool) -> FloatArray:
+    """Return rotations (..., 3, 3) by angles (..., 3) about fixed axes (extrinsic, lower-case orders in scipy)."""
     return scipy.spatial.transform.Rotation.from_euler(order.lower(), angles, degrees=degrees).as_matrix()
 
 
@@ -260,10 +265,10 @@ def _tree(
     pending = [("root", -1)]
     while pending:
         name, parent = pending.pop()
-        below = children.get(name, [f"{name}_end"] if name in bones else [])
-        pending += [(child, len(joints)) for child in reversed(below)]
+        child_names = children.get(name, [f"{name}_end"] if name in bones else [])
+        pending += [(child, len(joints)) for child in reversed(child_names)]
         joints.append(name)
         parents.append(parent)
-    if loose := sorted(set(bones) - set(joints)):
-        fail(path, last_line, f"expected {loose[0]} to hang from the root in :hierarchy")
+    if unconnected := sorted(set(bones) - set(joints)):
+        fail(path, last_line, f"expected {unconnected[0]} to descend from the root in :hierarchy")
     return tuple(joints), parents

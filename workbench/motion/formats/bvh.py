@@ -1,6 +1,6 @@
-"""BVH files: a hierarchy of joints, then one line of channel values a frame.
+"""BVH files: a hierarchy of joints, then one line of channel values per frame.
 
-BVH has no specification; what is written is what Biovision's files look like and what the reader here and Blender read.
+BVH has no specification; the output follows Biovision's files and is readable by this reader and by Blender.
 """
 
 from collections.abc import Iterator
@@ -36,12 +36,12 @@ class _Joint:
 
 
 def read_bvh(path: str | Path, unit: str = "cm") -> MotionClip:
-    """Read the clip of a BVH file whose lengths are in `unit`, "cm" or "m"; frames count from 1.
+    """Return the clip of a BVH file with lengths in `unit`, "cm" or "m"; frames count from 1.
 
     A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
-    channels. Positions replace the joint's offset (of the root too: most files have its offset zero). End sites
-    become joints called <parent>_end. A frame time that is 1/N s to the digits it is printed with means N Hz.
-    Raises InputError, with the file and the line, for anything else, for truncated files, and for an unknown unit.
+    channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files). End sites
+    become joints <parent>_end. A frame time that equals 1/N s to its printed digits means N Hz. Raises InputError, with
+    the file and the line, for other content, a truncated file, and an unknown unit.
     """
     path = Path(path)
     if unit not in _METRES:
@@ -51,21 +51,21 @@ def read_bvh(path: str | Path, unit: str = "cm") -> MotionClip:
     rate_hz, values = _read_motion(path, lines, line, sum(len(joint.channels) for joint in joints))
 
     offsets = np.array([joint.offset for joint in joints]) * _METRES[unit]
-    places = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
-    rotations = np.broadcast_to(np.eye(3), (*places.shape, 3)).copy()
+    translations = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
+    rotations = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
     column = 0
     for k, joint in enumerate(joints):
         channels = dict(zip(joint.channels, values[:, column : column + len(joint.channels)].T, strict=True))
         column += len(joint.channels)
-        if turns := [name for name in joint.channels if name in _ROTATIONS]:
-            order = "".join(name[0] for name in turns)  # upper case is scipy's word for intrinsic
-            angles = np.stack([channels[name] for name in turns], axis=-1)
+        if rotation_channels := [name for name in joint.channels if name in _ROTATIONS]:
+            order = "".join(name[0] for name in rotation_channels)  # upper case means intrinsic in scipy
+            angles = np.stack([channels[name] for name in rotation_channels], axis=-1)
             rotations[:, k] = scipy.spatial.transform.Rotation.from_euler(order, angles, degrees=True).as_matrix()
         if len(channels) == 6:
-            places[:, k] = np.stack([channels[name] for name in _POSITIONS], axis=-1) * _METRES[unit]
+            translations[:, k] = np.stack([channels[name] for name in _POSITIONS], axis=-1) * _METRES[unit]
     parents = np.array([joint.parent for joint in joints])
     names = tuple(joint.name for joint in joints)
-    return clip_of_file(path.stem, rate_hz, 1, names, parents, offsets, rotations, places)
+    return clip_of_file(path.stem, rate_hz, 1, names, parents, offsets, rotations, translations)
 
 
 def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
@@ -73,8 +73,8 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
     if lines[0].split() != ["HIERARCHY"]:
         fail(path, 1, f"expected HIERARCHY, found {lines[0].strip()[:60]!r}")
     joints: list[_Joint] = []
-    branch: list[int] = []  # joints whose braces are open
-    is_new = False  # the last joint has no brace yet
+    branch: list[int] = []  # joints with open braces
+    is_new = False  # the last joint has no opening brace yet
     for line, words in _statements(lines):
         joint, found = joints[branch[-1]] if branch else None, repr(" ".join(words)[:60])
         if is_new != (words == ["{"]):
@@ -106,7 +106,7 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
 
 
 def _statements(lines: list[str]) -> Iterator[Statement]:
-    """Yield number and words of the lines after the first, and a brace at a joint's line by itself."""
+    """Yield the number and words of the lines after the first; a brace at the end of a joint's line is separate."""
     for line, text in enumerate(lines[1:], 2):
         words = text.split()
         if len(words) > 1 and words[-1] == "{":
@@ -126,7 +126,7 @@ def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str
 
 
 def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str, ...]:
-    """Return the names of a joint's channels; words: their number, then the names."""
+    """Return the names of a joint's channels; words : their number, then the names."""
     names = tuple(words[1:])
     if words[:1] != [str(len(names))] or sorted(names) not in (sorted(_ROTATIONS), sorted(_POSITIONS + _ROTATIONS)):
         found = " ".join(words)[:80]
@@ -162,7 +162,7 @@ def _header(path: Path, lines: list[str], index: int, key: str, what: str) -> De
 
 
 def _rate(path: Path, line: int, frame_time: Decimal) -> float:
-    """Return frames per second: 0.0333333 is how 30 Hz is printed."""
+    """Return frames per second; a printed frame time such as 0.0333333 means 30 Hz."""
     rate = 1.0 / float(frame_time)
     if not 0.1 <= rate <= 1e5:
         fail(path, line, f"expected a frame time between 0.00001 and 10 s, found {frame_time}")
@@ -174,18 +174,18 @@ def _rate(path: Path, line: int, frame_time: Decimal) -> float:
 def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = "cm") -> str:
     """Return the BVH file of poses (F, P), m and rad, at `rate_hz` frames per second; lengths in `unit`, "cm" or "m".
 
-    A joint's channels are its own angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
-    multiplies a joint's turns outermost first. Nothing is converted, so angles stay continuous and no pose is
-    singular. Where a joint has fewer than three turns the others are zero, since readers expect three. A joint without
-    children becomes the End Site of its parent, which has no name.
-    Raises ValueError for another unit and for a joint that turns about anything but three different axes of its frame.
+    A joint's channels are its angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
+    multiplies a joint's rotations outermost first. Angles are not converted, so they stay continuous and no pose is
+    singular. A joint with fewer than three rotations gets zero channels, since readers expect three. A joint without
+    children becomes the End Site of its parent, without a name. Raises ValueError for another unit, or a joint with
+    rotation axes other than different axes of its frame.
     """
     if unit not in ("cm", "m"):
         raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")
     hierarchy, columns = _branch(skeleton, 0, PER_METRE[unit], depth=0)
-    signs = skeleton.dof_axes.sum(axis=1)  # of axes ±x, ±y, ±z; the positions' are +1
+    signs = skeleton.dof_axes.sum(axis=1)  # of axes ±x, ±y, ±z; +1 for positions
     scales = np.where(np.arange(len(signs)) < _N_POSITIONS, PER_METRE[unit], np.rad2deg(1.0) * signs)
-    padded = np.hstack([poses * scales, np.zeros((len(poses), 1))])  # column -1: a turn the joint does not have
+    padded = np.hstack([poses * scales, np.zeros((len(poses), 1))])  # column -1: a rotation that the joint lacks
     values = np.round(padded[:, columns], _DIGITS) + 0.0  # no "-0.000000"
     rows = [" ".join([f"{value:.{_DIGITS}f}" for value in row]) for row in values.tolist()]
     head = ["MOTION", f"Frames: {len(poses)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
@@ -193,7 +193,7 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
 
 
 def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[list[str], list[int]]:
-    """Return the lines of a joint and those below it, and the pose's column of each of their channels (-1: none)."""
+    """Return the lines of a joint and its descendants, and the pose's column of each of their channels (-1: none)."""
     tab = "\t" * depth
     children = np.flatnonzero(skeleton.parents == joint).tolist()
     kind = f"{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}" if children else "End Site"
@@ -204,25 +204,25 @@ def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[l
         names, columns = _joint_channels(skeleton, joint)
         lines.append(f"{tab}\tCHANNELS {len(names)} {' '.join(names)}")
     for child in children:
-        below, more = _branch(skeleton, child, scale, depth + 1)
-        lines += below
-        columns += more
+        child_lines, child_columns = _branch(skeleton, child, scale, depth + 1)
+        lines += child_lines
+        columns += child_columns
     return [*lines, f"{tab}}}"], columns
 
 
 def _joint_channels(skeleton: Skeleton, joint: int) -> tuple[list[str], list[int]]:
     """Return the names of a joint's channels, and the pose's column of each (-1: none)."""
     positions = dict.fromkeys(_POSITIONS, -1) if joint == 0 else {}
-    turns: dict[str, int] = {}
+    rotations: dict[str, int] = {}
     for column in np.flatnonzero(skeleton.dof_joints == joint).tolist():
         axis = np.abs(skeleton.dof_axes[column])
         letter = "XYZ"[FILE_FROM_WORLD.index(int(np.argmax(axis)))]
         if column < _N_POSITIONS:
             positions[f"{letter}position"] = column
-        elif axis.max() == axis.sum() == 1.0 and f"{letter}rotation" not in turns:
-            turns[f"{letter}rotation"] = column
+        elif axis.max() == axis.sum() == 1.0 and f"{letter}rotation" not in rotations:
+            rotations[f"{letter}rotation"] = column
         else:
-            raise ValueError(f"{skeleton.names[joint]}: BVH turns a joint about its x, y and z axes, once each")
-    missing = {f"{letter}rotation": -1 for letter in "XYZ" if f"{letter}rotation" not in turns}
-    channels = positions | turns | missing
+            raise ValueError(f"{skeleton.names[joint]}: BVH supports one rotation about each of the x, y and z axes")
+    missing = {f"{letter}rotation": -1 for letter in "XYZ" if f"{letter}rotation" not in rotations}
+    channels = positions | rotations | missing
     return list(channels), list(channels.values())

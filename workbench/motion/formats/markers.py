@@ -1,4 +1,4 @@
-"""Markers measured in 3-D, from TRC files or, by ezc3d (the extra `c3d`), C3D files, and the joints they are at."""
+"""3-D markers from TRC files or, with ezc3d (the extra `c3d`), C3D files, and the joints that they mark."""
 
 import logging
 import re
@@ -24,13 +24,14 @@ log = logging.getLogger(__name__)
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_PERSON_M = 1.7  # a person's extent, of which the unit follows: the nearest of metres, centimetres and millimetres
-_FIRST_ROW = 5  # of a TRC file, after three lines of header and two of column labels
+_PERSON_M = 1.7  # a person's extent, which determines the unit: metres, centimetres or millimetres
+_FIRST_ROW = 5  # of a TRC file, after three header lines and two of column labels
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """M markers in F frames at rate_hz. source: the file. positions: (F, M, 3), m, in the world, NaN where missing."""
+    """M markers in F frames at rate_hz. source : the file. positions : (F, M, 3), m, in the world, NaN where
+    missing."""
 
     source: str
     names: tuple[str, ...]
@@ -38,33 +39,35 @@ class Markers:
     positions: FloatArray
 
     def at(self, times_s: FloatArray) -> FloatArray:
-        """Return positions (T, M, 3) at times (T,), s, since the first frame, linear between frames; NaN outside, and
-        where a frame next to the time lacks the marker."""
+        """Return positions (T, M, 3) at times (T,), s, since the first frame, interpolated linearly.
+
+        NaN outside the frames, and where an adjacent frame lacks the marker.
+        """
         rows = np.round(times_s * self.rate_hz, 6)
         low = np.floor(rows).astype(int)
         inside = (low >= 0) & (rows <= len(self.positions) - 1)
         before = self.positions[np.where(inside, low, 0)]
         after = self.positions[np.where(inside, np.ceil(rows).astype(int), 0)]
-        part = (rows - low)[:, None, None]
-        between = np.where(part == 0.0, before, before + part * (after - before))
-        return np.where(inside[:, None, None], between, np.nan)
+        fraction = (rows - low)[:, None, None]
+        interpolated = np.where(fraction == 0.0, before, before + fraction * (after - before))
+        return np.where(inside[:, None, None], interpolated, np.nan)
 
 
 def read_markers(path: str | Path) -> Markers:
-    """Read the markers of a .trc or .c3d file, with gaps; unit and axes: see `in_world`.
+    """Return the markers of a .trc or .c3d file, with gaps; unit and axes as in `in_world`.
 
-    Raises InputError for what cannot be read, with the line in a TRC file.
+    Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
     path, readers = Path(path).expanduser(), {".trc": _read_trc, ".c3d": _read_c3d}
     if path.suffix.lower() not in readers:
-        raise InputError(f"{path}: expected a file of markers that ends in {' or '.join(readers)}")
+        raise InputError(f"{path}: expected a marker file with the extension {' or '.join(readers)}")
     return readers[path.suffix.lower()](path)
 
 
 def _read_trc(path: Path) -> Markers:
     lines = read_lines(path)
     if len(lines) <= _FIRST_ROW or not lines[0].startswith("PathFileType"):
-        fail(path, 1, "expected a TRC file, which begins with PathFileType")
+        fail(path, 1, "expected a TRC file, whose first word is PathFileType")
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     (rate_hz,) = numbers(path, 3, [header.get("DataRate", "").strip()], 1, "DataRate")
     check_rate(f"{path}, line 3: DataRate", rate_hz)
@@ -82,12 +85,12 @@ def _read_trc(path: Path) -> Markers:
 
 
 def _row(path: Path, line: int, text: str, size: int) -> list[float]:
-    """Return the coordinates (size,) of a frame, NaN for a blank or nan; blanks at the end may be missing."""
+    """Return the coordinates (size,) of a frame, NaN for a blank or nan; trailing blanks may be missing."""
     cells = [cell.strip().lower() for cell in text.rstrip().split("\t")[2:]]
     if len(cells) > size:
         fail(path, line, f"expected {size} coordinates, found {len(cells)}")
-    known = [cell for cell in cells if cell not in ("", "nan")]
-    values = iter(numbers(path, line, known, len(known), "coordinates"))
+    measured = [cell for cell in cells if cell not in ("", "nan")]
+    values = iter(numbers(path, line, measured, len(measured), "coordinates"))
     cells += [""] * (size - len(cells))
     return [np.nan if cell in ("", "nan") else next(values) for cell in cells]
 
@@ -96,25 +99,29 @@ def _read_c3d(path: Path) -> Markers:
     try:
         import ezc3d  # noqa: F401 (for this message)
     except ImportError:
-        raise InputError(f"{path}: reading C3D needs ezc3d: pip install -e '.[c3d]'") from None
+        raise InputError(f"{path}: reading C3D requires ezc3d: pip install -e '.[c3d]'") from None
     check_file(path)
     with path.open("rb") as file:
         header = file.read(20)
     if len(header) < 20 or header[1] != 0x50:
-        raise InputError(f"{path}: expected a C3D file, found no header of one")
+        raise InputError(f"{path}: expected a C3D file, found no C3D header")
     points, analog, first, last = struct.unpack("<HHHH", header[2:10])
-    promised = max(0, last - first + 1) * (4 * points + analog)
-    check_number(path, "numbers", promised, min(MOST_NUMBERS, path.stat().st_size // 2))
+    n_numbers = max(0, last - first + 1) * (4 * points + analog)
+    check_number(path, "numbers", n_numbers, min(MOST_NUMBERS, path.stat().st_size // 2))
     content = parse_limited(_c3d_points, path, what="a C3D file")
     names, rate_hz, positions = content["names"].tolist(), float(content["rate_hz"]), content["positions"]
     if not names or not rate_hz > 0.0 or positions.shape[1:] != (len(names), 3):
-        raise InputError(f"{path}: expected labelled points at a rate, found {len(names)} labels at {rate_hz:g} Hz")
+        raise InputError(
+            f"{path}: expected labelled points and a positive rate, found {len(names)} labels at {rate_hz:g} Hz"
+        )
     return in_world(str(path), names, rate_hz, positions, str(content["unit"]))
 
 
 def _c3d_points(path: Path) -> dict[str, AnyArray]:
-    """Return names (M,), rate_hz, positions (F, M, 3), NaN where missing, and unit of a C3D file's points, by ezc3d,
-    which loops or crashes on some damaged files."""
+    """Return names (M,), rate_hz, positions (F, M, 3), NaN where missing, and unit of a C3D file's points.
+
+    ezc3d, which reads it, loops or crashes on some damaged files.
+    """
     import ezc3d
 
     content = ezc3d.c3d(str(path))
@@ -133,66 +140,65 @@ def _c3d_points(path: Path) -> dict[str, AnyArray]:
 def in_world(source: str, names: Sequence[str], rate_hz: float, positions: FloatArray, unit: str) -> Markers:
     """Return markers at positions (F, M, 3), in a file's axes and unit, in metres with z up.
 
-    The unit follows from the person's size, as headers are often wrong, and which axis is up from where the upper body
-    is; both are logged, and a warning where the header has another unit. Raises InputError where neither y nor z is up,
-    and for markers that are never seen.
+    The unit is estimated from the person's size, since headers are often wrong, and the vertical axis from the position
+    of the upper body. Both are logged, with a warning if the header has another unit. Raises InputError if neither y
+    nor z is up, or no marker is measured.
     """
     if not np.isfinite(positions).any():
         raise InputError(f"{source}: expected markers, found none in {len(positions)} frames")
-    shown = positions[np.isfinite(positions[..., 0]).any(axis=1)]
-    extent = np.median(np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=1))
-    found = min(_UNITS, key=lambda name: abs(np.log(extent * _UNITS[name] / _PERSON_M)))
+    measured = positions[np.isfinite(positions[..., 0]).any(axis=1)]
+    extent = np.median(np.linalg.norm(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1), axis=1))
+    estimated = min(_UNITS, key=lambda name: abs(np.log(extent * _UNITS[name] / _PERSON_M)))
     up = _up(source, names, positions)
-    log.info("%s: %d markers, %d frames, read as %s with %s up", source, len(names), len(positions), found, "xyz"[up])
-    if unit.lower() not in (found, ""):
-        log.warning("%s: says its unit is %r, but a person would be %.3g %s tall", source, unit, extent, unit)
+    log.info(
+        "%s: %d markers, %d frames, read as %s with %s up", source, len(names), len(positions), estimated, "xyz"[up]
+    )
+    if unit.lower() not in (estimated, ""):
+        log.warning("%s: the header's unit is %r, but the person would be %.3g %s tall", source, unit, extent, unit)
     world = positions if up == 2 else positions[..., WORLD_FROM_FILE]
     check_rate(source, rate_hz)
-    check_places(source, world * _UNITS[found])
-    return Markers(source, tuple(names), rate_hz, world * _UNITS[found])
+    check_places(source, world * _UNITS[estimated])
+    return Markers(source, tuple(names), rate_hz, world * _UNITS[estimated])
 
 
-def joints_of(markers: Markers, given: MarkersOf = NO_MARKERS) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the joints that the markers stand for, each with the names of those in whose middle it lies.
+def joints_of(markers: Markers, assigned: MarkersOf = NO_MARKERS) -> list[tuple[str, tuple[str, ...]]]:
+    """Return the joints of the markers, each with the names of the markers at whose mean it is.
 
-    given: markers by joint, where names do not say so or the joint's centre is between others. Raises InputError for
-    unknown joints and markers, and where no joint is known.
+    assigned : markers by joint, where their names do not determine it or the joint's centre is between other markers.
+    Raises InputError for unknown joints or markers, and if no joint is identified.
     """
-    if unknown := sorted(set(given) - set(JOINT_NAMES)):
+    if unknown := sorted(set(assigned) - set(JOINT_NAMES)):
         raise InputError(f"{markers.source}: unknown joint {unknown[0]!r}, expected one of {', '.join(JOINT_NAMES)}")
-    if unknown := sorted({name for names in given.values() for name in names} - set(markers.names)):
+    if unknown := sorted({name for names in assigned.values() for name in names} - set(markers.names)):
         raise InputError(f"{markers.source}: no marker {unknown[0]!r}, expected some of {', '.join(markers.names)}")
     plain = {_plain(name): name for name in reversed(markers.names)}
-    found = []
+    joints = []
     for joint in JOINT_NAMES:
-        fits = [names for names in _alternatives(joint) if all(name in plain for name in names)]
-        if joint in given:
-            found.append((joint, tuple(given[joint])))
-        elif fits:
-            found.append((joint, tuple(plain[name] for name in fits[0])))
-    if not found:
+        matches = [names for names in _alternatives(joint) if all(name in plain for name in names)]
+        if joint in assigned:
+            joints.append((joint, tuple(assigned[joint])))
+        elif matches:
+            joints.append((joint, tuple(plain[name] for name in matches[0])))
+    if not joints:
         raise InputError(f"{markers.source}: no marker has the name of a joint, found {', '.join(markers.names)}")
-    return found
+    return joints
 
 
-def joint_centres(markers: Markers, positions: FloatArray, given: MarkersOf = NO_MARKERS) -> FloatArray:
-    """Return the joints' centres (F, J, 3), m, of markers at positions (F, M, 3); NaN where unknown.
-
-    given, and what is raised: see `joints_of`.
-    """
+def joint_centres(markers: Markers, positions: FloatArray, assigned: MarkersOf = NO_MARKERS) -> FloatArray:
+    """Return the joint centres (F, J, 3), m, of markers at positions (F, M, 3); NaN where unknown; see `joints_of`."""
     centres = np.full((len(positions), len(JOINT_NAMES), 3), np.nan)
-    for joint, names in joints_of(markers, given):
+    for joint, names in joints_of(markers, assigned):
         centres[:, JOINT_NAMES.index(joint)] = positions[:, [markers.names.index(name) for name in names]].mean(axis=1)
     return centres
 
 
 def _alternatives(joint: str) -> Iterable[tuple[str, ...]]:
-    """List what markers of a joint are called, in plain letters, the best first."""
+    """Yield the names of a joint's markers, in lower-case letters, the best first."""
     yield (_plain(joint),)
     if joint == "pelvis":
         yield from (("midhip",), ("hip",), ("lhip", "rhip"), ("lefthip", "righthip"))
     elif joint == "head_centre":
-        yield from (("neck", "head"), ("neck", "headtop"), ("lear", "rear"))  # "head" is its top
+        yield from (("neck", "head"), ("neck", "headtop"), ("lear", "rear"))  # "head" is the top of the head
     elif "_" in joint:
         side, part = joint.split("_")
         yield (side[0] + part,)
@@ -203,12 +209,14 @@ def _plain(name: str) -> str:
 
 
 def _up(source: str, names: Sequence[str], positions: FloatArray) -> int:
-    """Return the axis along which shoulders, neck and head are above knees and ankles."""
+    """Return the vertical axis, along which shoulders, neck and head are above knees and ankles."""
     plain = [_plain(name) for name in names]
     high = [any(word in name for word in ("shoulder", "neck", "head", "sho", "c7")) for name in plain]
     low = [any(word in name for word in ("knee", "ankle", "heel", "toe", "ank", "kne")) for name in plain]
     if not (any(high) and any(low)):
-        raise InputError(f"{source}: expected markers of shoulders or head and of knees or ankles, to tell what is up")
+        raise InputError(
+            f"{source}: expected markers of shoulders or head and of knees or ankles, to determine the vertical axis"
+        )
     above = np.nanmean(positions[:, high], axis=(0, 1)) - np.nanmean(positions[:, low], axis=(0, 1))
     up = int(np.argmax(np.abs(above)))
     if up == 0 or not above[up] > 0.0:

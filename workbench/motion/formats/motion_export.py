@@ -1,4 +1,4 @@
-"""Motions out: a track of joints as a file that Blender (BVH), OpenSim (TRC) or a spreadsheet (CSV) opens."""
+"""Export of tracked joints to files for Blender (BVH), OpenSim (TRC) or spreadsheets (CSV)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,9 +23,9 @@ _N_POSITIONS = 3
 class Track:
     """F frames of the J joints of a skeleton, in the world.
 
-    frames: (F,), their numbers in the source. times_s: (F,), rising. positions: (F, J, 3), m. poses: (F, P), m and
-    rad, that the positions are those of; None where the joints are known but not the pose. bands: (F,) by name, the
-    ends of 5–95 % bands of single numbers, in their own units; of the table alone.
+    frames : (F,), their numbers in the source. times_s : (F,), increasing. positions : (F, J, 3), m. poses : (F, P), m
+    and rad, with these positions; None if only the joints are known. bands : (F,) by name, limits of 90 % credible
+    intervals of single parameters, in their units; exported to CSV only.
     """
 
     skeleton: Skeleton
@@ -40,12 +40,12 @@ class Track:
 
 
 def export(path: str | Path, track: Track, metres: bool = False) -> None:
-    """Write a track to a .bvh, .trc or .csv file; one of that name is replaced at the end, when the new one is whole.
+    """Write a track to a .bvh, .trc or .csv file, atomically; an existing file is replaced.
 
     Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
-    Raises InputError for another extension, a BVH without poses, BVH or TRC of frames at uneven times or of fewer
-    than two, and where the file cannot be written.
+    Raises InputError for another extension, a BVH without poses, BVH or TRC of fewer than two frames or of frames at
+    unequal intervals, or the file cannot be written.
     """
     path = Path(path)
     check_output(path)
@@ -55,7 +55,7 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
         unit = "m" if metres else "mm"
         text = trc_text(path.name, track.skeleton.names, track.positions, _rate(path, track), unit)
     elif track.poses is None:
-        raise InputError(f"{path}: BVH holds angles, but only joints are known here: write them as .trc or .csv")
+        raise InputError(f"{path}: BVH requires joint angles, but only joint positions are known; choose .trc or .csv")
     else:
         text = bvh_text(track.skeleton, track.poses, _rate(path, track), "m" if metres else "cm")
     with whole_file(path) as part:
@@ -63,20 +63,21 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Raise InputError where `path` is not the name of a file to export to, in a folder that exists."""
+    """Raise InputError unless `path` has a supported extension and its folder exists."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: expected a file to write that ends in {', '.join(SUFFIXES)}")
+        raise InputError(f"{path}: expected an output file with the extension {', '.join(SUFFIXES)}")
     if not path.parent.is_dir() or path.is_dir():
-        raise InputError(f"{path}: expected the name of a file in a folder that exists")
+        raise InputError(f"{path}: expected an output file in an existing folder")
 
 
 def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_hz: float, unit: str = "mm") -> str:
-    """Write joints (F, J, 3), m in the world, as markers of a TRC file at `rate_hz` Hz, lengths in `unit`: "mm" or "m".
+    """Return the text of a TRC file with joints (F, J, 3), m in the world, as markers.
 
     The format is that of OpenSim's documentation, "Marker (.trc) Files": three lines of header, two of column labels,
-    an empty one, then one line a frame: its number from 1, its time, and x, y, z of every marker; tabs between.
-    file_name: what the file says it is called. names: J, without blanks. The axes are those of our BVH files: y up,
-    and z ahead where the world has x. A missing joint (NaN) is written as nan. Raises ValueError for another unit.
+    an empty one, then one line per frame: its number from 1, its time, and x, y, z of every marker, separated by tabs.
+    The axes are those of the BVH files: y up, and z forward where the world has x. A missing joint (NaN) is written as
+    nan.
+    file_name : in the header. names : J, without blanks. unit : "mm" or "m". Raises ValueError for another unit.
     """
     if unit not in _TRC_DIGITS:
         raise ValueError(f"the unit of a TRC file must be mm or m, found {unit!r}")
@@ -102,10 +103,10 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 
 
 def csv_text(track: Track) -> str:
-    """A table, one row a frame: frame, time_s, <joint>_x_m … _z_m and, where it is known, the pose: <name>_m or _rad.
+    """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, <parameter>_m or _rad.
 
-    World coordinates, z up, and where they are known the ends of bands: <name>_low, <name>_high. Nine
-    decimals: nanometres. A missing joint (NaN) is three empty cells.
+    Coordinates are in the world, z up. If known, limits of intervals follow: <name>_low, <name>_high. Nine decimals:
+    nanometres. A missing joint (NaN) is three empty cells.
     """
     names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in track.skeleton.names for axis in "xyz"]]
     values = [track.times_s[:, None], track.positions.reshape(len(track), -1)]
@@ -124,20 +125,21 @@ def csv_text(track: Track) -> str:
 
 
 def frame_rate(times_s: FloatArray) -> float:
-    """Frames per second of times (F,) that are even, F ≥ 2; whole where it is to the nanosecond times are kept to.
+    """Return the frame rate, Hz, of equidistant times (F,), F ≥ 2; an integer if it is one to the nanosecond.
 
-    An interval between half and one and a half of the median one is even: clocks jitter. Raises InputError otherwise.
+    Intervals between 0.5 and 1.5 times the median one count as equal, because of clock jitter. Raises InputError for
+    fewer than two frames, or unequal intervals.
     """
     if len(times_s) < 2:
-        raise InputError(f"expected two frames or more, to know their rate, found {len(times_s)}")
+        raise InputError(f"expected two frames or more to determine their rate, found {len(times_s)}")
     steps = np.diff(times_s)
-    usual = float(np.median(steps))
-    odd = np.flatnonzero((steps <= 0.5 * usual) | (steps >= 1.5 * usual))
-    if usual <= 0.0 or len(odd):
-        place = odd[0] if len(odd) else 0
+    median = float(np.median(steps))
+    outliers = np.flatnonzero((steps <= 0.5 * median) | (steps >= 1.5 * median))
+    if median <= 0.0 or len(outliers):
+        index = outliers[0] if len(outliers) else 0
         raise InputError(
-            f"expected frames at even times, found {steps[place]:.3g} s after {times_s[place]:.3f} s where most are"
-            f" {usual:.3g} s apart: only .csv keeps times as they are"
+            f"expected frames at equal intervals, found {steps[index]:.3g} s after {times_s[index]:.3f} s and a"
+            f" median interval of {median:.3g} s; export to .csv, which has the frames' times"
         )
     n_steps, duration = len(steps), float(times_s[-1] - times_s[0])
     rate = n_steps / duration
@@ -148,5 +150,5 @@ def frame_rate(times_s: FloatArray) -> float:
 def _rate(path: Path, track: Track) -> float:
     try:
         return frame_rate(track.times_s)
-    except InputError as error:  # which knows the times, but not for which file
+    except InputError as error:  # add the file to the message
         raise InputError(f"{path}: {error}") from None

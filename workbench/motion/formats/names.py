@@ -1,4 +1,4 @@
-"""Names of clips: what they stand for, and who performed what they name."""
+"""Names of clips: the clips and performers that they denote."""
 
 import re
 from collections.abc import Iterable
@@ -6,17 +6,17 @@ from pathlib import Path
 
 SUFFIXES = (".amc", ".bvh")
 GENERATED = "builtin"
-"""Beginning of the names of generated motions, which are of no person that is learned from."""
+"""Prefix of the names of generated motions, whose subjects are not in any training set."""
 _MARKERS = (".trc", ".c3d")
 
 BANDAI = {"dataset-1": "bandai-1", "dataset-2": "bandai-2"}
 """Performers of Bandai Namco's data sets. By the documentation "each dataset is based on the motion of three
-professional actors", whose proportions were made equal; neither it nor the skeletons name a clip's actor. So the three
-of a data set count as one person."""
+professional actors", whose proportions were made equal; neither it nor the skeletons identify a clip's actor. So the
+three of a data set count as one person."""
 
 
 def clip_name(name: str) -> str:
-    """Return the clip's name that a file's name, a LIBRARY.h5:clip or a CMU clip's number (3502: 35_02) stands for."""
+    """Return the clip's name from a file's name, a LIBRARY.h5:clip or a CMU clip's number (3502: 35_02)."""
     library, colon, clip = name.rpartition(":")
     if colon and library.endswith((".h5", ".hdf5")):
         return clip
@@ -27,7 +27,7 @@ def clip_name(name: str) -> str:
 
 
 def performer(name: str) -> str | None:
-    """Return the performer of the clip of that name: "35" for CMU's 35_02, for Bandai's see BANDAI; None if unknown."""
+    """Return the performer of a clip: "35" for CMU's 35_02, for Bandai's see BANDAI; None if unknown."""
     clip = clip_name(name)
     if cmu := re.fullmatch(r"(\d+)_\d+", clip):
         return cmu[1]
@@ -35,17 +35,17 @@ def performer(name: str) -> str | None:
 
 
 def style(name: str) -> str | None:
-    """Return the style of Bandai's clip of that name, "bandai-old" for dataset-1_bow_old_001; None for other clips."""
+    """Return the style of a Bandai clip, "bandai-old" for dataset-1_bow_old_001; None for other clips."""
     bandai = re.fullmatch(r"(dataset-\d+)_[^_]+_([^_]+)_\d+", clip_name(name))
     return f"bandai-{bandai[2]}" if bandai else None
 
 
-def left_out(names: Iterable[str], by_style: bool = False) -> list[str]:
-    """List the performers of clips of these names, each once: a model that is to track them must not know these.
+def excluded_subjects(names: Iterable[str], by_style: bool = False) -> list[str]:
+    """Return the performers of clips, each once, to be excluded from the training set of a model that tracks them.
 
-    by_style: of Bandai's clips their style, in all activities and both data sets, and not all of a data set. A clip
-    whose name has no performer stands for itself. Generated motions and markers have none.
+    by_style : for Bandai's clips their style, in all activities and both data sets, instead of a whole data set. A clip
+    without a known performer is returned itself. Generated motions and markers have none.
     """
     clips = [name for name in names if not name.startswith(GENERATED) and not name.lower().endswith(_MARKERS)]
-    who = [((style(name) if by_style else None) or performer(name) or clip_name(name)) for name in clips]
-    return list(dict.fromkeys(who))
+    performers = [((style(name) if by_style else None) or performer(name) or clip_name(name)) for name in clips]
+    return list(dict.fromkeys(performers))

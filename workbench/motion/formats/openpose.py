@@ -1,4 +1,4 @@
-"""2-D joints in OpenPose's JSON files, one file a frame, as many detectors write them."""
+"""2-D keypoints in OpenPose's JSON files, one file per frame, a format of many detectors."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, check_file, parse_json
 
 Layout = Mapping[str, tuple[int, ...]]
-"""The detector's points in whose middle a joint lies."""
+"""The detector's points by joint; a joint is at their mean."""
 
 _COCO_LIMBS = {
     f"{side}_{joint}": (5 + 2 * j + s,)
@@ -45,8 +45,8 @@ LAYOUTS: Mapping[str, tuple[int, Layout]] = {
     "COCO_17": (17, _COCO_LIMBS | {"head_centre": (3, 4)}),
     "BLAZEPOSE_33": (33, _BLAZEPOSE_LIMBS | {"head_centre": (7, 8)}),
 }  # fmt: skip
-"""Numbers of points, and what they are. Where there is a top of the head, its centre is half-way up from the neck, else
-between the ears. OpenPose's own "neck" is the middle of the shoulders, which is below ours, and is left out."""
+"""Numbers of points, and points by joint. The centre of the head is half-way between neck and top of the head, if there
+is one, else between the ears. OpenPose's own "neck", the middle of the shoulders, is below ours and is excluded."""
 _BONES = tuple(
     (f"{side}_{a}", f"{side}_{b}")
     for side in ("left", "right")
@@ -56,10 +56,10 @@ _BONES = tuple(
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Detected people. source: the folder. layout: in LAYOUTS. frames: (M,) numbers of the frames, rising.
+    """Detected people. source : the folder. layout : in LAYOUTS. frames : (M,) numbers of the frames, ascending.
 
-    joints: (n, J, 3) for each, the n people in the order of the file, [u px, v px, confidence 0..1] in the order of
-    JOINT_NAMES, NaN for a joint that was not found and for all those of an empty person.
+    joints : (n, J, 3) per frame, for n people in the order of the file, [u px, v px, confidence 0..1] in the order of
+    JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person.
     """
 
     source: str
@@ -69,26 +69,28 @@ class People:
 
 
 def read_openpose(folder: str | Path) -> People:
-    """Read the people in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) for a
-    point and [] for a person without detection.
+    """Return the people in a folder of JSON files with `people[].pose_keypoints_2d` = [u, v, confidence]….
 
-    A file's frame is the last number in its name. The layout follows from the number of points and, where two layouts
-    have as many, is the one that makes the limbs shorter. Detectors list people in any order, see
-    `datasets.association`. Raises InputError for other files and where no person is detected.
+    A point without detection is (0, 0, 0), a person without detection []. A file's frame is the last number in its
+    name. The layout follows from the number of points; of two layouts with the same number, it is the one with shorter
+    limbs. The order of people in a file is arbitrary, see `datasets.association`. Raises InputError for files of
+    another format, or no person is detected.
     """
     folder = Path(folder)
     files = _numbered(folder)
     people = [_people(files[frame]) for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None)]
-    if len(sizes := {len(one) for found in people for one in found} - {0}) > 1:
-        raise InputError(f"{folder}: expected as many points a person in every file, found {sorted(sizes)}")
-    shown = [one for found in people for one in found if np.isfinite(one).any()]
-    if not shown:
-        raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
-    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(shown[0])]
-    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], shown))
-    joints = [[_joints(LAYOUTS[name][1], one) for one in found] for found in people]
-    in_frames = tuple(np.array(found).reshape(-1, len(JOINT_NAMES), 3) for found in joints)
-    return People(str(folder), name, np.array(sorted(files)), in_frames)
+    if len(sizes := {len(person) for frame in people for person in frame} - {0}) > 1:
+        raise InputError(
+            f"{folder}: expected the same number of points per person in every file, found {sorted(sizes)}"
+        )
+    detected = [person for frame in people for person in frame if np.isfinite(person).any()]
+    if not detected:
+        raise InputError(f"{folder}: expected a person in some frame, found none in {len(people)} frames")
+    candidates = [name for name, (n, _) in LAYOUTS.items() if n == len(detected[0])]
+    name = min(candidates, key=lambda name: _limbs_px(LAYOUTS[name][1], detected))
+    joints = [[_joints(LAYOUTS[name][1], person) for person in frame] for frame in people]
+    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), 3) for frame in joints)
+    return People(str(folder), name, np.array(sorted(files)), by_frame)
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
@@ -109,16 +111,16 @@ def _people(file: Path) -> list[FloatArray]:
     """Return points (K, 3) of the people in one file, NaN without detection; K is 0 for an empty person."""
     try:
         check_file(file)
-        found = [_points(one) for one in parse_json(file, file.read_bytes())["people"]]
+        people = [_points(person) for person in parse_json(file, file.read_bytes())["people"]]
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(f"{file}: expected OpenPose's people with pose_keypoints_2d, found {error!r}") from None
-    sizes = {len(points) for points in found} - {0}
+    sizes = {len(points) for points in people} - {0}
     if len(sizes) > 1 or not sizes <= {n for n, _ in LAYOUTS.values()}:
-        known = ", ".join(f"{n} ({name})" for name, (n, _) in LAYOUTS.items())
-        raise InputError(f"{file}: expected one of {known} points a person, found {sorted(sizes)}")
-    return found
+        options = ", ".join(f"{n} ({name})" for name, (n, _) in LAYOUTS.items())
+        raise InputError(f"{file}: expected one of {options} points per person, found {sorted(sizes)}")
+    return people
 
 
 def _points(person: Mapping[str, Any]) -> FloatArray:
@@ -126,24 +128,24 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     if not np.isfinite(points).all():
         raise ValueError("numbers that are not finite")
     if len(points) and np.abs(points[:, :2]).max() > LARGEST_PX:
-        raise ValueError(f"a place beyond {LARGEST_PX:g} px")
+        raise ValueError(f"a coordinate beyond {LARGEST_PX:g} px")
     points[points[:, 2] <= 0.0] = np.nan
     points[:, 2] = np.minimum(points[:, 2], 1.0)
     return points
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
-    """Return the mean over the limbs of their median lengths in the image, px; infinite where none is seen."""
-    joints = dict(zip(JOINT_NAMES, np.stack([_joints(layout, one) for one in points], axis=1), strict=True))
+    """Return the mean over the limbs of their median lengths in the image, px; infinite if none is detected."""
+    joints = dict(zip(JOINT_NAMES, np.stack([_joints(layout, person) for person in points], axis=1), strict=True))
     lengths = [np.linalg.norm((joints[a] - joints[b])[:, :2], axis=1) for a, b in _BONES]
-    medians = [np.median(some[np.isfinite(some)]) for some in lengths if np.isfinite(some).any()]
+    medians = [np.median(length[np.isfinite(length)]) for length in lengths if np.isfinite(length).any()]
     return float(np.mean(medians)) if medians else np.inf
 
 
 def _joints(layout: Layout, points: FloatArray) -> FloatArray:
-    """Return joints (J, 3) in the middle of their points of (K, 3), with the smallest of their confidences."""
+    """Return joints (J, 3) at the mean of their points of (K, 3), with the smallest of their confidences."""
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
     for name, numbers in layout.items() if len(points) else ():
-        made_of = points[list(numbers)]
-        joints[JOINT_NAMES.index(name)] = [*made_of[:, :2].mean(axis=0), made_of[:, 2].min()]
+        selected = points[list(numbers)]
+        joints[JOINT_NAMES.index(name)] = [*selected[:, :2].mean(axis=0), selected[:, 2].min()]
     return joints

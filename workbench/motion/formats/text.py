@@ -1,4 +1,4 @@
-"""Reading motion files as text, line by line, with errors that name the file and the line."""
+"""Text parsing of motion files, with errors that name the file and the line."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ Statement = tuple[int, list[str]]
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, with any line ending; raises InputError when it is missing or no text."""
+    """Return the lines of a text file, with any line ending; raises InputError if it is missing or not text."""
     check_file(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -30,20 +30,20 @@ def statements(lines: Sequence[str]) -> Iterator[Statement]:
             yield line, words
 
 
-def fail(path: Path, line: int, sentence: str) -> NoReturn:
-    """Raise the InputError of a place in a file; lines count from 1."""
-    raise InputError(f"{path}, line {line}: {sentence}")
+def fail(path: Path, line: int, message: str) -> NoReturn:
+    """Raise an InputError for a line of a file, counted from 1."""
+    raise InputError(f"{path}, line {line}: {message}")
 
 
 def numbers(path: Path, line: int, words: Sequence[str], count: int, what: str) -> list[float]:
-    """Return exactly `count` numbers; raises InputError, naming what they were expected for."""
+    """Return exactly `count` numbers for the quantity `what`; raises InputError, naming it, for anything else."""
     if len(words) != count:
         fail(path, line, f"expected {count} value{'s' * (count != 1)} for {what}, found {len(words)}")
     try:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    # float() also takes "nan", "inf" and "1_000", which no motion file means as a number; 1e12 is beyond any unit
+    # float() also accepts "nan", "inf" and "1_000", which are not numbers in a motion file; 1e12 exceeds any unit
     if len(values) != count or not all(abs(value) < 1e12 for value in values) or "_" in "".join(words):
         fail(path, line, f"expected numbers for {what}, found {' '.join(words)[:60]!r}")
     return values

@@ -1,4 +1,4 @@
-"""Motion models of several activities and people together, and which activity their coefficients belong to.
+"""Motion models of several activities and people, and classification of activities by their coefficients.
 
 Paper D: PCA of whole cycles (section 3.2 and eq. 8, 9), its fig. 1b, and recognition in section 5.
 """
@@ -19,22 +19,21 @@ from workbench.motion.models.activity_cycles import ActivityCycles
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 
-LEAST_SPREAD = 0.1
-"""An activity's examples about their mean, in standard deviations of all: a few examples may show none at all."""
+MIN_SPREAD = 0.1
+"""Lower bound of an activity's spread, in standard deviations of all examples: few examples may have none."""
 
-COMPACT = 0.999  # components are sought within those of all cycles that hold this part of the variance, for speed
+COMPACT = 0.999  # for speed, components are computed in the subspace with this fraction of the variance
 
 
 @dataclass(frozen=True, eq=False)
 class ActivityModel:
     """Θ(μ) = Θ₀(μ) + Σ_i σ_i α_i Θ_i(μ) (paper D, eq. 8, 9), d components over T phases of C joint angles, rad.
 
-    angles: the C names of degrees of freedom. mean: (T, C), Θ₀ at phases 0, 1/T, …; periodic. components: (d, T, C),
-    Θ_i, orthonormal over (T·C). scales: (d,), σ_i, the standard deviations of the coefficients over the examples.
-    explained: (min(n, T·C),), the part of the variance in the first 1, 2, … components (eq. 7), of all there are.
-    scores: (n, d), the coefficients α of every example, in units of the scales. activities, sources: n labels such as
-    "walk", and the clips they come from. cycle_rate_hz: (n,), cycles per second of every example. discrepancy: what it
-    misses of people it was not learned from, where that is known.
+    angles : the C names of degrees of freedom. mean : (T, C), Θ₀ at phases 0, 1/T, …; periodic. components : (d, T, C),
+    Θ_i, orthonormal over (T·C). scales : (d,), σ_i, the standard deviations of the coefficients over the examples.
+    explained : (min(n, T·C),), the fraction of the variance in the first 1, 2, … components (eq. 7). scores : (n, d),
+    the coefficients α of every example, in units of the scales. activities, sources : n labels such as "walk", and
+    their clips. cycle_rate_hz : (n,), cycles per second of every example. discrepancy : on held-out subjects, if known.
     """
 
     angles: tuple[str, ...]
@@ -50,22 +49,22 @@ class ActivityModel:
 
     @property
     def pose_names(self) -> tuple[str, ...]:
-        """The pose that the angles belong to: the person's, or a root and all these angles of another skeleton."""
+        """Names of the pose parameters: the person's, or a root and all these angles of another skeleton."""
         return POSE_NAMES if set(self.angles) <= set(POSE_NAMES) else (*POSE_NAMES[:N_ROOT], *self.angles)
 
     def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
-        """The joint angles (..., C), rad, for coefficients (..., d) in units of `scales` at phases (...,) in cycles.
+        """Return joint angles (..., C), rad, for coefficients (..., d) in units of `scales` at phases (...,) in cycles.
 
-        Between the phases of the model a periodic cubic spline. The leading axes of both broadcast.
+        Phases are interpolated by a periodic cubic spline. The leading axes broadcast.
         """
         curves = self._spline(mu)
         return curves[..., 0, :] + np.einsum("...d,...dc->...c", alpha, curves[..., 1:, :])
 
     def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of `angles_at`: (..., C, d) with respect to the coefficients, (..., C) to the phase, rad.
+        """Return derivatives of `angles_at`: (..., C, d) with respect to the coefficients, (..., C) to the phase, rad.
 
-        Those of the spline itself: where the paper stores finite differences of Θ_i along μ (after eq. 14), these are
-        exact. As in `angles_at` the derivative along μ has that of the mean, which eq. 14's display leaves out.
+        They are exact derivatives of the spline; the paper stores finite differences of Θ_i along μ (after eq. 14). The
+        derivative along μ includes that of the mean, which eq. 14 omits.
         """
         leading = np.broadcast_shapes(np.shape(alpha)[:-1], np.shape(mu))
         curves, rates = self._spline(mu), self._spline(mu, 1)
@@ -76,22 +75,29 @@ class ActivityModel:
 
     @cached_property
     def _spline(self) -> "scipy.interpolate.CubicSpline":
-        """The mean and the scaled components (1 + d, C) over the phase."""
+        """Periodic spline of the mean and the scaled components (1 + d, C) over the phase."""
         curves = np.concatenate([self.mean[None], self.components * self.scales[:, None, None]]).swapaxes(0, 1)
-        around = np.concatenate([curves, curves[:1]])
+        periodic = np.concatenate([curves, curves[:1]])
         return scipy.interpolate.CubicSpline(
-            np.linspace(0.0, 1.0, len(around)), around, bc_type="periodic", extrapolate="periodic"
+            np.linspace(0.0, 1.0, len(periodic)), periodic, bc_type="periodic", extrapolate="periodic"
         )
 
 
 def learn_activities(
     cycles: ActivityCycles, *, angles: Sequence[str] = ("body",), variance: float = 0.9, n_components: int | None = None
 ) -> ActivityModel:
-    """The model of the cycles: their mean and principal components (paper D, section 3.2).
+    """Return the model of the cycles: their mean and principal components (paper D, section 3.2).
 
-    angles: names of the joint angles to model, or parts of the body, see `ActivityCycles.of_angles`. n_components: the
-    number d; None takes the fewest that explain more than the fraction `variance` of the variance (eq. 7).
-    Raises InputError when there are fewer than two cycles, or more components are asked for than there are.
+    Parameters
+    ----------
+    cycles : of the training motions.
+    angles : names of the joint angles to model, or of body parts, see `ActivityCycles.of_angles`.
+    variance : fraction of the variance that the components explain, if n_components is None (eq. 7).
+    n_components : d; None: the minimum number for `variance`.
+
+    Raises
+    ------
+    InputError : fewer than two cycles, or more components than they allow.
     """
     if not 0.0 < variance < 1.0:
         raise InputError(f"activities: variance must lie between 0 and 1, found {variance}")
@@ -101,10 +107,10 @@ def learn_activities(
         raise InputError(f"activities: expected two cycles or more, found {n}")
     mean, basis, scales = principal_components(chosen.curves.reshape(n, -1))
     explained = np.cumsum(scales**2) / np.sum(scales**2)
-    most = min(n - 1, len(scales))
-    d = min(fewest(explained, variance), most) if n_components is None else n_components
-    if not 1 <= d <= most:
-        raise InputError(f"activities: {n} cycles allow 1 to {most} components, found {d}")
+    maximum = min(n - 1, len(scales))
+    d = min(min_components(explained, variance), maximum) if n_components is None else n_components
+    if not 1 <= d <= maximum:
+        raise InputError(f"activities: {n} cycles allow 1 to {maximum} components, found {d}")
     return ActivityModel(
         angles=chosen.angles, mean=mean.reshape(n_phases, n_angles),
         components=basis[:d].reshape(d, n_phases, n_angles), scales=scales[:d], explained=explained,
@@ -114,109 +120,116 @@ def learn_activities(
 
 
 def principal_components(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean (m,), orthonormal components (K, m) and standard deviations (K,) of rows (n, m), K = min(n, m)."""
+    """Return mean (m,), orthonormal components (K, m) and standard deviations (K,) of rows (n, m), K = min(n, m)."""
     mean = rows.mean(axis=0)
     _, singular, basis = np.linalg.svd(rows - mean, full_matrices=False)
     return mean, basis, singular / np.sqrt(len(rows) - 1)
 
 
-def fewest(explained: FloatArray, variance: float) -> int:
-    """Tell how many components explain more than a part of the variance; explained: (K,), that of the first 1, 2, …"""
+def min_components(explained: FloatArray, variance: float) -> int:
+    """Return the minimum number of components that explain more than a fraction; explained : (K,), by the first 1, 2,
+    …"""
     return int(np.searchsorted(explained, variance, side="right")) + 1
 
 
 @dataclass(frozen=True, eq=False)
-class _Recognition:
-    """activities: the K names, in order. probabilities: (..., K), of each, with sum one."""
+class _Classification:
+    """Class probabilities. activities : the K names, in order. probabilities : (..., K), with sum one."""
 
     activities: tuple[str, ...]
     probabilities: FloatArray
 
     @property
     def labels(self) -> NDArray[np.str_]:
-        """The most probable activity's name (...,)."""
+        """Names (...,) of the most probable activities."""
         return np.asarray(np.array(self.activities)[self.probabilities.argmax(axis=-1)])
 
 
-def classify(model: MotionModel, alpha: FloatArray) -> _Recognition:
-    """The activity of coefficients (..., d), in units of the model's scales, among those of its examples.
+def classify(model: MotionModel, alpha: FloatArray) -> _Classification:
+    """Classify coefficients (..., d), in units of the model's scales, among the activities of its examples.
 
-    p(activity | α) ∝ exp(−½ (α − m)ᵀ W⁻¹ (α − m)), m the mean of the activity's examples and W their covariance about
-    their own means, pooled over the activities, plus LEAST_SPREAD². All activities are equally probable beforehand.
-    Of two the more probable is that of the nearer mean, since in these units W differs from a multiple of the identity
-    only along the line between the means.
+    p(activity | α) ∝ exp(−½ (α − m)ᵀ W⁻¹ (α − m)) with m the mean of the activity's examples and W the pooled
+    within-class covariance plus MIN_SPREAD² (linear discriminant analysis with equal priors). Of two activities the one
+    with the nearer mean is more probable, since in these units W differs from a multiple of the identity only along the
+    line between the means.
     """
     return _nearest_mean(model.scores, model.activities, alpha)
 
 
 def mean_rates_hz(model: ActivityModel) -> dict[str, float]:
-    """The mean speed of the phase in every activity's examples, cycles per second."""
+    """Return the mean phase speed of every activity's examples, cycles per second."""
     labels = np.array(model.activities)
     return {str(name): float(model.cycle_rate_hz[labels == name].mean()) for name in np.unique(labels)}
 
 
-def accuracy_left_out(cycles: ActivityCycles, groups: Sequence[str], n_components: int) -> float:
-    """Part of the cycles whose activity is told right by a model that saw nothing of their group, such as their clip.
+def held_out_accuracy(cycles: ActivityCycles, groups: Sequence[str], n_components: int) -> float:
+    """Return the fraction of correctly classified cycles in cross-validation over groups, such as clips.
 
-    groups: n labels. An activity that is in one group only cannot be told right. Raises InputError for fewer than two
-    groups, or fewer examples than components.
+    groups : n labels. An activity in only one group cannot be classified correctly. Raises InputError for fewer than
+    two groups, or fewer examples than components.
     """
     (rows, _), labels = _compact(cycles), np.array(cycles.activities)
-    right = np.zeros(len(rows), dtype=bool)
-    for out, mean, basis, scales in _folds(rows, groups, n_components):
+    correct = np.zeros(len(rows), dtype=bool)
+    for held_out, mean, basis, scales in _folds(rows, groups, n_components):
         scores = (rows - mean) @ basis / scales
-        right[out] = _nearest_mean(scores[~out], labels[~out], scores[out]).labels == labels[out]
-    return float(right.mean())
+        classified = _nearest_mean(scores[~held_out], labels[~held_out], scores[held_out])
+        correct[held_out] = classified.labels == labels[held_out]
+    return float(correct.mean())
 
 
-def error_left_out_deg(cycles: ActivityCycles, groups: Sequence[str], n_components: int) -> float:
-    """Root mean square error of an angle, in degrees, where a model that saw nothing of a group reconstructs it.
+def held_out_error_deg(cycles: ActivityCycles, groups: Sequence[str], n_components: int) -> float:
+    """Return the root mean square reconstruction error of an angle, deg, in cross-validation over groups.
 
-    The coefficients are the best possible ones, so that this is the floor of any fit. As `accuracy_left_out`.
+    The coefficients are optimal, so that this is the lower bound for any fit. As `held_out_accuracy`.
     """
     rows, squares = _compact(cycles)
-    for out, mean, basis, _ in _folds(rows, groups, n_components):
-        centred = rows[out] - mean
-        squares[out] += ((centred - centred @ basis @ basis.T) ** 2).sum(axis=1)
+    for held_out, mean, basis, _ in _folds(rows, groups, n_components):
+        centred = rows[held_out] - mean
+        squares[held_out] += ((centred - centred @ basis @ basis.T) ** 2).sum(axis=1)
     return float(np.degrees(np.sqrt(squares.mean() / cycles.curves[0].size)))
 
 
-def _nearest_mean(scores: FloatArray, activities: Sequence[str] | NDArray[np.str_], alpha: FloatArray) -> _Recognition:
+def _nearest_mean(
+    scores: FloatArray, activities: Sequence[str] | NDArray[np.str_], alpha: FloatArray
+) -> _Classification:
     names, numbers = np.unique(np.asarray(activities), return_inverse=True)
     means = np.stack([scores[numbers == k].mean(axis=0) for k in range(len(names))])
     within = scores - means[numbers]
-    spread = within.T @ within / len(scores) + LEAST_SPREAD**2 * np.eye(scores.shape[1])
-    apart = np.asarray(alpha)[..., None, :] - means
-    logs = -0.5 * (apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(axis=-1)
-    odds = np.exp(logs - logs.max(axis=-1, keepdims=True))
-    return _Recognition(tuple(map(str, names)), odds / odds.sum(axis=-1, keepdims=True))
+    spread = within.T @ within / len(scores) + MIN_SPREAD**2 * np.eye(scores.shape[1])
+    deviations = np.asarray(alpha)[..., None, :] - means
+    logs = -0.5 * (deviations * np.linalg.solve(spread, deviations[..., None])[..., 0]).sum(axis=-1)
+    weights = np.exp(logs - logs.max(axis=-1, keepdims=True))
+    return _Classification(tuple(map(str, names)), weights / weights.sum(axis=-1, keepdims=True))
 
 
 def _compact(cycles: ActivityCycles) -> tuple[FloatArray, FloatArray]:
-    """The cycles as rows (n, r) along their first principal components, and the squares (n,) of what that leaves."""
+    """Return the cycles in their first principal components (n, r), and their squared residuals (n,)."""
     rows = cycles.curves.reshape(len(cycles), -1)
     mean, basis, scales = principal_components(rows)
-    kept = fewest(np.cumsum(scales**2) / np.sum(scales**2), COMPACT)
+    rank = min_components(np.cumsum(scales**2) / np.sum(scales**2), COMPACT)
     coordinates = (rows - mean) @ basis.T
-    return np.ascontiguousarray(coordinates[:, :kept]), (coordinates[:, kept:] ** 2).sum(axis=1)
+    return np.ascontiguousarray(coordinates[:, :rank]), (coordinates[:, rank:] ** 2).sum(axis=1)
 
 
 def _folds(
     rows: FloatArray, groups: Sequence[str], d: int
 ) -> Iterator[tuple[BoolArray, FloatArray, FloatArray, FloatArray]]:
-    """Which rows (n, r) are left out (n,), and mean (r,), components (r, d) and scales (d,) of the others, by group.
+    """Yield, by group, a mask (n,) of the held-out rows (n, r), and mean (r,), components (r, d), scales (d,) of the
+    others.
 
-    The covariance of the others is that of all less what is left out, quicker than a decomposition for every group.
+    The covariance of the others is that of all rows minus the held-out part, faster than a decomposition for every
+    group.
     """
     labels, n, r = np.array(groups), *rows.shape
     names, sizes = np.unique(labels, return_counts=True)
     if len(names) < 2 or not 1 <= d <= min(n - int(sizes.max()) - 1, r):
         raise InputError(f"activities: expected two groups and more examples than {d} components, found {n} examples")
     total, scatter = rows.sum(axis=0), rows.T @ rows
-    for name in tqdm(names, desc="left out", unit="group", disable=None):
-        out = labels == name
-        kept = n - int(out.sum())
-        mean = (total - rows[out].sum(axis=0)) / kept
-        covariance = (scatter - rows[out].T @ rows[out]) / (kept - 1) - np.outer(mean, mean) * kept / (kept - 1)
+    for name in tqdm(names, desc="held out", unit="group", disable=None):
+        held_out = labels == name
+        size = n - int(held_out.sum())
+        mean = (total - rows[held_out].sum(axis=0)) / size
+        removed = rows[held_out].T @ rows[held_out]
+        covariance = (scatter - removed) / (size - 1) - np.outer(mean, mean) * size / (size - 1)
         variances, basis = scipy.linalg.eigh(covariance, subset_by_index=(r - d, r - 1))
-        yield out, mean, basis[:, ::-1], np.sqrt(variances[::-1])
+        yield held_out, mean, basis[:, ::-1], np.sqrt(variances[::-1])

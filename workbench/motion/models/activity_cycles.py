@@ -1,4 +1,4 @@
-"""Cycles of several activities, cut from motions and brought to one length by slerp (paper D, section 3.2)."""
+"""Cycles of several activities, segmented from motions and time-normalised by slerp (paper D, section 3.2)."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import N_ROOT, PARTS, Skeleton, person_skeleton
-from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_RUN_S, Motion, gait_events
-from workbench.motion.retarget import continuous_turns
+from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_RUN_CYCLE_S, Motion, gait_events
+from workbench.motion.retarget import continuous_angles
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 class ActivityCycles:
     """n cycles of C joint angles at T phases 0, 1/T, … (one cycle is 1).
 
-    angles: C names. curves: (n, T, C), rad, periodic. durations_s: (n,). activities: n labels. sources: n motions.
+    angles : C names. curves : (n, T, C), rad, periodic. durations_s : (n,). activities : n labels. sources : n motions.
     """
 
     angles: tuple[str, ...]
@@ -35,80 +35,103 @@ class ActivityCycles:
     def __len__(self) -> int:
         return len(self.curves)
 
-    def only(self, kept: BoolArray) -> "ActivityCycles":
-        """The cycles that are kept (n,)."""
-        numbers = np.flatnonzero(kept)
+    def only(self, mask: BoolArray) -> "ActivityCycles":
+        """Return the cycles in a mask (n,)."""
+        rows = np.flatnonzero(mask)
         return replace(
-            self, curves=self.curves[numbers], durations_s=self.durations_s[numbers],
-            activities=tuple(self.activities[k] for k in numbers), sources=tuple(self.sources[k] for k in numbers),
+            self, curves=self.curves[rows], durations_s=self.durations_s[rows],
+            activities=tuple(self.activities[k] for k in rows), sources=tuple(self.sources[k] for k in rows),
         )  # fmt: skip
 
     def of_angles(self, names: Sequence[str]) -> "ActivityCycles":
-        """Keep some angles of the cycles only: their names or those of parts of the body, see `skeleton.PARTS`.
+        """Return the cycles with some of their angles: by name or by body part, see `skeleton.PARTS`.
 
-        Raises InputError for a name that stands for none of the angles, or no name.
+        Raises InputError if a name matches none of the angles, or there is no name.
         """
-        wanted = {name: {name, *PARTS.get(name, ())} & set(self.angles) for name in names}
-        unknown = [name for name in names if not wanted[name]]
-        if unknown or not wanted:
-            known, found = f"({', '.join(PARTS)}) or some of {', '.join(self.angles)}", [*unknown, "none"][0]
-            raise InputError(f"activities: angles: expected parts of the body {known}, found {found!r}")
-        chosen = set[str]().union(*wanted.values())
+        matches = {name: {name, *PARTS.get(name, ())} & set(self.angles) for name in names}
+        unknown = [name for name in names if not matches[name]]
+        if unknown or not matches:
+            options, found = f"({', '.join(PARTS)}) or some of {', '.join(self.angles)}", [*unknown, "none"][0]
+            raise InputError(f"activities: angles: expected parts of the body {options}, found {found!r}")
+        chosen = set[str]().union(*matches.values())
         columns = [k for k, name in enumerate(self.angles) if name in chosen]
         return replace(self, angles=tuple(self.angles[k] for k in columns), curves=self.curves[:, :, columns])
 
 
-Followed = tuple[Skeleton, FloatArray]
-"""A skeleton and its poses (F, P) in every frame of a motion."""
+PosedSkeleton = tuple[Skeleton, FloatArray]
+"""A skeleton and its poses (F, P) in the frames of a motion."""
 
 
-def followed_person(motion: Motion) -> Followed:
-    """The motion as it is: the person's 25 numbers."""
+def person_poses(motion: Motion) -> PosedSkeleton:
+    """Return the person's skeleton and the 25-parameter poses of a motion."""
     return person_skeleton(motion.shape), motion.poses
 
 
 def activity_cycles(
-    motions: Sequence[Motion], *, n_phases: int = 64, most_per_clip: int = 4,
-    followed: Callable[[Motion], Followed] = followed_person,
+    motions: Sequence[Motion], *, n_phases: int = 64, max_per_clip: int = 4,
+    poses_of: Callable[[Motion], PosedSkeleton] = person_poses,
 ) -> ActivityCycles:  # fmt: skip
-    """Whole cycles of walking, running and their like in the motions, at most `most_per_clip` of each.
+    """Return whole cycles of walking, running and similar activities.
 
-    followed: gives the skeleton and the poses to cut cycles from; the gait's events are always the person's.
-    Phase 0 is where the left thigh is furthest ahead of the right. Motions without a whole cycle are named in a
-    warning. Raises InputError when there is none in any, and as `cut`.
+    Phase 0 is where the left thigh is furthest ahead of the right. Motions without a whole cycle cause a warning.
+
+    Parameters
+    ----------
+    motions : to segment.
+    n_phases : T.
+    max_per_clip : maximum number of cycles of each motion.
+    poses_of : returns the skeleton and poses to segment; gait events are always the person's.
+
+    Raises
+    ------
+    InputError : no motion has a cycle, and as `cut`.
     """
-    parts, without = [], []
+    segments, without = [], []
     for motion in tqdm(motions, desc="cycles", unit="clip", disable=None):
-        part = cut(
-            *followed(motion), gait_events(motion, SHORTEST_RUN_S), rate_hz=motion.rate_hz,
-            activity=motion.activity, source=motion.name, n_phases=n_phases, most=most_per_clip,
+        segment = cut(
+            *poses_of(motion), gait_events(motion, MIN_RUN_CYCLE_S), rate_hz=motion.rate_hz,
+            activity=motion.activity, source=motion.name, n_phases=n_phases, max_cycles=max_per_clip,
         )  # fmt: skip
-        if len(part):
-            parts.append(part)
+        if len(segment):
+            segments.append(segment)
         else:
             without.append(motion.name)
     if without:
-        log.warning("activities: %d motions without a whole cycle left out: %s", len(without), ", ".join(without))
-    if not parts:
-        raise InputError(f"activities: expected walking, running or the like, found no cycle in {len(motions)} motions")
-    return joined(parts)
+        log.warning("activities: %d motions without a whole cycle excluded: %s", len(without), ", ".join(without))
+    if not segments:
+        raise InputError(
+            f"activities: expected walking, running or a similar activity, found no cycle in {len(motions)} motions"
+        )
+    return concatenated(segments)
 
 
 def cut(
     skeleton: Skeleton, poses: FloatArray, events: FloatArray, *, rate_hz: float, activity: str, source: str,
-    n_phases: int = 64, most: int = 4,
+    n_phases: int = 64, max_cycles: int = 4,
 ) -> ActivityCycles:  # fmt: skip
-    """The cycles between the events (K,), in frames, of poses (F, P) of any skeleton; perhaps none.
+    """Return the cycles between gait events of a motion of any skeleton; possibly none.
 
-    The paper has four cycles of every person at every speed; of a clip with more, `most` of them spread evenly over it
-    are taken, so that long clips outweigh none. Raises InputError below one cycle or two phases, and as `normalised`.
+    The paper has four cycles of every person at every speed. Of a clip with more, `max_cycles` evenly spaced ones are
+    used, so that long clips have no more weight.
+
+    Parameters
+    ----------
+    poses : (F, P).
+    events : (K,), in frames.
+    rate_hz, activity, source : of the motion.
+    n_phases : T.
+    max_cycles : maximum number of cycles.
+
+    Raises
+    ------
+    InputError : fewer than one cycle or two phases, and as `normalised`.
     """
-    if n_phases < 2 or most < 1:
-        raise InputError(f"activities: expected 2 phases and 1 cycle or more, found {n_phases} and {most}")
+    if n_phases < 2 or max_cycles < 1:
+        raise InputError(f"activities: expected 2 phases and 1 cycle or more, found {n_phases} and {max_cycles}")
     spans = np.stack([events[:-1], events[1:]], axis=1)
     seconds = np.diff(spans, axis=1)[:, 0] / rate_hz
-    spans = spans[(seconds >= SHORTEST_RUN_S) & (seconds <= LONGEST_S)]
-    n = min(most, len(spans))
+    spans = spans[(seconds >= MIN_RUN_CYCLE_S) & (seconds <= MAX_CYCLE_S)]
+    n = min(max_cycles, len(spans))
     spans = spans[((np.arange(n) + 0.5) * len(spans) / max(n, 1)).astype(np.int64)]
     return ActivityCycles(
         angles=skeleton.dof_names[N_ROOT:], curves=normalised(skeleton, poses, spans, n_phases),
@@ -116,8 +139,8 @@ def cut(
     )  # fmt: skip
 
 
-def joined(parts: Sequence[ActivityCycles]) -> ActivityCycles:
-    """All cycles of several sets. Raises InputError when they are of different angles."""
+def concatenated(parts: Sequence[ActivityCycles]) -> ActivityCycles:
+    """Return all cycles of several sets; raises InputError if their angles differ."""
     if other := [part for part in parts if part.angles != parts[0].angles]:
         source = next(iter(other[0].sources), "a motion")
         raise InputError(f"activities: expected one skeleton, found other angles in {source}")
@@ -131,15 +154,24 @@ def joined(parts: Sequence[ActivityCycles]) -> ActivityCycles:
 
 
 def normalised(skeleton: Skeleton, poses: FloatArray, spans: FloatArray, n_phases: int) -> FloatArray:
-    """Cycles (K, T, P − 6) of the joint angles, rad, of poses (F, P) between the frames spans (K, 2), whole or not.
+    """Return time-normalised cycles (K, T, P − 6) of the joint angles, rad.
 
-    Every joint's rotation is interpolated by slerp, which takes the shorter way between two frames: q and −q are one
-    rotation, so their signs are first put in one hemisphere. The rotations are turned back into the skeleton's own
-    angles, continuous and near the middle of their limits (`retarget.continuous_turns`). A recorded cycle does not
-    quite close; half the gap is taken from each end, linearly in between (a deviation: the paper does not say).
+    Every joint's rotation is interpolated by slerp along the shorter arc between two frames: q and −q are the same
+    rotation, so their signs are first put in one hemisphere. The rotations are converted back into the skeleton's
+    angles, continuous and near the middle of their limits (`retarget.continuous_angles`). A recorded cycle does not
+    quite close; the gap is distributed linearly, half of it at each end (a deviation: the paper does not specify this).
+    For a joint with two axes, slerp leaves the rotations about them by less than the squared rotation per frame; the
+    nearest angles are used.
 
-    A joint of two turns whose slerp leaves them, by less than a frame's turn squared, is put back to the nearest
-    angles. Raises InputError for a joint whose consecutive axes are not perpendicular, or that has more than three.
+    Parameters
+    ----------
+    poses : (F, P).
+    spans : (K, 2), first and last frame of each cycle, not necessarily whole.
+    n_phases : T.
+
+    Raises
+    ------
+    InputError : consecutive axes of a joint are not perpendicular, or there are more than three.
     """
     phases = np.arange(n_phases + 1) / n_phases
     frames = spans[:, :1] + (spans[:, 1:] - spans[:, :1]) * phases
@@ -152,24 +184,24 @@ def normalised(skeleton: Skeleton, poses: FloatArray, spans: FloatArray, n_phase
             np.arange(len(poses)), scipy.spatial.transform.Rotation.from_matrix(relative)
         )
         axes = _axes(skeleton.names[joint], skeleton.dof_axes[columns])
-        for curve, places in zip(curves, frames, strict=True):
-            curve[:, columns - N_ROOT] = _angles(between(places), axes, skeleton.limits[columns])
+        for curve, times in zip(curves, frames, strict=True):
+            curve[:, columns - N_ROOT] = _angles(between(times), axes, skeleton.limits[columns])
     gaps = curves[:, -1:] - curves[:, :1]
     return curves[:, :-1] - (phases[:-1, None] - 0.5) * gaps
 
 
 def _axes(joint: str, axes: FloatArray) -> FloatArray:
-    """Three axes (3, 3) for a joint's one to three (k, 3), each perpendicular to the next."""
+    """Return three axes (3, 3), each perpendicular to the next, that begin with a joint's one to three (k, 3)."""
     if len(axes) > 3 or any(abs(first @ second) > 1e-9 for first, second in pairwise(axes)):
-        raise InputError(f"skeleton: expected turns of {joint} about one to three axes, each perpendicular to the last")
+        raise InputError(f"skeleton: expected rotations of {joint} about 1 to 3 axes, each perpendicular to the last")
     if len(axes) == 1:
         axes = np.vstack([axes, np.cross(axes[0], np.eye(3)[np.argmin(np.abs(axes[0]))])])
         axes[1] /= np.linalg.norm(axes[1])
     return axes if len(axes) == 3 else np.vstack([axes, np.cross(axes[0], axes[1])])
 
 
-def _angles(turns: "scipy.spatial.transform.Rotation", axes: FloatArray, limits: FloatArray) -> FloatArray:
-    """Angles (F, k), rad, of turns about the first k of three axes, near the limits (k, 2); the others stay near 0."""
+def _angles(rotations: "scipy.spatial.transform.Rotation", axes: FloatArray, limits: FloatArray) -> FloatArray:
+    """Return angles (F, k), rad, of rotations about the first k of three axes, near the limits (k, 2)."""
     all_limits = np.zeros((3, 2))
     all_limits[: len(limits)] = limits
-    return continuous_turns(turns.as_davenport(axes, "intrinsic"), all_limits)[:, : len(limits)]
+    return continuous_angles(rotations.as_davenport(axes, "intrinsic"), all_limits)[:, : len(limits)]

@@ -1,7 +1,7 @@
 """Functional principal components of cycles with gaps (paper B, section 2.2).
 
-Sequences are cut into slices, cycles at common phases (step 1); their components come from an iterated SVD in the
-Fourier domain (steps 2–9).
+Sequences are segmented into slices, cycles at common phases (step 1). The components are those of an iterated SVD in
+the Fourier domain (steps 2–9).
 """
 
 import logging
@@ -18,19 +18,19 @@ from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 N_FOURIER = 20
-"""Coefficients kept of each slice (paper B, step 4): the constant, ten cosines and nine sines."""
+"""Fourier coefficients of each slice (paper B, step 4): the constant, ten cosines and nine sines."""
 
 SHRINKAGE = 0.025
-MOST_PASSES = 1000
+MAX_ITERATIONS = 1000
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """N cycles cut out of sequences of m angles and sampled at T phases 0, 1/T, ….
+    """N cycles of sequences of m angles, sampled at T phases 0, 1/T, ….
 
-    values: (N, T, m), with a first guess where nothing was observed. observed: (N, T, m). sequence: (N,), the index
-    of the sequence each comes from, ascending. cycle: (N,), the whole part of the phase, in a sequence without a break.
+    values : (N, T, m), with an initial estimate where nothing was observed. observed : (N, T, m). sequence : (N,), the
+    index of each slice's sequence, ascending. cycle : (N,), the whole part of the phase, consecutive in a sequence.
     """
 
     values: FloatArray
@@ -40,46 +40,46 @@ class Slices:
 
 
 def cut(sequences: Sequence[FloatArray], alignment: CycleAlignment, n_phases: int = 64) -> Slices:
-    """Cut sequences (F_i, m), NaN where missing, into aligned cycles; what lies beyond both ends counts as missing.
+    """Segment sequences (F_i, m), NaN where missing, into aligned cycles; phases beyond both ends are missing.
 
-    The functional estimate is an interpolating cubic spline; a point of the cycle counts as observed where the
-    samples on both sides of it are valid. The first guess of a missing point is the mean of the slices observed at
-    that phase. Raises InputError where there is none.
+    The functional estimate is an interpolating cubic spline. A point of a cycle is observed if the samples on both
+    sides are valid. The initial estimate of a missing point is the mean of the slices observed at that phase. Raises
+    InputError if no slice is observed at some phase.
     """
     values, observed, sequence, cycle = [], [], [], []
     for i, series in enumerate(sequences):
         phases = alignment.phases(i, len(series))
         cycles = np.arange(int(np.floor(phases[0])), int(np.floor(phases[-1])) + 1)
-        places = cycles[:, None] + np.arange(n_phases) / n_phases
-        curve, seen = _resampled(series, (places - alignment.offsets[i]) * alignment.periods[i])
+        slice_phases = cycles[:, None] + np.arange(n_phases) / n_phases
+        curve, valid = _resampled(series, (slice_phases - alignment.offsets[i]) * alignment.periods[i])
         values.append(curve)
-        observed.append(seen)
+        observed.append(valid)
         sequence.append(np.full(len(cycles), i))
         cycle.append(cycles)
-    stacked, known = np.concatenate(values), np.concatenate(observed)
-    count = known.sum(axis=0)
+    stacked, mask = np.concatenate(values), np.concatenate(observed)
+    count = mask.sum(axis=0)
     if not count.all():
         phase, angle = np.argwhere(count == 0)[0]
-        raise InputError(f"cycles: angle {angle} was never seen at phase {phase / n_phases:.2f} of the cycle")
-    mean = np.where(known, stacked, 0.0).sum(axis=0) / count
-    return Slices(np.where(known, stacked, mean), known, np.concatenate(sequence), np.concatenate(cycle))
+        raise InputError(f"cycles: angle {angle} is never observed at phase {phase / n_phases:.2f} of the cycle")
+    mean = np.where(mask, stacked, 0.0).sum(axis=0) / count
+    return Slices(np.where(mask, stacked, mean), mask, np.concatenate(sequence), np.concatenate(cycle))
 
 
 def fill_linear(series: FloatArray) -> FloatArray:
-    """Series (F, m) with gaps filled by linear interpolation in time, constant beyond the first and last sample.
+    """Return series (F, m) with gaps filled by linear interpolation in time, constant beyond the first and last sample.
 
     An angle without any valid sample becomes zero.
     """
     frames, valid = np.arange(len(series)), np.isfinite(series)
     filled = np.zeros(series.shape)
-    for angle, known in enumerate(valid.T):
-        if known.any():
-            filled[:, angle] = np.interp(frames, frames[known], series[known, angle])
+    for angle, rows in enumerate(valid.T):
+        if rows.any():
+            filled[:, angle] = np.interp(frames, frames[rows], series[rows, angle])
     return filled
 
 
 def _resampled(series: FloatArray, frames: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Values (K, T, m) of a series (F, m) at frames (K, T), and where the samples on both sides are valid."""
+    """Return values (K, T, m) of a series (F, m) at frames (K, T), and where the samples on both sides are valid."""
     valid, last = np.isfinite(series), len(series) - 1
     inside = (frames >= 0.0) & (frames <= last)
     frames = np.clip(frames, 0.0, last)
@@ -92,10 +92,10 @@ def _resampled(series: FloatArray, frames: FloatArray) -> tuple[FloatArray, Bool
 class _FunctionalPca:
     """θ(ψ) = μ(ψ) + Σ_k c_k v_k(ψ) (paper B, eq. 2), sampled at T phases; every curve is a sum of 20 sinusoids.
 
-    mean: (T, m). components: (d, T, m), orthonormal. scales: (d,), standard deviations of the coefficients c_k over
-    the slices. explained: fraction of the completed slices' variance that the d components explain.
-    curves: (N, 20, m), Fourier coefficients of the reconstructed slices. completed: (N, T, m), the slices with what
-    was missing imputed. errors: ‖X − X₄‖ in every pass.
+    mean : (T, m). components : (d, T, m), orthonormal. scales : (d,), standard deviations of the coefficients c_k over
+    the slices. explained : fraction of the completed slices' variance that the d components explain. curves :
+    (N, 20, m), Fourier coefficients of the reconstructed slices. completed : (N, T, m), the slices with imputed missing
+    values. errors : ‖X − X₄‖ in every iteration.
     """
 
     mean: FloatArray
@@ -108,10 +108,10 @@ class _FunctionalPca:
 
 
 def fourier_basis(phases: FloatArray, n_phases: int) -> FloatArray:
-    """The first 20 real Fourier functions (F, 20) at phases (F,) in cycles: 1, cos ψ, sin ψ, cos 2ψ, ….
+    """Return the first 20 real Fourier functions (F, 20) at phases (F,) in cycles: 1, cos ψ, sin ψ, cos 2ψ, ….
 
-    Orthonormal over n_phases equidistant phases, without which the iteration would not be monotone. A sum of them
-    closes at the ends of the cycle with all its derivatives.
+    They are orthonormal over n_phases equidistant phases, which makes the iteration monotone. Their sums and all
+    derivatives are periodic.
     """
     column = np.arange(N_FOURIER)
     turns = 2.0 * np.pi * phases[:, None] * ((column + 1) // 2)
@@ -120,42 +120,48 @@ def fourier_basis(phases: FloatArray, n_phases: int) -> FloatArray:
     return waves
 
 
-def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
-    """Functional PCA by the paper's steps 2–9: keep the q largest singular values, impute, repeat.
+def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
+    """Return the functional PCA by the paper's steps 2–9: truncate to q singular values, impute, iterate.
 
-    Stops when ‖X − X₄‖ falls by less than the fraction `tolerance`; a warning says so when it has not after 1000
-    passes. Raises InputError when there are not more slices than components.
-
-    Deviations: the tolerance is relative, so that it does not depend on the units; the Fourier functions are real and
-    orthonormal; the returned mean is projected on them too, because real cycles' row mean jumps at their ends.
+    The iteration stops when ‖X − X₄‖ decreases by less than the fraction `tolerance`, or with a warning after 1000
+    iterations. Deviations: the tolerance is relative, independent of units; the Fourier functions are real and
+    orthonormal; the returned mean is projected on them too, because the row mean of real cycles is not periodic. Raises
+    InputError if there are not more slices than components.
     """
-    _check_size(slices, q)
-    return _fpca(slices, q, partial(_keep_largest, q), tolerance)
+    _check_size(slices, n_components)
+    return _fpca(slices, n_components, partial(_keep_largest, n_components), tolerance)
 
 
-def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6) -> _FunctionalPca:
-    """Iterate with soft-thresholded singular values, around every sequence's own centre.
+def fpca_shrunk(
+    slices: Slices, n_components: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6
+) -> _FunctionalPca:
+    """Return the functional PCA with soft-thresholded singular values around every sequence's centre.
 
-    Instead of keeping q singular values whole, all are lowered by `shrinkage` times the largest one of the first
-    guess (Mazumder, Hastie & Tibshirani 2010: spectral regularisation), so that a rank need not be chosen and cycles
-    seen only in part are not overfitted. Each sequence's mean angles, which are the person's posture rather than
-    the motion, are not shrunk. The q components are those of the completed slices. Raises InputError as `fpca_paper`.
+    All singular values are reduced by `shrinkage` times the largest one of the initial estimate (spectral
+    regularisation), so that no rank is chosen and incomplete cycles are not overfitted. Each sequence's mean angles,
+    which are posture rather than motion, are not shrunk. The components are those of the completed slices. Raises
+    InputError as `fpca_paper`.
+
+    References
+    ----------
+    Mazumder, Hastie & Tibshirani, Spectral Regularization Algorithms, 2010.
     """
-    _check_size(slices, q)
+    _check_size(slices, n_components)
     first = _spectra(slices.values - slices.values.mean(axis=0))
     largest = np.linalg.norm((first - _centres(first, slices)).reshape(len(first), -1), 2)
-    return _fpca(slices, q, partial(_soften, float(shrinkage * largest), slices), tolerance)
+    return _fpca(slices, n_components, partial(_soften, float(shrinkage * largest), slices), tolerance)
 
 
 def _fpca(
-    slices: Slices, q: int, reconstruct: Callable[[FloatArray], tuple[FloatArray, float]], tolerance: float
+    slices: Slices, n_components: int, reconstruct: Callable[[FloatArray], tuple[FloatArray, float]], tolerance: float
 ) -> _FunctionalPca:
-    """Steps 2–9; `reconstruct` is steps 5–6: the spectra (N, 20, m) of X − 1μᵀ in, a low rank and its penalty out."""
+    """Iterate steps 2–9; `reconstruct` is steps 5–6: from spectra (N, 20, m) of X − 1μᵀ to a low rank and its
+    penalty."""
     n_phases = slices.values.shape[1]
     basis = fourier_basis(np.arange(n_phases) / n_phases, n_phases)
     x, complete = slices.values, bool(slices.observed.all())
     errors: list[float] = []
-    for _ in tqdm(range(MOST_PASSES), desc="functional PCA", unit="pass", leave=False, disable=None):
+    for _ in tqdm(range(MAX_ITERATIONS), desc="functional PCA", unit="iteration", leave=False, disable=None):
         mean = x.mean(axis=0)
         curves, penalty = reconstruct(_spectra(x - mean))
         fitted = basis @ curves + mean
@@ -166,32 +172,34 @@ def _fpca(
         if len(errors) > 1 and abs(errors[-2] - errors[-1]) <= tolerance * errors[-2]:
             break
     else:
-        log.warning("functional PCA: not converged to %g after %d passes", tolerance, MOST_PASSES)
+        log.warning("functional PCA: not converged to %g after %d iterations", tolerance, MAX_ITERATIONS)
     mean_curve = _spectra(mean)
     spectra = _spectra(x - x.mean(axis=0))
-    rows, singular = _principal(spectra.reshape(len(x), -1), q)
+    rows, singular = _principal(spectra.reshape(len(x), -1), n_components)
     return _FunctionalPca(
-        mean=basis @ mean_curve, components=basis @ rows.reshape(q, N_FOURIER, -1),
+        mean=basis @ mean_curve, components=basis @ rows.reshape(n_components, N_FOURIER, -1),
         scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
         curves=curves + mean_curve, completed=x, errors=np.array(errors),
     )  # fmt: skip
 
 
-def _check_size(slices: Slices, q: int) -> None:
-    most = min(len(slices.values) - 1, N_FOURIER * slices.values.shape[2])
-    if not 1 <= q <= most:
-        raise InputError(f"functional PCA: {len(slices.values)} slices allow 1 to {most} components, found {q}")
+def _check_size(slices: Slices, n_components: int) -> None:
+    maximum = min(len(slices.values) - 1, N_FOURIER * slices.values.shape[2])
+    if not 1 <= n_components <= maximum:
+        raise InputError(
+            f"functional PCA: {len(slices.values)} slices allow 1 to {maximum} components, found {n_components}"
+        )
 
 
 def _spectra(curves: FloatArray) -> FloatArray:
-    """Fourier coefficients (..., 20, m) of curves (..., T, m)."""
+    """Return the Fourier coefficients (..., 20, m) of curves (..., T, m)."""
     n_phases = curves.shape[-2]
     return fourier_basis(np.arange(n_phases) / n_phases, n_phases).T @ curves
 
 
-def _keep_largest(q: int, spectra: FloatArray) -> tuple[FloatArray, float]:
+def _keep_largest(n_components: int, spectra: FloatArray) -> tuple[FloatArray, float]:
     smaller = min(len(spectra), spectra[0].size)
-    return _low_rank(spectra, 0.0, by_index=(max(smaller - q, 0), smaller - 1))[0], 0.0
+    return _low_rank(spectra, 0.0, by_index=(max(smaller - n_components, 0), smaller - 1))[0], 0.0
 
 
 def _soften(threshold: float, slices: Slices, spectra: FloatArray) -> tuple[FloatArray, float]:
@@ -201,7 +209,7 @@ def _soften(threshold: float, slices: Slices, spectra: FloatArray) -> tuple[Floa
 
 
 def _centres(spectra: FloatArray, slices: Slices) -> FloatArray:
-    """(N, 20, m): the constant coefficient's mean over the slices of the same sequence; nothing elsewhere."""
+    """Return (N, 20, m): the constant coefficient's mean over the slices of the same sequence; zero elsewhere."""
     _, group, size = np.unique(slices.sequence, return_inverse=True, return_counts=True)
     sums = np.zeros((len(size), spectra.shape[2]))
     np.add.at(sums, group, spectra[:, 0])
@@ -214,11 +222,11 @@ def _low_rank(
     spectra: FloatArray, lower: float, *, by_index: tuple[int, int] | None = None,
     by_value: tuple[float, float] | None = None,
 ) -> tuple[FloatArray, float]:  # fmt: skip
-    """Spectra (N, 20, m) as N rows with some singular values only, lowered, and the sum of those.
+    """Return spectra (N, 20, m), as N rows, from selected singular values reduced by `lower`, and the sum of these.
 
-    by_index, by_value: the squares of those to keep, by their rank in rising order or themselves. From the
-    eigenvectors of the smaller of XᵀX and XXᵀ, and only those needed: many times faster than an SVD, and what is lost,
-    singular values below 1e-8 of the largest, is passed over anyhow.
+    by_index, by_value : select the squared singular values by ascending rank or by range. The eigenvectors of the
+    smaller of XᵀX and XXᵀ are many times faster than an SVD; singular values below 1e-8 of the largest, which they
+    lose, are negligible.
     """
     x = spectra.reshape(len(spectra), -1)
     tall = x.shape[0] > x.shape[1]
@@ -233,13 +241,13 @@ def _low_rank(
     return low_rank.reshape(spectra.shape), float(shrunk.sum())
 
 
-def _principal(x: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
-    """The first q right singular vectors (rows) and singular values of x; each vector's largest entry is positive."""
+def _principal(x: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
+    """Return the first right singular vectors (rows) and singular values of x; each largest entry is positive."""
     n, size = x.shape
     if n > size:
-        values, vectors = scipy.linalg.eigh(x.T @ x, subset_by_index=(size - q, size - 1))
+        values, vectors = scipy.linalg.eigh(x.T @ x, subset_by_index=(size - n_components, size - 1))
         rows, singular = vectors.T[::-1], np.sqrt(np.maximum(values[::-1], 0.0))
     else:
-        rows, singular = (part[:q] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])
+        rows, singular = (part[:n_components] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])
     largest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
     return rows * np.where(largest < 0.0, -1.0, 1.0)[:, None], singular

@@ -1,4 +1,4 @@
-"""Gaps in cyclic sequences: made, and filled by interpolation, from the sequence's own cycle, and by functional PCA."""
+"""Gaps in cyclic sequences: removal of samples, and imputation by interpolation, cyclic fits and functional PCA."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,14 +18,14 @@ BLOCK_S = (0.1, 0.5)  # shortest and longest block removed, s: 12 to 60 frames a
 
 
 def remove_blocks(motion: Motion, fraction: float, rng: np.random.Generator) -> BoolArray:
-    """Choose samples (F, 19) of the joint angles to remove: blocks per angle, until the fraction is reached."""
-    gone = np.zeros((len(motion), len(POSE_NAMES) - N_ROOT), dtype=bool)
-    for angle in gone.T:
+    """Return a random mask (F, 19) of joint angles to remove: blocks per angle, up to the fraction."""
+    removed = np.zeros((len(motion), len(POSE_NAMES) - N_ROOT), dtype=bool)
+    for angle in removed.T:
         while angle.mean() < fraction:
             length = min(len(motion), round(rng.uniform(*BLOCK_S) * motion.rate_hz))
             start = rng.integers(len(motion) - length + 1)
             angle[start : start + length] = True
-    return gone
+    return removed
 
 
 def with_gaps(motion: Motion, fraction: float, rng: np.random.Generator) -> Motion:
@@ -36,10 +36,10 @@ def with_gaps(motion: Motion, fraction: float, rng: np.random.Generator) -> Moti
 
 
 def impute(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
-    """Fill every NaN of sequences (F_i, m); valid samples stay as they are.
+    """Return sequences (F_i, m) with every NaN imputed; valid samples are unchanged.
 
-    Where a sample is missing: `fpca_shrunk` over the cycles of all sequences, plus what it leaves unexplained in the
-    valid samples before and after, interpolated across the gap. Raises InputError as `cut` and `fpca_paper` do.
+    A missing sample is the reconstruction of `fpca_shrunk` over the cycles of all sequences, plus its residual at the
+    valid samples before and after, interpolated across the gap. Raises InputError as `cut` and `fpca_paper`.
     """
     slices = cut(sequences, alignment)
     models = _reconstructed(sequences, alignment, slices, fpca_shrunk(slices, 1).curves)
@@ -48,14 +48,14 @@ def impute(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[F
 
 
 def impute_paper(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
-    """Impute by the paper's plain algorithm: the reconstruction of `fpca_paper`, nothing else."""
+    """Return sequences imputed by the paper's algorithm: the reconstruction of `fpca_paper` alone."""
     slices = cut(sequences, alignment)
     models = _reconstructed(sequences, alignment, slices, fpca_paper(slices).curves)
     return [_filled(series, model) for series, model in zip(sequences, models, strict=True)]
 
 
 def impute_periodic(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
-    """Impute from each sequence alone: a periodic smoothing spline, plus the interpolated residual."""
+    """Return each sequence imputed by its periodic smoothing spline, plus the interpolated residual."""
     filled = []
     for i, series in enumerate(sequences):
         basis = periodic_basis(alignment.phases(i, len(series)), PERIODIC_KNOTS)
@@ -68,18 +68,18 @@ def impute_periodic(sequences: Sequence[FloatArray], alignment: CycleAlignment) 
 
 
 def impute_linear(sequences: Sequence[FloatArray]) -> list[FloatArray]:
-    """Impute by linear interpolation in time."""
+    """Return sequences imputed by linear interpolation in time."""
     return [fill_linear(series) for series in sequences]
 
 
 def fill_smooth(series: FloatArray) -> FloatArray:
-    """Fill gaps of a series (F, m) by monotone cubic interpolation in time, constant beyond the ends."""
+    """Return a series (F, m) with gaps filled by monotone cubic interpolation in time, constant beyond the ends."""
     filled = fill_linear(series)
     frames = np.arange(len(series))
-    for angle, known in enumerate(np.isfinite(series).T):
-        if 1 < known.sum() < len(series):
-            inside = ~known & (frames > frames[known][0]) & (frames < frames[known][-1])
-            filled[inside, angle] = scipy.interpolate.PchipInterpolator(frames[known], series[known, angle])(
+    for angle, valid in enumerate(np.isfinite(series).T):
+        if 1 < valid.sum() < len(series):
+            inside = ~valid & (frames > frames[valid][0]) & (frames < frames[valid][-1])
+            filled[inside, angle] = scipy.interpolate.PchipInterpolator(frames[valid], series[valid, angle])(
                 frames[inside]
             )
     return filled
@@ -88,7 +88,7 @@ def fill_smooth(series: FloatArray) -> FloatArray:
 def _reconstructed(
     sequences: Sequence[FloatArray], alignment: CycleAlignment, slices: Slices, curves: FloatArray
 ) -> list[FloatArray]:
-    """Return sequences (F_i, m) at every frame, from the Fourier coefficients (N, 20, m) of their slices."""
+    """Return the sequences (F_i, m) at every frame from the Fourier coefficients (N, 20, m) of their slices."""
     models = []
     for i, series in enumerate(sequences):
         phases = alignment.phases(i, len(series))
@@ -96,8 +96,8 @@ def _reconstructed(
         cycles = np.floor(phases).astype(np.int64)
         model = np.empty_like(series)
         for row in np.flatnonzero(slices.sequence == i):
-            here = cycles == slices.cycle[row]
-            model[here] = basis[here] @ curves[row]
+            in_cycle = cycles == slices.cycle[row]
+            model[in_cycle] = basis[in_cycle] @ curves[row]
         models.append(model)
     return models
 

@@ -1,94 +1,105 @@
-"""Learn what a cyclic motion model misses of people it was not learned from, by leaving people out in turn."""
+"""Discrepancy of a cyclic motion model on held-out subjects, estimated by cross-validation over subjects."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.core.discrepancy import LEARNED_HZ, Discrepancy
+from workbench.core.discrepancy import DISCREPANCY_RATE_HZ, Discrepancy
 from workbench.motion.models.activities import principal_components
 from workbench.utils.arrays import FloatArray
 
-MOST_FOLDS = 8
-"""Groups of people that are left out in turn; everyone on their own where there are no more."""
+MAX_FOLDS = 8
+"""Of the cross-validation over subjects; leave-one-subject-out for at most as many subjects."""
 FIT_SIGMA_RAD = 0.1
-"""Deviation of an angle while the nearest pose is looked for, that of the priors' starts."""
+"""Standard deviation of an angle in the fit of the nearest pose, as in the priors' initial states."""
 COMMON = 0.8
-"""The part of the residual variance that the loadings stand for at least; the rest is each angle's own."""
-MOST_KEPT = 0.99
+"""Minimum fraction of the residual variance that the loadings explain; the rest is independent for each angle."""
+MAX_AR_COEFFICIENT = 0.99
 
 
 def learn_discrepancy(
-    angles: Sequence[str],
-    curves: FloatArray,
-    durations_s: FloatArray,
-    people: Sequence[str],
-    n_components: int,
+    angles: Sequence[str], curves: FloatArray, durations_s: FloatArray, subjects: Sequence[str], n_components: int
 ) -> Discrepancy | None:
-    """Learn the residual angles of people left out; None where there are fewer than two, or too few cycles of others.
+    """Estimate the residual angles of held-out subjects.
 
-    curves: (n, T, C) cycles of joint angles, rad, at phases 0, 1/T, …. durations_s: (n,). people: n names, whose the
-    cycles are. n_components: of the model.
+    For each fold of subjects, PCA of all other cycles gives a model, and every held-out pose, at each phase, is fitted
+    by its `nearest_angles` with free phase and coefficients. Every subject has the same weight, and residuals include
+    the subject's mean, since the next subject's mean residual is a sample of the same distribution. Autocorrelations
+    are those of neighbouring phases.
 
-    For each group of people, PCA of all others' cycles makes a model, and every pose of theirs, at each phase, is
-    fitted by its `nearest_angles`, phase and coefficients free. Every person counts alike, and so their own mean
-    residual does: it is what the next person's will be drawn from. Autocorrelations are those of neighbouring phases.
+    Deviation: the model is plain PCA of whole cycles, however the motion model was learned. Only its subjects and its
+    number of components matter here, not channel weights or imputation.
 
-    Deviation. Whatever learned the model, here it is plain PCA of whole cycles: its people and its number of components
-    matter, not how channels were weighed or gaps filled.
+    Parameters
+    ----------
+    angles : C names.
+    curves : (n, T, C) cycles of the joint angles, rad, at phases 0, 1/T, ….
+    durations_s : (n,).
+    subjects : n names of the cycles' subjects.
+    n_components : of the model.
+
+    Returns
+    -------
+    None for fewer than two subjects, or too few cycles outside a fold.
     """
-    everyone = sorted(set(people))
-    folds = np.array([everyone.index(name) % MOST_FOLDS for name in people], dtype=np.int64)
+    names = sorted(set(subjects))
+    folds = np.array([names.index(name) % MAX_FOLDS for name in subjects], dtype=np.int64)
     n_phases, n_angles = curves.shape[1:]
     residuals = np.empty_like(curves)
     for fold in np.unique(folds):
-        others = curves[folds != fold]
-        if len(others) <= n_components:
+        training = curves[folds != fold]
+        if len(training) <= n_components:
             return None
-        mean, axes, scales = principal_components(others.reshape(len(others), -1))
+        mean, axes, scales = principal_components(training.reshape(len(training), -1))
         basis = axes[:n_components] * scales[:n_components, None]
         model = mean.reshape(n_phases, n_angles), basis.reshape(-1, n_phases, n_angles)
         residuals[folds == fold] = curves[folds == fold] - nearest_angles(*model, curves[folds == fold])
-    owners = [np.flatnonzero(np.array(people) == name) for name in everyone]
-    moments = np.mean([_second_moment(residuals[own]) for own in owners], axis=0)
-    lagged = np.mean([(residuals[own, 1:] * residuals[own, :-1]).mean(axis=(0, 1)) for own in owners], axis=0)
-    frames = LEARNED_HZ * float(np.mean(durations_s)) / n_phases
+    rows = [np.flatnonzero(np.array(subjects) == name) for name in names]
+    moments = np.mean([_second_moment(residuals[each]) for each in rows], axis=0)
+    lagged = np.mean([(residuals[each, 1:] * residuals[each, :-1]).mean(axis=(0, 1)) for each in rows], axis=0)
+    frames = DISCREPANCY_RATE_HZ * float(np.mean(durations_s)) / n_phases
     correlation = np.clip(lagged / np.diagonal(moments), 1e-6, 1.0)
-    loadings, rest = low_rank(moments, COMMON)
-    keep = np.minimum(correlation ** (1.0 / frames), MOST_KEPT)
-    return Discrepancy(tuple(angles), loadings, rest, keep, len(everyone))
+    loadings, residual_std = low_rank(moments, COMMON)
+    ar_coefficients = np.minimum(correlation ** (1.0 / frames), MAX_AR_COEFFICIENT)
+    return Discrepancy(tuple(angles), loadings, residual_std, ar_coefficients, len(names))
 
 
 def nearest_angles(mean: FloatArray, basis: FloatArray, angles: FloatArray) -> FloatArray:
-    """Fit the angles (..., C), rad, by the model's, with any phase and coefficients that are N(0, 1).
+    """Return the model's nearest angles (..., C), rad, over phases and N(0, 1) coefficients.
 
-    mean: (T, C). basis: (d, T, C), components times their scales. An angle's deviation is FIT_SIGMA_RAD. At one phase
-    the least cost over the coefficients is rᵀ (B Bᵀ + σ² I)⁻¹ r with r what the mean misses, and the fit then
-    B Bᵀ (B Bᵀ + σ² I)⁻¹ r; the phase with the least cost wins.
+    With r the deviation from the mean at one phase, the minimum cost over the coefficients is rᵀ (B Bᵀ + σ² I)⁻¹ r and
+    the fit is B Bᵀ (B Bᵀ + σ² I)⁻¹ r, σ = FIT_SIGMA_RAD. The phase with the minimum cost is chosen.
+
+    Parameters
+    ----------
+    mean : (T, C), rad.
+    basis : (d, T, C), components times their scales, rad.
+    angles : (..., C), rad.
     """
     flat = angles.reshape(-1, angles.shape[-1])
-    best, least = np.empty_like(flat), np.full(len(flat), np.inf)
+    fitted, min_cost = np.empty_like(flat), np.full(len(flat), np.inf)
     for phase in range(len(mean)):
         spread = basis[:, phase].T @ basis[:, phase]
         inverse = np.linalg.inv(spread + FIT_SIGMA_RAD**2 * np.eye(len(spread)))
-        missed = flat - mean[phase]
-        whitened = missed @ inverse
-        cost = (whitened * missed).sum(axis=1)
-        better = cost < least
-        least[better] = cost[better]
-        best[better] = mean[phase] + whitened[better] @ spread
-    return best.reshape(angles.shape)
+        residual = flat - mean[phase]
+        weighted = residual @ inverse
+        cost = (weighted * residual).sum(axis=1)
+        better = cost < min_cost
+        min_cost[better] = cost[better]
+        fitted[better] = mean[phase] + weighted[better] @ spread
+    return fitted.reshape(angles.shape)
 
 
 def _second_moment(residuals: FloatArray) -> FloatArray:
-    """E δ δᵀ (C, C) of residuals (..., C), about zero."""
+    """Return E δ δᵀ (C, C) of residuals (..., C), about zero."""
     rows = residuals.reshape(-1, residuals.shape[-1])
     return rows.T @ rows / len(rows)
 
 
 def low_rank(covariance: FloatArray, common: float) -> tuple[FloatArray, FloatArray]:
-    """Give W (C, r) and s (C,) with W Wᵀ + diag(s²) nearly a covariance (C, C), and its diagonal exactly.
+    """Return W (C, r) and s (C,) with W Wᵀ + diag(s²) close to a covariance (C, C) and equal on its diagonal.
 
-    W has the first principal axes, as many as explain at least the part `common` of the variance.
+    W has the first principal axes, the fewest that explain at least the fraction `common` of the variance.
     """
     values, vectors = np.linalg.eigh(covariance)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]

@@ -1,4 +1,4 @@
-"""Keep learned models on disk: HDF5 with provenance, written atomically."""
+"""Storage of learned models: HDF5 with provenance, written atomically."""
 
 import hashlib
 import json
@@ -29,10 +29,10 @@ Stored = TypeVar("Stored", bound=_Model)
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a learned model comes from.
+    """Provenance of a learned model.
 
-    sources: {name of the source file: its SHA-256}. parameters: those of the learning. licences: the sources' lines.
-    code: a digest of the code that learned it.
+    sources : {name of the source file: its SHA-256}. parameters : of the training. licences : of the sources. code :
+    digest of the training code.
     """
 
     sources: Mapping[str, str]
@@ -42,35 +42,38 @@ class Provenance:
 
     @property
     def key(self) -> str:
-        """A SHA-256 over the inputs, the parameters and the learning's code: equal keys mean equal models."""
+        """SHA-256 of the inputs, the parameters and the training code: equal keys mean equal models."""
         text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def as_kept(model: Stored) -> Stored:
-    """Return a model whose arrays lie in memory as those read from its file do, row by row: sums over others may round
-    otherwise, and the run that learns a model would differ from the run that finds it."""
-    laid: dict[str, Any] = {}
+def as_stored(model: Stored) -> Stored:
+    """Return a model with C-contiguous arrays, as they are when read from its file.
+
+    Sums over other memory layouts may round differently, so that a run that learns the model would differ from a run
+    that loads it.
+    """
+    contiguous: dict[str, Any] = {}
     for field in fields(model):
         value = getattr(model, field.name)
         if isinstance(value, np.ndarray):
-            laid[field.name] = np.asarray(value, order="C")
+            contiguous[field.name] = np.asarray(value, order="C")
         elif _is_model(value):
-            laid[field.name] = as_kept(value)
-    return replace(model, **laid)
+            contiguous[field.name] = as_stored(value)
+    return replace(model, **contiguous)
 
 
-def keep(path: Path, model: Stored, provenance: Provenance) -> Stored:
-    """Write a model to a cache, as far as that can be written to, and return it `as_kept`."""
+def cache_model(path: Path, model: Stored, provenance: Provenance) -> Stored:
+    """Write a model to a cache, if that is writable, and return it `as_stored`."""
     with kept_for_later():
         save(path, model, provenance)
-    return as_kept(model)
+    return as_stored(model)
 
 
 def save(path: Path, model: _Model, provenance: Provenance) -> None:
-    """Write a model with where it comes from; the file appears whole or not at all.
+    """Write a model with its provenance, atomically. Arrays are data sets, all other fields are JSON.
 
-    Arrays are data sets, all other fields are JSON. Raises InputError when the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
         file.attrs.update(format=FORMAT, workbench=__version__, provenance=json.dumps(asdict(provenance)))
@@ -78,13 +81,13 @@ def save(path: Path, model: _Model, provenance: Provenance) -> None:
 
 
 def load(kind: type[Stored], path: Path) -> Stored:
-    """Read a model that `save` wrote; raises InputError for any other file."""
+    """Return a model from a file of `save`; raises InputError for any other file."""
     file = read_hdf5(path, f"a {kind.__name__}", own=True)
     try:
         return _read(kind, file, "")
     except (LookupError, ValueError, TypeError) as error:
         raise InputError(
-            f"{path}: expected a {kind.__name__}: {error!r}; without this file it is learned again"
+            f"{path}: expected a {kind.__name__}: {error!r}; delete the file to learn the model again"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""Models of walking: paper A's PCA of cycles cut at gait events (section 6.2), and paper B's functional PCA."""
+"""Models of walking: paper A's PCA of cycles between gait events (section 6.2), and paper B's functional PCA."""
 
 import logging
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_ske
 from workbench.core.discrepancy import Discrepancy
 from workbench.motion.models.cycle_alignment import CycleAlignment, align, motion_period
 from workbench.motion.models.functional_pca import Slices, cut, fpca_shrunk
-from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion, gait_events
+from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion, gait_events
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
-"""One cycle's content (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
+"""Channels of a cycle (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
 ANGLES = slice(1, len(CHANNEL_NAMES))  # which channels are the joint angles
 ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
-"""Further content: how the root sways about its even way, m, and turns about its even direction, rad."""
-SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds count in metres per frame at 30 Hz beside radians
-SPEED_LEVER_S = 0.1  # how far a speed counts when channels are scaled by their effect: the way it makes in this time, s
-LEAST_OBSERVED = 0.5  # of a cycle's samples, for paper B's model
-LEAST_EFFECT_M = 0.005  # an angle that moves no joint (the twist of a straight arm) still counts this much, m per rad
+"""Further channels: the root's sway about its uniform path, m, and about its mean orientation, rad."""
+SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds are in metres per frame at 30 Hz, angles in radians
+SPEED_LEVER_S = 0.1  # time, s, over which a speed counts as a displacement when channels are scaled by their effect
+MIN_OBSERVED = 0.5  # fraction of a slice's samples, for paper B's model
+MIN_EFFECT_M = 0.005  # lower bound for angles that move no joint (the twist of a straight arm), m per rad
 log = logging.getLogger(__name__)
 
 
@@ -33,8 +33,8 @@ log = logging.getLogger(__name__)
 class Cycles:
     """m cycles of C channels at T phases 0, 1/T, … (one cycle is 1).
 
-    curves: (m, T, C), channels named CHANNEL_NAMES, and ROOT_CHANNELS where the root's were asked for. durations_s:
-    (m,). sources: the motion each one was cut from.
+    curves : (m, T, C), channels CHANNEL_NAMES and, if included, ROOT_CHANNELS. durations_s : (m,). sources : the motion
+    of each cycle.
     """
 
     curves: FloatArray
@@ -42,12 +42,12 @@ class Cycles:
     sources: tuple[str, ...]
 
 
-def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = False) -> Cycles:
-    """Cut every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
+def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, include_root: bool = False) -> Cycles:
+    """Return every whole walking cycle of the motions, resampled to `n_phases` phases (paper A, section 6.2).
 
-    Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
-    gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
-    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS.
+    Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; the gap is
+    distributed linearly, half of it at each end, so that the curves are periodic (a deviation: the paper does not
+    specify this). The result may be empty. include_root : with ROOT_CHANNELS.
     """
     curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
     for motion in motions:
@@ -57,20 +57,20 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
         channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), _motion_channels(motion))
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
-            if SHORTEST_S <= duration <= LONGEST_S:
+            if MIN_CYCLE_S <= duration <= MAX_CYCLE_S:
                 gap = channels(last) - channels(first)
                 curve = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
-                curves.append(np.hstack([curve, _root_sway(motion, first, last, n_phases)]) if root else curve)
+                curves.append(np.hstack([curve, _root_sway(motion, first, last, n_phases)]) if include_root else curve)
                 durations.append(duration)
                 sources.append(motion.name)
-    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * root)
+    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * include_root)
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
 def _motion_channels(motion: Motion) -> FloatArray:
     """Return the channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
-    The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
+    The paper uses the absolute value of the velocity; its component along the heading excludes sway.
     """
     ground = motion.velocities[:, :2]
     heading = motion.poses[:, POSE_NAMES.index("root_heading")]
@@ -79,33 +79,33 @@ def _motion_channels(motion: Motion) -> FloatArray:
 
 
 def _root_sway(motion: Motion, first: float, last: float, n_phases: int) -> FloatArray:
-    """Return how the root moves about its even way in one cycle, ROOT_CHANNELS (T, 5), with means of zero.
+    """Return the root's sway about its uniform path in one cycle, ROOT_CHANNELS (T, 5), with means of zero.
 
-    The even way turns and rises evenly, from what the root does in the mean over the cycle; aside is the integral of
-    the velocity across it. What the root does ahead of it is in the torso's speed.
+    The uniform path has the cycle's mean rates of turning and rising; the lateral sway is the integral of the velocity
+    across it. The motion along the path is in the torso's speed.
     """
     frames = first + (last - first) * np.arange(n_phases + 1) / n_phases
     root = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.poses[:, :N_ROOT])(frames)
     ground = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.velocities[:, :2])(frames)
-    even = np.linspace(-0.5, 0.5, n_phases + 1)[:, None] * (root[-1] - root[0])
-    swayed = root - even
-    swayed -= swayed[:-1].mean(axis=0)
-    heading = root[:, 3] - swayed[:, 3]
+    uniform = np.linspace(-0.5, 0.5, n_phases + 1)[:, None] * (root[-1] - root[0])
+    sway = root - uniform
+    sway -= sway[:-1].mean(axis=0)
+    heading = root[:, 3] - sway[:, 3]
     across = -ground[:, 0] * np.sin(heading) + ground[:, 1] * np.cos(heading)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (across[1:] + across[:-1]))]) * (frames[1] - frames[0])
-    way = way / motion.rate_hz - np.linspace(0.0, 1.0, n_phases + 1) * way[-1] / motion.rate_hz
-    aside = way - way[:-1].mean()
-    return np.column_stack([aside, swayed[:, 2:]])[:-1]
+    path = np.concatenate([[0.0], np.cumsum(0.5 * (across[1:] + across[:-1]))]) * (frames[1] - frames[0])
+    path = path / motion.rate_hz - np.linspace(0.0, 1.0, n_phases + 1) * path[-1] / motion.rate_hz
+    lateral = path - path[:-1].mean()
+    return np.column_stack([lateral, sway[:, 2:]])[:-1]
 
 
 @dataclass(frozen=True, eq=False)
 class WalkingModel:
     """A* = Â + B̃ c (paper A, section 6.2), with d components over T phases of C channels.
 
-    mean: (T, C). components: (d, T, C). scales: (d,), λ, the standard deviations of the coefficients over the
-    training cycles. Channels are CHANNEL_NAMES, and ROOT_CHANNELS if learned, in m/s, rad and m. cycle_rate_hz: mean
-    and standard deviation of the cycles per second. explained: fraction of the (scaled) variance the d components
-    explain. n_cycles: how many cycles it was learned from. discrepancy: what it misses of others, where that is known.
+    mean : (T, C). components : (d, T, C). scales : (d,), λ, the standard deviations of the coefficients over the
+    training cycles. Channels are CHANNEL_NAMES, and ROOT_CHANNELS if learned, in m/s, rad and m. cycle_rate_hz : mean
+    and standard deviation of the cycles per second. explained : fraction of the (scaled) variance that the d components
+    explain. n_cycles : number of training cycles. discrepancy : on held-out subjects, if known.
     """
 
     mean: FloatArray
@@ -119,29 +119,29 @@ class WalkingModel:
 
 def learn_walking(
     motions: Sequence[Motion], *, variance: float, n_components: int | None, scaling: str, n_phases: int = 64,
-    root: bool = False,
+    include_root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the model from the walking cycles in the motions.
 
     Parameters
     ----------
-    motions : the walks
-    variance : where n_components is None, the fewest components that explain more than this fraction of the variance
-    n_components : their number d
+    motions : the walks.
+    variance : if n_components is None, the minimum number of components that explain more than this fraction.
+    n_components : their number d.
     scaling : "none" as in the paper (speed in metres per frame at 30 Hz, angles in rad), or "joints", which weighs
-        every channel by how far it moves the joints, so that twists that move nothing do not claim components
+        every channel by the joint displacement it causes, so that twists that move nothing use no components
     n_phases : T
-    root : learn how the root sways, too, which the paper leaves to noise
+    include_root : learn the root's sway too, which the paper leaves to noise.
 
     Raises
     ------
-    InputError : fewer than two cycles, or more components than they allow
+    InputError : fewer than two cycles, or more components than they allow.
     """
     if scaling not in ("none", "joints"):
         raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
     if not 0.0 < variance < 1.0:
         raise InputError(f"prior: variance must lie between 0 and 1, found {variance}")
-    cycles = walking_cycles(motions, n_phases, root)
+    cycles = walking_cycles(motions, n_phases, include_root)
     if len(cycles.curves) < 2:
         raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
     weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
@@ -155,39 +155,39 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
     mean = cycles.curves.mean(axis=0)
     centred = ((cycles.curves - mean) * weights).reshape(m, -1)
     _, singular, rows = np.linalg.svd(centred, full_matrices=False)
-    share = np.cumsum(singular**2) / np.sum(singular**2)
-    most = min(m - 1, len(singular))
-    d = n_components if n_components is not None else min(int(np.searchsorted(share, variance, side="right")) + 1, most)
-    if not 1 <= d <= most:
-        raise InputError(f"prior: {m} cycles allow 1 to {most} components, found {d}")
+    explained = np.cumsum(singular**2) / np.sum(singular**2)
+    maximum, d = min(m - 1, len(singular)), n_components
+    if d is None:
+        d = min(int(np.searchsorted(explained, variance, side="right")) + 1, maximum)
+    if not 1 <= d <= maximum:
+        raise InputError(f"prior: {m} cycles allow 1 to {maximum} components, found {d}")
     rates = 1.0 / cycles.durations_s
     return WalkingModel(
         mean=mean, components=rows[:d].reshape(d, n_phases, n_channels) / weights,
         scales=singular[:d] / np.sqrt(m - 1), cycle_rate_hz=(float(rates.mean()), float(rates.std(ddof=1))),
-        explained=float(share[d - 1]), n_cycles=m,
+        explained=float(explained[d - 1]), n_cycles=m,
     )  # fmt: skip
 
 
 def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
-    """Return the root mean square way (C,), m, that one radian or metre moves the 14 joints, over the mean cycle."""
+    """Return the root mean square displacement (C,), m, of the 14 joints per radian or metre, over the mean cycle."""
     skeleton = person_skeleton(motions[0].shape)
     poses = np.zeros((cycles.curves.shape[1], len(skeleton.dof_names)))
     poses[:, N_ROOT:] = cycles.curves.mean(axis=0)[:, ANGLES]
     measured = [skeleton.joint(name) for name in ERROR_JOINTS]
-    moved = joint_jacobian(skeleton, poses)[:, measured]
-    effects = np.maximum(np.sqrt((moved**2).sum(axis=2).mean(axis=(0, 1))), LEAST_EFFECT_M)
+    jacobian = joint_jacobian(skeleton, poses)[:, measured]
+    effects = np.maximum(np.sqrt((jacobian**2).sum(axis=2).mean(axis=(0, 1))), MIN_EFFECT_M)
     n_root = cycles.curves.shape[2] - len(CHANNEL_NAMES)
     return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])
 
 
-def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> WalkingModel:
-    """Learn the walking model of motions with q components (paper B, section 2); missing angles are NaN in their poses.
+def learn_cyclic(motions: Sequence[Motion], n_components: int = 5, n_phases: int = 64) -> WalkingModel:
+    """Learn the walking model of motions (paper B, section 2); missing angles are NaN in their poses.
 
-    A missing position or heading makes the torso's speed missing. Motions in which no period is found are left out,
-    with a warning. Raises InputError when fewer than two are left, or they hold too few cycles.
-
-    Deviation: slices seen by less than half, the ends of the sequences, are left out, because what is imputed in
-    them pulls the coefficients' standard deviations towards zero.
+    A missing position or heading makes the torso's speed missing. Motions without a period are excluded, with a
+    warning. Deviation: slices with less than half of their samples, at the ends of the sequences, are excluded, because
+    imputed values reduce the coefficients' standard deviations. Raises InputError for fewer than two motions with a
+    period, or too few cycles.
     """
     sequences, periods, rates = [], [], []
     for motion in motions:
@@ -196,7 +196,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
         try:
             period = motion_period(motion, channels[:, 1:])
         except InputError as error:
-            log.warning("%s left out of the training set: %s", motion.name, error)
+            log.warning("%s excluded from the training set: %s", motion.name, error)
             continue
         sequences.append(channels)
         periods.append(period)
@@ -205,9 +205,9 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
         raise InputError(f"prior: expected two motions with a period or more, found {len(sequences)} of {len(motions)}")
     alignment = align([channels[:, 1:] for channels in sequences], periods)
     slices = cut(sequences, _from_left_thigh_ahead(alignment), n_phases)
-    kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
-    slices = Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
-    pca = fpca_shrunk(slices, q)
+    mask = slices.observed.mean(axis=(1, 2)) >= MIN_OBSERVED
+    slices = Slices(slices.values[mask], slices.observed[mask], slices.sequence[mask], slices.cycle[mask])
+    pca = fpca_shrunk(slices, n_components)
     weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
     return WalkingModel(
         mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,
@@ -217,7 +217,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
 
 
 def _from_left_thigh_ahead(alignment: CycleAlignment) -> CycleAlignment:
-    """Turn the alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
+    """Return the alignment of joint angles shifted to phase 0 where the left thigh is furthest ahead of the right."""
     first = len(POSE_NAMES) - alignment.reference.shape[1]
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") - first for side in ("left", "right"))
     ahead = int(np.argmax(alignment.reference[:, left] - alignment.reference[:, right]))

@@ -1,4 +1,4 @@
-"""A synthetic motion of one arm: it swings with the elbow straight, then the elbow bends (paper A, fig. 4)."""
+"""Synthetic motion of one arm: it swings with a straight elbow, which then bends (paper A, fig. 4)."""
 
 import hashlib
 
@@ -14,21 +14,22 @@ HEIGHT_M, ANKLE_M = 1.75, 0.07
 
 
 def bending_arm(seconds: float, rate_hz: float) -> Motion:
-    """Someone stands and swings the right arm, straight for STRAIGHT_S, while the elbow then bends over BEND_S.
+    """Return the motion of a standing person who swings the right arm, straight for STRAIGHT_S, then bends it over
+    BEND_S.
 
-    With a straight elbow nothing shows how far the upper arm is twisted; once it bends, the forearm does.
+    With a straight elbow the twist of the upper arm is not observable; once it bends, the forearm determines the twist.
     """
     times = np.arange(round(seconds * rate_hz)) / rate_hz
     skeleton = person_skeleton(from_height(HEIGHT_M))
     poses = np.zeros((len(times), len(POSE_NAMES)))
-    standing = joints(skeleton, poses[:1])[0, JOINT_NAMES.index("right_ankle"), 2]
-    poses[:, POSE_NAMES.index("root_z")] = ANKLE_M - standing
+    ankle_height = joints(skeleton, poses[:1])[0, JOINT_NAMES.index("right_ankle"), 2]
+    poses[:, POSE_NAMES.index("root_z")] = ANKLE_M - ankle_height
     swing = np.sin(2.0 * np.pi * times / CYCLE_S)
-    bending = ((times - STRAIGHT_S) / BEND_S).clip(0.0, 1.0)
-    bent = bending * bending * (3.0 - 2.0 * bending)  # a smooth step
+    bend_fraction = ((times - STRAIGHT_S) / BEND_S).clip(0.0, 1.0)
+    smooth_step = bend_fraction * bend_fraction * (3.0 - 2.0 * bend_fraction)
     for name, angles in {
         "shoulder_flexion": 0.7 + 0.35 * swing, "shoulder_abduction": 0.25 + 0.10 * swing,
-        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": 1.5 * bent,
+        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": 1.5 * smooth_step,
     }.items():  # fmt: skip
         poses[:, POSE_NAMES.index(f"right_{name}")] = angles
     return Motion(

@@ -23,7 +23,7 @@ _SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
 )
 """The joint angles whose posterior is recorded as well as that of the state's columns."""
-UNSEEN = ("held", "ahead")
+UNSEEN = ("fixed", "ahead")
 """Slices of a state whose columns are not estimated: held parameters never change, "ahead" is the implicit's memory."""
 PARAMETERS, DEGREES = "posterior/parameters", "posterior/degrees"
 """The bands of favourites that are angles, to be looked at; `posterior/parameters` has them in radians."""

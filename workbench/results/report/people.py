@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.motion.formats.names import GENERATED, left_out, performer
+from workbench.motion.formats.names import GENERATED, excluded_subjects, performer
 
 MOTION = "dataset.motion"
 _HALF = "protocol.half"
@@ -28,7 +28,7 @@ def person_of(settings: Mapping[str, Any]) -> str:
     if motion is None:
         return ""
     names = list(map(str, motion if isinstance(motion, list) else [motion]))
-    people = left_out(names, by_style=half_of(settings) is not None)
+    people = excluded_subjects(names, by_style=half_of(settings) is not None)
     if any(name.startswith(GENERATED) for name in names):
         people.append(f"generated {dataset.get('seed', 0)}")
     return " and ".join(people)
@@ -44,4 +44,5 @@ def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
     if len(people) < 2 or None in people:
         return set()
     drawn = set(_DRAWN) if any(row.get(_HALF) is not None for row in settings) else set()
-    return {MOTION} | drawn | {key for row in settings for key in row if key.rpartition(".")[2] == "leave_out"}
+    excluded = {key for row in settings for key in row if key.rpartition(".")[2] in ("exclude", "leave_out")}
+    return {MOTION} | drawn | excluded

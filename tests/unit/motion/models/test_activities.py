@@ -7,9 +7,9 @@ from scipy.stats import multivariate_normal
 
 from workbench.motion.models.activities import (
     ActivityModel,
-    accuracy_left_out,
     classify,
-    error_left_out_deg,
+    held_out_accuracy,
+    held_out_error_deg,
     learn_activities,
     mean_rates_hz,
 )
@@ -174,17 +174,17 @@ def test_without_a_clip_is_as_learning_anew(d):
         alpha = rows @ basis.T / model.scales
         right += (classify(model, alpha).labels == np.array(every.only(out).activities)).tolist()
         squares += list((rows - rows @ basis.T @ basis) ** 2)
-    assert accuracy_left_out(every, every.sources, d) == np.mean(right)
-    assert error_left_out_deg(every, every.sources, d) == pytest.approx(np.degrees(np.sqrt(np.mean(squares))), rel=1e-9)
+    assert held_out_accuracy(every, every.sources, d) == np.mean(right)
+    assert held_out_error_deg(every, every.sources, d) == pytest.approx(np.degrees(np.sqrt(np.mean(squares))), rel=1e-9)
     assert 0.5 < np.mean(right) <= 1.0
 
 
 def test_an_activity_in_one_group_only_is_never_told_right():
     every = cycles()
-    assert accuracy_left_out(every, every.activities, 2) == 0.0
+    assert held_out_accuracy(every, every.activities, 2) == 0.0
 
 
 @pytest.mark.parametrize(("groups", "d"), [(["one"] * 40, 2), (["a"] * 38 + ["b"] * 2, 2), (["a", "b"] * 20, 0)])
 def test_too_few_groups_or_examples_are_refused(groups, d):
     with pytest.raises(InputError, match="two groups"):
-        accuracy_left_out(cycles(), groups, d)
+        held_out_accuracy(cycles(), groups, d)

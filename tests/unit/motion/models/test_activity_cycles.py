@@ -9,7 +9,7 @@ import pytest
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES, Skeleton, person_skeleton
-from workbench.motion.models.activity_cycles import activity_cycles, cut, joined, normalised
+from workbench.motion.models.activity_cycles import activity_cycles, concatenated, cut, normalised
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import average_runner, runner
 from workbench.utils.errors import InputError
@@ -146,10 +146,10 @@ def test_running_cycles_are_cut_where_the_left_thigh_is_ahead(stride_hz):
 
 def test_long_clips_give_no_more_than_they_may_and_spread():
     (motion,) = builtin_motions(1)
-    assert len(activity_cycles([motion], most_per_clip=100)) == 4
-    cycles = activity_cycles([motion], most_per_clip=2, n_phases=8)
+    assert len(activity_cycles([motion], max_per_clip=100)) == 4
+    cycles = activity_cycles([motion], max_per_clip=2, n_phases=8)
     assert (cycles.sources, cycles.activities) == ((motion.name,) * 2, ("walk",) * 2)
-    assert len(activity_cycles([motion, motion], most_per_clip=2)) == 4
+    assert len(activity_cycles([motion, motion], max_per_clip=2)) == 4
 
 
 def test_motions_without_a_cycle_are_named(caplog):
@@ -161,7 +161,7 @@ def test_motions_without_a_cycle_are_named(caplog):
     with pytest.raises(InputError, match="no cycle"):
         activity_cycles([still])
     with pytest.raises(InputError, match="1 cycle"):
-        activity_cycles([motion], most_per_clip=0)
+        activity_cycles([motion], max_per_clip=0)
 
 
 def test_angles_are_chosen_by_name_or_part():
@@ -185,7 +185,7 @@ def test_any_skeleton_has_cycles_between_events_of_ones_own():
     assert cycles.durations_s == pytest.approx([1.0, 1.0, 26.0 / 30.0])  # 4 frames are no cycle
     assert cycles.curves[1] == pytest.approx(poses[:30, N_ROOT:], abs=1e-12)
     assert len(cut(skeleton, poses, np.array([3.0]), rate_hz=30.0, **labels)) == 0
-    both = joined([cycles, cycles.only(np.array([True, False, False]))])
+    both = concatenated([cycles, cycles.only(np.array([True, False, False]))])
     assert len(both) == len(both.sources) == len(both.durations_s) == 4
     with pytest.raises(InputError, match="walker_00"):
-        joined([cycles, activity_cycles(builtin_motions(1), n_phases=30)])
+        concatenated([cycles, activity_cycles(builtin_motions(1), n_phases=30)])

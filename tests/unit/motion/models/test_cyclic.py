@@ -42,7 +42,7 @@ def walks(n=12, seed=0, noise=0.0):
 
 def test_without_gaps_it_is_the_walking_model_of_paper_a():
     a = learn_walking(walks(), variance=0.95, n_components=1, scaling="none", n_phases=T)
-    b = learn_cyclic(walks(), q=1, n_phases=T)
+    b = learn_cyclic(walks(), n_components=1, n_phases=T)
     # phases differ by the offsets' step and by where the events are seen; the steepest curve moves 2π × 0.5 a cycle
     assert b.mean[:, 1:] == pytest.approx(a.mean[:, 1:], abs=2 * np.pi * 0.5 * 0.01)
     assert b.mean[:, 0] == pytest.approx(1.3, abs=1e-3)
@@ -54,16 +54,16 @@ def test_without_gaps_it_is_the_walking_model_of_paper_a():
 
 
 def test_phase_zero_has_the_left_thigh_ahead():
-    model = learn_cyclic(walks(), q=1)
+    model = learn_cyclic(walks(), n_components=1)
     left, right = (1 + POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right"))
     assert np.argmax(model.mean[:, left] - model.mean[:, right]) in (0, 1, T - 1)
 
 
 def test_motions_without_a_period_are_left_out_with_a_warning(caplog):
     short = walk(n_cycles=1.2, name="short")
-    model = learn_cyclic([*walks(4), short], q=1)
-    assert "short left out" in caplog.text
-    assert model.n_cycles == learn_cyclic(walks(4), q=1).n_cycles
+    model = learn_cyclic([*walks(4), short], n_components=1)
+    assert "short excluded" in caplog.text
+    assert model.n_cycles == learn_cyclic(walks(4), n_components=1).n_cycles
     with pytest.raises(InputError, match="found 0 of 1"):
         learn_cyclic([short])
 

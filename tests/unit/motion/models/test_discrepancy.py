@@ -8,7 +8,7 @@ import pytest
 from workbench.core.discrepancy import Discrepancy
 from workbench.motion.models.model_discrepancy import (
     FIT_SIGMA_RAD,
-    MOST_KEPT,
+    MAX_AR_COEFFICIENT,
     learn_discrepancy,
     low_rank,
     nearest_angles,
@@ -63,17 +63,17 @@ def test_the_low_rank_part_has_the_first_axes_and_the_diagonal_is_exact():
 
 def test_a_bearing_of_ones_own_is_found_as_large_as_it_is_and_stays():
     found = learn_discrepancy(ANGLES, *population(60, MISSED, 3), n_components=1)
-    assert found.deviations[2] == pytest.approx(MISSED[2], rel=0.25)
-    assert found.keep[2] > 0.97
-    assert found.n_people == 60
+    assert found.std[2] == pytest.approx(MISSED[2], rel=0.25)
+    assert found.ar_coefficients[2] > 0.97
+    assert found.n_subjects == 60
     assert found.angles == ANGLES
 
 
 def test_what_is_new_in_every_frame_is_not_kept():
     found = learn_discrepancy(ANGLES, *population(12, MISSED, 4, per_frame=True, n_cycles=6), n_components=1)
-    assert found.deviations[2] == pytest.approx(MISSED[2], rel=0.2)
-    assert found.keep[2] < 0.3
-    assert (found.keep <= MOST_KEPT).all()
+    assert found.std[2] == pytest.approx(MISSED[2], rel=0.2)
+    assert found.ar_coefficients[2] < 0.3
+    assert (found.ar_coefficients <= MAX_AR_COEFFICIENT).all()
 
 
 def test_people_count_alike_and_are_not_learned_from_themselves():
@@ -81,10 +81,10 @@ def test_people_count_alike_and_are_not_learned_from_themselves():
     curves, durations, people = population(8, np.full(5, np.radians(0.1)), 5)
     strange = np.array(people) == "person 3"
     curves[strange, :, 2] += 0.5
-    alone = learn_discrepancy(ANGLES, curves, durations, people, n_components=2).deviations[2]
+    alone = learn_discrepancy(ANGLES, curves, durations, people, n_components=2).std[2]
     assert alone == pytest.approx(0.5 / np.sqrt(8), rel=0.2)
     mixed = learn_discrepancy(ANGLES, curves, durations, tuple("ab" * (len(people) // 2)), n_components=2)
-    assert mixed.deviations[2] < 0.5 * alone
+    assert mixed.std[2] < 0.5 * alone
 
 
 def test_one_person_or_few_cycles_of_others_tell_nothing():
@@ -95,16 +95,16 @@ def test_one_person_or_few_cycles_of_others_tell_nothing():
 
 def test_a_pose_has_rows_of_the_angles_it_knows():
     missed = Discrepancy(("a", "b", "c"), np.array([[0.1], [0.2], [0.0]]), np.array([0.0, 0.0, 0.3]), np.zeros(3), 4)
-    root = missed.root(("x", "c", "a"))
+    root = missed.covariance_root(("x", "c", "a"))
     np.testing.assert_allclose(root @ root.T, [[0, 0, 0], [0, 0.09, 0], [0, 0, 0.01]], atol=1e-15)
-    np.testing.assert_allclose(missed.deviations, np.sqrt(np.diagonal(missed.covariance)))
+    np.testing.assert_allclose(missed.std, np.sqrt(np.diagonal(missed.covariance)))
 
 
 def test_it_is_stored_with_the_model(tmp_path):
     model = walking_model(cache=str(tmp_path))
     path = next((tmp_path / "models").glob("walking-*.h5"))
     again = load(type(model), path)
-    assert again.discrepancy.n_people == 12
+    assert again.discrepancy.n_subjects == 12
     np.testing.assert_array_equal(again.discrepancy.covariance, model.discrepancy.covariance)
     assert again.discrepancy.angles == model.discrepancy.angles
 

@@ -122,7 +122,7 @@ def test_too_few_slices_and_unseen_phases_are_refused():
         fpca_paper(slices, 4)
     series = np.random.default_rng(0).normal(size=(100, 2))
     series[10:40, 1] = series[60:90, 1] = np.nan
-    with pytest.raises(InputError, match="angle 1 was never seen"):
+    with pytest.raises(InputError, match="angle 1 is never observed"):
         cut([series], alignment([50.0], [0.0]))
 
 

@@ -36,7 +36,7 @@ def names(motions):
 
 
 @pytest.mark.parametrize(
-    ("leave_out", "missing"),
+    ("exclude", "missing"),
     [
         ((), set()),
         (("12_03",), {"12_03"}),
@@ -47,17 +47,17 @@ def names(motions):
         (("nobody",), set()),
     ],
 )
-def test_clips_and_subjects_are_left_out_by_any_of_their_names(library, tmp_path, leave_out, missing):
-    found = database_motions(library, data=None, cache=str(tmp_path), leave_out=leave_out)
+def test_clips_and_subjects_are_left_out_by_any_of_their_names(library, tmp_path, exclude, missing):
+    found = database_motions(library, data=None, cache=str(tmp_path), exclude=exclude)
     assert set(names(database_motions(library, data=None, cache=str(tmp_path)))) - set(names(found)) == missing
 
 
 def test_walks_leave_out_clips_and_subjects_too(library, tmp_path):
     options = {"data": None, "cache": str(tmp_path), "subjects": None}
-    found = training_motions(library, leave_out=["12_03", "13"], **options)
+    found = training_motions(library, exclude=["12_03", "13"], **options)
     assert set(names(training_motions(library, **options))) - set(names(found)) == {"12_03", "13_04"}
     with pytest.raises(InputError, match=r"expected clips without 10, .* found 6 clips, of activity run, walk"):
-        training_motions(library, leave_out=[str(k) for k in range(10, 16)], **options)
+        training_motions(library, exclude=[str(k) for k in range(10, 16)], **options)
 
 
 def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):
@@ -67,7 +67,7 @@ def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):
     monkeypatch.setattr(training, "_imported", lambda clips, cache, name: builtin_motions(2))
     for motions in ("cmu", "recorded"):
         options = {"data": str(tmp_path), "cache": str(tmp_path), "subjects": training.WALKERS}
-        assert training_motions(motions, leave_out=["32", "35"], **options)
+        assert training_motions(motions, exclude=["32", "35"], **options)
     assert asked == [["02", "05", "06", "07", "08", "16", "39"]] * 2
 
 
@@ -84,7 +84,7 @@ def arrays(model):
 
 
 @pytest.mark.parametrize(
-    "learn", [walking_model, partial(walking_model, root=True), cyclic_model, linear_motion, motion_windows]
+    "learn", [walking_model, partial(walking_model, include_root=True), cyclic_model, linear_motion, motion_windows]
 )
 def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_path, learn):
     """Sums over arrays that lie otherwise in memory round otherwise: the first run would not be the second one."""
@@ -97,13 +97,13 @@ def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_
 
 
 def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
-    whole = cyclic_model(cache=str(tmp_path), q=2)
-    gappy = cyclic_model(cache=str(tmp_path), q=2, missing=0.2)
+    whole = cyclic_model(cache=str(tmp_path), n_components=2)
+    gappy = cyclic_model(cache=str(tmp_path), n_components=2, missing_fraction=0.2)
     assert len(list((tmp_path / "models").glob("cyclic-*.h5"))) == 2
     apart = np.abs(whole.mean[:, 1:] - gappy.mean[:, 1:]).max()
     # gaps of a fifth of 12 walkers × 5 cycles leave the mean cycle known to a degree or two
     assert 0.0 < apart < np.radians(2.0)
-    again = cyclic_model(cache=str(tmp_path / "other"), q=2, missing=0.2)
+    again = cyclic_model(cache=str(tmp_path / "other"), n_components=2, missing_fraction=0.2)
     np.testing.assert_array_equal(gappy.mean, again.mean)
 
 

@@ -112,7 +112,7 @@ def swaying(heading_rate=0.0, **options):
 
 @pytest.mark.parametrize("heading_rate", [0.0, 0.3])
 def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
-    cycles = walking_cycles([swaying(heading_rate)], n_phases=T, root=True)
+    cycles = walking_cycles([swaying(heading_rate)], n_phases=T, include_root=True)
     phase = 2 * np.pi * np.arange(T) / T
     assert cycles.curves.shape[2] == len(CHANNEL_NAMES) + len(ROOT_CHANNELS)
     sway = cycles.curves[:, :, len(CHANNEL_NAMES) :]

@@ -31,12 +31,12 @@ def motions():
 
 @pytest.fixture(scope="module")
 def windows(motions):
-    return learn_windows(motions, length=LENGTH)
+    return learn_windows(motions, window_frames=LENGTH)
 
 
 def test_rows_rebuild_the_motion(motions):
     poses = motions[0].resampled(30.0).poses
-    rows = pose_rows(poses, 30.0, PARTS["body"], root=True)
+    rows = pose_rows(poses, 30.0, PARTS["body"], include_root=True)
     n = len(PARTS["body"])
     assert (rows[:, :n] == poses[1:, N_ROOT:]).all()
     assert poses[0, N_ROOT:] + np.cumsum(rows[:, n : 2 * n], axis=0) / 30.0 == pytest.approx(poses[1:, N_ROOT:])
@@ -53,7 +53,7 @@ def test_where_and_which_way_someone_walks_does_not_matter(motions):
     moved = poses.copy()
     moved[:, :3] = poses[:, :3] @ axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([1.1]))[0].T + [3.0, -2.0, 0.5]
     moved[:, 3] += 1.1
-    rows = [pose_rows(p, 60.0, PARTS["body"], root=True) for p in (poses, moved)]
+    rows = [pose_rows(p, 60.0, PARTS["body"], include_root=True) for p in (poses, moved)]
     assert rows[1] == pytest.approx(rows[0], abs=1e-9)
 
 
@@ -106,7 +106,7 @@ def test_the_kernel_agrees_with_numpy(windows):
 
 
 def test_a_part_of_the_body(motions):
-    arm = learn_windows(motions, angles=PARTS["right_arm"], root=False)
+    arm = learn_windows(motions, angles=PARTS["right_arm"], include_root=False)
     assert arm.rows.shape[1] == 8  # paper C's arm: four angles and their velocities
     column = POSE_NAMES.index("right_elbow_flexion")
     assert arm.rows[0, 3] == pytest.approx(motions[0].resampled(30.0).poses[1, column], rel=1e-6)
@@ -123,7 +123,7 @@ def test_short_clips_are_named(motions, caplog):
 
 def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
     kept = windows.clip_of != 1
-    whole = Implicit(windows, beta=2.0, epsilon=1e-6)
+    whole = Implicit(windows, beta=2.0, tail_probability=1e-6)
     some = whole.only(kept)
     probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 5000, axis=0)  # of the first clip
     from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))

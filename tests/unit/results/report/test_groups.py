@@ -35,7 +35,7 @@ def made_up(
     }
     if motion is not None:
         config["dataset"] = {"motion": motion, "seed": seed}
-        config["prior"]["leave_out"] = [str(motion)[:2]]
+        config["prior"]["exclude"] = [str(motion)[:2]]
     properties: dict[str, dict[str, Any]] = {
         "run": {"status": status, "id": run_id},
         "config": {"TextDocument:text": yaml.safe_dump(config)},
@@ -249,8 +249,8 @@ def test_what_an_experiment_or_a_motion_brings_with_it_follows():
     found = what_varied([settings(n=n, experiment=name) for name, n in (("walk_straight", 500), ("walk_circle", 900))])
     assert (found.keys, found.following) == (("experiment",), ("inference.n_particles",))
     motions = [
-        settings({**WALKING, "leave_out": [motion]}, dataset={"motion": motion, "view_azimuth_deg": view})
+        settings({**WALKING, "exclude": [motion]}, dataset={"motion": motion, "view_azimuth_deg": view})
         for motion, view in (("35_02", 30.0), ("07_01", 60.0), ("16_15", 30.0))
     ]
     found = what_varied(motions)
-    assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_azimuth_deg"))
+    assert (found.keys, found.following) == (("dataset.motion",), ("prior.exclude", "dataset.view_azimuth_deg"))

@@ -8,8 +8,8 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.priors.ar_offsets import Jitter
-from workbench.priors.kinematic_flips import LIMBS, Flipping, angles, stratified_choice
+from workbench.priors.ar_offsets import AROffsets
+from workbench.priors.kinematic_flips import LIMBS, KinematicFlips, angles, stratified_choice
 from workbench.priors.smooth import Smooth
 
 DT = 1 / 30
@@ -20,8 +20,8 @@ def camera_at(distance):
     return plain_camera(640, 480, 60.0 * distance, (distance, -0.6 * distance, 1.0), (0.0, 0.0, 1.0))
 
 
-def flipping(distance=1000.0, **options):
-    return Flipping(Smooth(parameters=["left_arm"]), lambda: camera_at(distance), **options)
+def flips(distance=1000.0, **options):
+    return KinematicFlips(Smooth(parameters=["left_arm"]), lambda: camera_at(distance), **options)
 
 
 def poses(n=300):
@@ -37,7 +37,7 @@ def poses(n=300):
 
 @pytest.mark.parametrize("limb", LIMBS)
 def test_a_flipped_limb_is_seen_alike_from_far_and_mirrored_in_depth(limb):
-    prior, camera, before = flipping(), camera_at(1000.0), poses()
+    prior, camera, before = flips(), camera_at(1000.0), poses()
     after = prior.flip(before, limb)
     changed = (after != before).any(axis=1)
     assert 10 < changed.sum() < len(before)  # limits forbid some
@@ -56,14 +56,14 @@ def test_a_flipped_limb_is_seen_alike_from_far_and_mirrored_in_depth(limb):
 
 @pytest.mark.parametrize("limb", LIMBS)
 def test_a_second_flip_undoes_the_first(limb):
-    prior, before = flipping(distance=4.0), poses()
+    prior, before = flips(distance=4.0), poses()
     np.testing.assert_allclose(prior.flip(prior.flip(before, limb), limb), before, atol=1e-7)
 
 
 def test_proposals_by_their_weights_have_the_moments_of_draws():
     """Where flips are seen: of the elbow's bend and the shoulder's twist."""
     n = 200_000
-    prior = flipping(probability=0.05, share=0.4, distance=4.0)
+    prior = flips(probability=0.05, proposal_fraction=0.4, distance=4.0)
     pose = poses(60)
     pose = pose[np.abs(prior.flip(pose, LIMBS[0]) - pose).sum(axis=1).argmax()]
     state = np.repeat(prior.base.enter(pose[None], np.zeros((1, 25))), n, axis=0)
@@ -82,7 +82,9 @@ def test_proposals_by_their_weights_have_the_moments_of_draws():
 
 
 def test_offsets_flip_as_well_as_angles_do():
-    prior = Flipping(Jitter(Smooth(), sigma=1e-6), lambda: camera_at(4.0), share=0.9, probability=0.9)
+    prior = KinematicFlips(
+        AROffsets(Smooth(), sigma=1e-6), lambda: camera_at(4.0), proposal_fraction=0.9, probability=0.9
+    )
     pose = poses(60)
     pose = pose[(prior.flip(pose, LIMBS[0]) != pose).any(axis=1)][0]
     state = np.zeros((400, len(prior.space)))

@@ -10,7 +10,7 @@ from view_scenes import errors_mm, frames, swinging
 from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.priors.fitted_rest import Following, Trajectory
+from workbench.priors.fitted_rest import FittedRest, Trajectory
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -19,7 +19,7 @@ ARM = np.isin(POSE_NAMES, PARTS["right_arm"])
 
 
 def following(times_s, poses):
-    return Following(Smooth(parameters=["right_arm"]), lambda: Trajectory(times_s, poses))
+    return FittedRest(Smooth(parameters=["right_arm"]), lambda: Trajectory(times_s, poses))
 
 
 def test_the_rest_goes_where_the_trajectory_is_and_the_arm_as_its_own_prior_has_it():
