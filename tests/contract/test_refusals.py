@@ -88,9 +88,9 @@ gauss_newton proposal_fraction=1.0 curvature_weight=-0.1 n_newton_steps=0 | part
 tempered_smc n_mcmc_steps=0 ess_threshold=1.0 | annealed layers=0
 reinitializing reinitialized_fraction=0.0 n_particles=0 | fixed_lag lag=0 min_effective_ancestors=0
 backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis blend_time_s=-1.0 look_ahead=-1
-jitter sigma=0.0 keep=1.0
-flipping probability=0.0 share=1.0 | smooth damping=-1.0 | walking transition=C
-implicit search=linear prediction=guess leaf=nearest beta=0.0 pull=1.5
+ar_offsets sigma=0.0 ar_coefficient=1.0
+kinematic_flips probability=0.0 proposal_fraction=1.0 | smooth damping=-1.0 | walking transition=C
+implicit search=linear prediction=guess leaf=nearest beta=0.0 blend_rate=1.5
 image_motion sigma=0 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving
 background k=0 epsilon=0 n_frames=2 n_samples=0 | appearance k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0 | edges k=0
 silhouette k=0 epsilon=1 n_frames=2 rim_px=-1 | keypoints sigma_px=0 temper=1.5 loss=cauchy scale=0

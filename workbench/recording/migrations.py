@@ -52,6 +52,9 @@ _CLASSES = {
     "workbench.inference.ekf.iterated_ekf.Kalman": _EKF,
     "workbench.inference.smc.reinitializing.Restarting": _REINITIALIZING,
     "workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT,
+    "workbench.priors.ar_offsets.Jitter": "workbench.priors.ar_offsets.AROffsets",
+    "workbench.priors.fitted_rest.Following": "workbench.priors.fitted_rest.FittedRest",
+    "workbench.priors.kinematic_flips.Flipping": "workbench.priors.kinematic_flips.KinematicFlips",
 }
 """Targets that have another name today."""
 _REMOVED = (
@@ -86,9 +89,20 @@ _FIXED: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """Keys that components no longer have, by target, with the value that is fixed today."""
 
-_OPTIONS = {"inference": {"kalman": "iterated_ekf", "restarting": "reinitializing"}}
+_OPTIONS: dict[str, dict[str, str]] = {
+    "inference": {"kalman": "iterated_ekf", "restarting": "reinitializing"},
+    "prior": {
+        "flipping": "kinematic_flips", "following": "fitted_rest", "following_implicit": "fitted_rest_implicit",
+        "jitter": "ar_offsets", "jitter_gait": "ar_offsets_gait",
+    },
+}  # fmt: skip
 """Options that have another name today, by group: old and new."""
-_SMC = "workbench.inference.smc"
+_COLUMNS = {"_jitter": "_offset"}
+"""Suffixes of columns of states and of recorded curves that have another name today: old and new."""
+_SMC, _PRIORS = "workbench.inference.smc", "workbench.priors"
+_LEARNED = {
+    "leave_out": "exclude", "start_position": "initial_position_std", "start_rotation": "initial_rotation_std",
+}  # fmt: skip
 _SCENE = {"departures": "perturbations", "view_deg": "view_azimuth_deg"}
 _KEYS: dict[str, dict[str, str]] = {
     _EKF: {

@@ -285,8 +285,10 @@ class IteratedEkf:
         mean, covariance = state.mean, inflation[:, None] * state.covariance * inflation
         if len(states) > 1:
             mean, covariance = gaussian_state.fuse_passes(states[0].mean, mean, covariance, state.first_pass_weights)
-        if self.pose_prior_power > 0.0 and self.prior.capabilities.postures is not None:
-            drawn = self.prior.capabilities.postures.drawn(mean[:n], covariance[:n, :n], self.pose_prior_power)
+        if self.pose_prior_power > 0.0 and self.prior.capabilities.pose_prior is not None:
+            drawn = self.prior.capabilities.pose_prior.geometric_product(
+                mean[:n], covariance[:n, :n], self.pose_prior_power
+            )
             mean, covariance = condition_block(mean, covariance, *drawn)
         values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # antithetic pairs have the Gaussian's mean

@@ -38,10 +38,10 @@ class MotionFit:
     One style for all frames is D's steady style (section 4.2), one per frame its varying style (section 4.3). phases:
     of the first and the last frame, (μ₁, μ_T), cycles; None takes those of the task, or estimates them. plain: minimise
     F alone, as D does, without regularisation. discrepancy: include the model discrepancy for new people, if the prior
-    has one (`core.discrepancy.widening`), and the shared errors of points (`systematic_errors.SharedErrors`) in the
-    covariance of the poses. rho: correlation of keypoint errors between frames, which reduces the weight of the frames
-    (`systematic_errors.effective_fraction`); None estimates it in a first fit. Raises InputError for frames_per_style
-    below one and rho outside [0, 1).
+    has one (`core.discrepancy.small_sample_inflation`), and the shared errors of points
+    (`systematic_errors.SharedErrors`) in the covariance of the poses. rho: correlation of keypoint errors between
+    frames, which reduces the weight of the frames (`systematic_errors.effective_fraction`); None estimates it in a
+    first fit. Raises InputError for frames_per_style below one and rho outside [0, 1).
 
     Deviations. D sets the first pose and the phases' ends by hand, and has no regularisation, see `fit_problem`. The
     global motion is fitted by distances for every residual kind, because the field vanishes beyond a fraction of a

@@ -252,7 +252,7 @@ def pose_prior_gaussians(
     angles = slice(poses.shape[1] - pose_prior.means.shape[1], None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):
-        gaussian = pose_prior.nearest(pose[angles], covariance[angles, angles], power)
+        gaussian = pose_prior.geometric_mean(pose[angles], covariance[angles, angles], power)
         means[t, angles], precisions[t, angles, angles] = gaussian
     return means, precisions
 

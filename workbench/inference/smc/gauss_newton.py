@@ -104,7 +104,9 @@ def predict_states(target: Target, rng: np.random.Generator) -> _PredictedStates
     noise = state_difference(space, means, target.prior.sample_transition(parents.state, target.dt_s, rng))
     noisy = np.flatnonzero(target.free_columns() & (np.abs(noise).max(axis=0) > ZERO_NOISE))
     weights, heaviest = np.exp(parents.log_weights), means[np.argmax(parents.log_weights)]
-    mean = heaviest + weights @ state_difference(space, heaviest, means)  # phases have a mean only relative to one of them
+    mean = heaviest + weights @ state_difference(
+        space, heaviest, means
+    )  # phases have a mean only relative to one of them
     sigma = np.sqrt((noise[:, noisy] ** 2).mean(axis=0))
     deviations = state_difference(space, mean, means)[:, noisy]
     covariance = (weights * deviations.T) @ deviations + np.diag(sigma**2)

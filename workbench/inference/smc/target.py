@@ -198,7 +198,9 @@ class Target:
     def noisy_columns(self, candidates: Candidates) -> BoolArray:
         """Select (D,), the free columns in which candidates differ from the prior's mean."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        return (np.abs(state_difference(self.prior.space, mean, candidates.state)).max(axis=0) > ZERO_NOISE) & self.free_columns()
+        return (
+            np.abs(state_difference(self.prior.space, mean, candidates.state)).max(axis=0) > ZERO_NOISE
+        ) & self.free_columns()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the states' innovations (N, D') in the columns noisy (D,), and the prior's means (N, D').
