@@ -11,7 +11,7 @@ import scipy
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits
+from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
