@@ -1,4 +1,4 @@
-"""Time of the whole step: tracking, errors and recording, as `workbench` runs the default experiment or walk_best.
+"""Time of the whole step: tracking, errors and recording, as `workbench` runs the default experiment or walk_multi_cue.
 
     python -m analysis.benchmarks.tracking N_FRAMES FOLDER
 
@@ -84,8 +84,8 @@ def cues_figures() -> list[Figure]:
 
 def several_cues() -> tuple[str, ...]:
     """Return the overrides for a step of several cues, of a recorded walk or, without recordings, a generated one."""
-    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "learn.motions=builtin")
-    return ("experiment=walk_best", *motions)
+    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "training.motions=builtin")
+    return ("experiment=walk_multi_cue", *motions)
 
 
 def fastest(n_particles: int, repeats: int, *overrides: str) -> Times:

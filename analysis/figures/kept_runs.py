@@ -90,5 +90,5 @@ def spread(runs: Mapping[Run, Numbers], name: str, form: str) -> str:
 
 
 def people(which: str, data: Path) -> list[str]:
-    """Give the clips of a list in conf/config.yaml, "choose" or "report"."""
+    """Give the clips of a list in conf/config.yaml, "validation" or "test"."""
     return list(composed([f"paths.data={data}"]).clips[which])

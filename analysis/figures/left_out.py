@@ -2,7 +2,7 @@
 
     python -m analysis.figures.left_out --data DATA [-o FILE] [--rows points] [--people 02_01 …] [--seeds 2]
 
-Points, 2-D joints and images of the people of clips.report, on whom nothing was chosen and from whom nothing is
+Points, 2-D joints and images of the people of clips.test, on whom nothing was chosen and from whom nothing is
 learned, shown as usual and exactly as they are told. FILE keeps every run, see `kept_runs`.
 """
 
@@ -22,7 +22,7 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "points, varying style": ("points_walk_variable", FROM_THE_START),
     "keypoints, least squares": ("walk_keypoints_synthetic", ()),
     "keypoints, particles": ("walk_keypoints_synthetic", ("prior=jitter", "inference=particle_filter", *START)),
-    "images, particles": ("walk_best", ()),
+    "images, particles": ("walk_multi_cue", ()),
 }
 """Experiments and overrides by what is seen and how it is followed."""
 SHOWN = {"": (), ", exact": ("dataset.exact=true",)}
@@ -54,13 +54,13 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder with recorded motion")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/left_out.jsonl"), metavar="FILE")
     parser.add_argument("--rows", default="", help="only those whose name begins so")
-    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.report")
+    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.test")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--frames", type=int, default=30)
     chosen = parser.parse_args()
     same = [f"paths.data={chosen.data}", f"dataset.n_frames={chosen.frames}"]
     rows = {row: tracked for row, tracked in ROWS.items() if row.startswith(chosen.rows)}
-    runs = every_run(rows, chosen.people or people("report", chosen.data), chosen.seeds, same)
+    runs = every_run(rows, chosen.people or people("test", chosen.data), chosen.seeds, same)
     print(table(numbers_of(runs, chosen.out, MEASURED)))
     return 0
 

@@ -2,7 +2,8 @@
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and start (`dataset.exact=true`), but for what the row says.
+Experiment walk_multi_cue with the tracker's own body, camera and start (`dataset.exact=true`), except for the row's
+difference.
 FILE keeps every run, so that a table that was cut off goes on, see `kept_runs`.
 """
 
@@ -30,7 +31,7 @@ ROWS: Mapping[str, Sequence[str]] = {
     "seen head-on": (EXACT, "dataset.view_deg=180"),
 }
 PEOPLE = ("35_02", "38_02", "39_02")
-"""Clips of three people whom the prior of walk_best is not learned from."""
+"""Clips of three people whom the prior of walk_multi_cue is not learned from."""
 MEASURED = ("error_abs_mm", "error_px", "held")
 
 
@@ -57,7 +58,7 @@ def main() -> int:
     chosen = parser.parse_args()
     same = [f"paths.data={chosen.data}", f"inference.n_particles={chosen.particles}"]
     same += [f"dataset.n_frames={chosen.frames}"]
-    rows = {row: ("walk_best", overrides) for row, overrides in ROWS.items()}
+    rows = {row: ("walk_multi_cue", overrides) for row, overrides in ROWS.items()}
     runs = every_run(rows, chosen.people, chosen.seeds, same)
     print(table(numbers_of(runs, chosen.out, MEASURED)))
     return 0

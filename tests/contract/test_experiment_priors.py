@@ -26,7 +26,7 @@ def composed(*overrides):
 WHEN = [
     (experiment, place, keys)
     for experiment, option in sorted(options("experiment").items())
-    for settings in [OmegaConf.create(option.text).get("when") or {}]
+    for settings in [OmegaConf.create(option.text).get("if_chosen") or {}]
     for place, keys in [*settings.items(), *settings.get("paper.literal", {}).items()]
     if place != "paper.literal"
 ]
@@ -51,13 +51,15 @@ LEARNED = ["walking", "gait", "cyclic", "activity", "implicit"]
 
 @pytest.mark.parametrize("prior", LEARNED)
 def test_any_learned_prior_leaves_out_who_is_tracked(prior):
-    config = composed("experiment=walk_best", f"prior={prior}").prior
+    config = composed("experiment=walk_multi_cue", f"prior={prior}").prior
     assert (config.motions, config.leave_out) == ("recorded", ["35"])
-    within = composed("experiment=walk_best", f"prior@prior.base={prior}", "prior=jitter").prior.base
+    within = composed("experiment=walk_multi_cue", f"prior@prior.base={prior}", "prior=jitter").prior.base
     assert (within.motions, within.leave_out) == ("recorded", ["35"])
     own = composed("experiment=custom", f"prior={prior}").prior
     assert (own.motions, own.leave_out) == ("recorded" if prior == "implicit" else "builtin", [])
-    other = composed("experiment=walk_best", f"prior={prior}", "learn.motions=bandai", "prior.leave_out=[x]").prior
+    other = composed(
+        "experiment=walk_multi_cue", f"prior={prior}", "training.motions=bandai", "prior.leave_out=[x]"
+    ).prior
     assert (other.motions, other.leave_out) == ("bandai", ["x"])
 
 
@@ -85,7 +87,7 @@ def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_beg
 
 def test_nobody_whose_numbers_are_reported_is_one_to_choose_parameters_by():
     clips = composed("experiment=custom").clips
-    chosen, reported = ({performer(name) for name in names} for names in (clips.choose, clips.report))
+    chosen, reported = ({performer(name) for name in names} for names in (clips.validation, clips.test))
     assert None not in chosen | reported
-    assert (len(chosen), len(reported)) == (len(clips.choose), len(clips.report))
+    assert (len(chosen), len(reported)) == (len(clips.validation), len(clips.test))
     assert not chosen & reported

@@ -125,7 +125,7 @@ def test_whoever_an_experiment_tracks_is_not_learned_from(experiment, recordings
     "experiment", [name if name in GENERATED else pytest.param(name, marks=pytest.mark.slow) for name in TRACKED]
 )
 def test_nor_is_whoever_it_is_told_to_track(experiment, recordings):
-    chosen = [f"experiment={experiment}", "learn.motions=recorded"]
+    chosen = [f"experiment={experiment}", "training.motions=recorded"]
     if "motion" in composed(f"experiment={experiment}").dataset:  # a video shows whom it shows
         assert check(recordings, *chosen, "dataset.motion=35_02") == {"35"}
 
@@ -138,7 +138,7 @@ def test_nor_without_recordings(experiment):
 
 @pytest.mark.parametrize("prior", ["walking", "gait", "cyclic", "activity", "implicit", "flipping", "jitter_gait"])
 def test_nor_by_any_other_prior(prior, recordings):
-    check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "learn.motions=recorded")
+    check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "training.motions=recorded")
 
 
 def test_nor_by_the_database_that_an_arm_is_tracked_with(recordings):

@@ -275,7 +275,7 @@ def test_nothing_is_written_where_a_stored_configuration_says(settings, tmp_path
         "recorder": {"path": str(away / "x.rrd"), "live": True},
         "hydra": {"run": {"dir": str(away)}},
         "dataset": {"cache": str(away)},
-        "threads": 10_000,
+        "n_threads": 10_000,
     }
     run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
     with pytest.raises(InputError, match=r"recorder\.path: .* lies outside paths\.data"):
@@ -284,7 +284,7 @@ def test_nothing_is_written_where_a_stored_configuration_says(settings, tmp_path
     run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
     config = runnable(run, [], own_defaults([]))
     assert (config.dataset.cache, config.prior.cache, config.paths.cache) == (str(cache),) * 3
-    assert (config.recorder.live, config.threads) == (False, None)
+    assert (config.recorder.live, config.n_threads) == (False, None)
     done = rerun(run, config, tmp_path / "place")
     assert done.path == tmp_path / "place" / "run.rrd"
     assert not away.exists()

@@ -6,7 +6,7 @@ from workbench.cli.main import main
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=20", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
-SMALL += ("dataset.focal_px=175", "inference.n_particles=40", "learn.motions=builtin")
+SMALL += ("dataset.focal_px=175", "inference.n_particles=40", "training.motions=builtin")
 
 
 @pytest.mark.slow

@@ -72,7 +72,7 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
 
 @pytest.mark.slow
 def test_a_run_that_is_lost_ends_early_and_counts_as_ended(tmp_path, sweep):
-    lost = ("dataset.n_frames=12", *TINY[1:], "body=height", "body.height_m=1.2", "sweep.stop_when=times_lost>0")
+    lost = ("dataset.n_frames=12", *TINY[1:], "body=height", "body.height_m=1.2", "sweep.stop_if=times_lost>0")
     folder = tmp_path / "sweep"
     code, told, status = sweep(*lost, f"hydra.sweep.dir={folder}")
     assert (code, status) == (0, {0: "stopped"})
@@ -135,8 +135,8 @@ def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
     [
         (["hydra.sweep.subdir=${seed}"], "hydra.sweep.subdir"),
         (["sweep.resume=no_such_sweep"], "no_such_sweep"),
-        (["sweep.jobs=[2]"], "expected numbers below 2"),
-        (["sweep.stop_when=often"], "sweep.stop_when"),
+        (["sweep.job_ids=[2]"], "expected numbers below 2"),
+        (["sweep.stop_if=often"], "sweep.stop_if"),
         (["inference.n_particle=3"], "n_particle"),
     ],
 )
@@ -209,7 +209,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     sweep, environment = tmp_path / "sweep", {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
     same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=1500", "recorder.checkpoints=true")
-    same += ("dataset.n_frames=200", *LONGER[1:], "threads=1")
+    same += ("dataset.n_frames=200", *LONGER[1:], "n_threads=1")
     command = [sys.executable, "-m", "workbench", "run", "-m", *launcher, *same, "seed=range(4)"]
     number = signal.SIGINT if whole_group else signal.SIGTERM
     with started(command, environment, sweep) as process:
@@ -234,7 +234,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp
         return
 
     again = subprocess.run(
-        [*command, f"sweep.resume={sweep}", f"sweep.jobs=[{job}]"],
+        [*command, f"sweep.resume={sweep}", f"sweep.job_ids=[{job}]"],
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert again.returncode == 0, again.stderr

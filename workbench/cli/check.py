@@ -74,7 +74,7 @@ def check(
     if paired and any(text.startswith("seed=") for text in overrides):
         raise InputError("seed= would part the pairs: they take the recorded seeds")
     name_parts(parts_in(overrides))
-    overrides = [quoted(text) for text in overrides if not text.startswith("parts=")]
+    overrides = [quoted(text) for text in overrides if not text.startswith("component_packages=")]
     if not (paths := find_recordings(*places)):
         raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
     runs, checks = read_sound(paths)

@@ -18,8 +18,8 @@ def components(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="GROUP|GROUP.OPTION|parts=\\[PACKAGE]",
-            help="What to show, by default all options; parts=\\[my_parts] adds those of a package.",
+            metavar="GROUP|GROUP.OPTION|component_packages=\\[PACKAGE]",
+            help="What to show, by default all options; component_packages=\\[my_components] adds those of a package.",
         ),
     ] = None,
     table: Annotated[bool, typer.Option("--table", help="Which options go together, and what others lack.")] = False,
@@ -58,7 +58,7 @@ def _combinations() -> str:
     from workbench.experiment.config.requirements import PAIRS, table, traits_of
     from workbench.experiment.config.schema import composed
 
-    named, groups = f"parts=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
+    named, groups = f"component_packages=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
     traits = {
         group: {
             name: traits_of(composed(["experiment=custom", named, f"{group}={name}"])[group]) for name in options(group)

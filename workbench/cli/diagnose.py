@@ -38,7 +38,7 @@ def diagnose(
     """
     words = overrides or []
     name_parts(parts_in(words))
-    words = [each for each in words if not each.startswith("parts=")]
+    words = [each for each in words if not each.startswith("component_packages=")]
     prepare_hydra()
     run = read_sound_run(recording)
     lost = lost_frames(run)

@@ -18,7 +18,7 @@ from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import print_warnings, summary_lines
 from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.sweep.early_stop import stop_when
+from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import metric_of, run_job
 from workbench.sweep.table import Watch, close, rest_of
 from workbench.utils.errors import InputError
@@ -152,9 +152,9 @@ def _job(config: DictConfig) -> float | None:
     try:
         choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
         command = Command(list(settings.overrides.task), choices)
-        stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
+        stop = None if sweep.stop_if is None else parse_stop_condition(sweep.stop_if)
         summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command, stop=stop)
-        metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
+        metric = metric_of({**summary.metrics, **summary.cost}, sweep.objective)
     except Exception as error:
         if (code := report_error(error)) is None:
             raise

@@ -34,7 +34,7 @@ def branch(arguments: Sequence[str]) -> Summary:
     if len(sources) != 1 or any(text.startswith("-") for text in arguments):
         raise InputError("from=RUN.rrd starts one run: say it once, with key=value and group=option, without -m")
     folders = [text.removeprefix(_FOLDER) for text in arguments if text.startswith(_FOLDER)]
-    overrides = [text for text in arguments if not text.startswith(("from=", _FOLDER, "parts="))]
+    overrides = [text for text in arguments if not text.startswith(("from=", _FOLDER, "component_packages="))]
     prepare_hydra()
     run, frame = _source(sources[0])
     config, command = branched(run, overrides, frame)

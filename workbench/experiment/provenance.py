@@ -69,7 +69,7 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
     """
     root = Path(__file__).parents[2]
     lock = root / "requirements.lock"
-    groups = [group for group in command.choices if group != "when" and not group.startswith("hydra")]
+    groups = [group for group in command.choices if group != "if_chosen" and not group.startswith("hydra")]
     found: dict[str, Any] = {
         **code_state(root),
         "lock": hashlib.sha256(lock.read_bytes()).hexdigest() if lock.is_file() else "",

@@ -21,6 +21,7 @@ from workbench.experiment.config.schema import composed
 from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.experiment.provenance import Command, identity
 from workbench.experiment.tracking import Meter, Parts, assemble
+from workbench.recording.migrations import provenance_in_todays_words
 from workbench.recording.read.partial_run import Earlier, checkpoint_frames, earlier, past_before, recorded_poses
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT, choices_of, leaves
@@ -250,7 +251,7 @@ def changes(was: Any, now: Any) -> list[str]:
 
 def _choices(run: Run) -> dict[str, str]:
     """Return the recorded experiment and options, as far as there are such today."""
-    recorded = choices_of(run.provenance.get("choices") or ())
-    experiment = str(run.provenance.get("experiment", "custom"))
+    provenance = provenance_in_todays_words(run.provenance)
+    recorded, experiment = choices_of(provenance.get("choices") or ()), str(provenance.get("experiment", "custom"))
     found = {group: name for group, name in recorded.items() if group in GROUPS and name in options(group)}
     return {"experiment": experiment if experiment in options("experiment") else "custom", **found}

@@ -108,7 +108,7 @@ def run_checked(
         summary.identity = continued.identity(summary.identity)
         summary.provenance = {**summary.provenance, **continued.provenance}
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
-    with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
+    with _thread_count(config.n_threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
             config = _with_assumptions(config)
             summary.assumptions = list(config.assumptions)
@@ -285,12 +285,12 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
 
 
 @contextmanager
-def _threads(threads: int | None) -> Iterator[None]:
-    """Have kernels use so many threads in the block; None: as many as there are cores."""
+def _thread_count(n_threads: int | None) -> Iterator[None]:
+    """Set the number of kernel threads for the block; None: the number of cores."""
     most, before = int(numba.config.NUMBA_NUM_THREADS), numba.get_num_threads()  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= most:
-        raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
-    numba.set_num_threads(most if threads is None else threads)
+    if n_threads is not None and not 1 <= n_threads <= most:
+        raise InputError(f"n_threads must lie between 1 and {most}, the number of cores, found {n_threads}")
+    numba.set_num_threads(most if n_threads is None else n_threads)
     try:
         yield
     finally:

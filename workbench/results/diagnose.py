@@ -159,7 +159,7 @@ def _repeat(
     """Make one repetition, of the whole run where its inference cannot continue from a frame: whether it keeps the
     track, its error, and whether it is whole; or why it cannot be made."""
     run, (change, seed), refused = read(path), task, InputError("")
-    words = [*overrides, *change.overrides, f"seed={seed}", "threads=1"]
+    words = [*overrides, *change.overrides, f"seed={seed}", "n_threads=1"]
     place = folder / f"{change.name.replace(' ', '_')}{'_whole' * change.whole}" / str(seed)
     for at in [begin, None] if begin is not None and not change.whole else [None]:
         try:

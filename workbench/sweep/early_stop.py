@@ -16,7 +16,7 @@ _CONDITION = re.compile(r"\s*([\w./-]+?)\s*(<=|>=|<|>|=)\s*(\S+)\s*")
 
 
 @dataclass(frozen=True)
-class StopWhen:
+class StopCondition:
     """A number of the run so far, one of `Summary.metrics`, compared with a bound."""
 
     name: str
@@ -31,11 +31,11 @@ class StopWhen:
         return f"{self.name}{self.sign}{self.bound:g}"
 
 
-def stop_when(text: str) -> StopWhen:
+def parse_stop_condition(text: str) -> StopCondition:
     """Read `name<number`; raises InputError for anything else."""
     if match := _CONDITION.fullmatch(text):
         name, sign, bound = match.groups()
         with suppress(ValueError):
             if math.isfinite(number := float(bound)):
-                return StopWhen(name, sign, number)
-    raise InputError(f"sweep.stop_when: expected a number of the run and a bound, such as times_lost>0, found {text!r}")
+                return StopCondition(name, sign, number)
+    raise InputError(f"sweep.stop_if: expected a number of the run and a bound, such as times_lost>0, found {text!r}")

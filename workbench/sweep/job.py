@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.evaluation.headline import ERRORS
-from workbench.sweep.early_stop import StopWhen, stop_when
+from workbench.sweep.early_stop import StopCondition, parse_stop_condition
 from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY, read_summary
@@ -49,11 +49,11 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
 
     Raises
     ------
-    InputError : the run has no number called sweep.metric.
+    InputError : the run has no number called sweep.objective.
     Interrupted : a signal asked the sweep's own process to end; a launcher's other process only ends its job.
     """
     folder, launcher = Path(settings.runtime.output_dir), str(settings.launcher._target_)
-    chosen = sweep.jobs is None or settings.job.num in sweep.jobs
+    chosen = sweep.job_ids is None or settings.job.num in sweep.job_ids
     if chosen and (_DETACHED in launcher or is_locked(folder.parent)):  # else the sweep has ended
         try:
             with locked(folder, wait=True):
@@ -63,8 +63,8 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
                 raise
     summary = read_summary(folder) or {}
     complete = summary.get("status") == "complete"
-    metric = metric_of(summary["metrics"], sweep.metric) if complete else None
-    if metric is None and (sweep.metric is not None or not complete):
+    metric = metric_of(summary["metrics"], sweep.objective) if complete else None
+    if metric is None and (sweep.objective is not None or not complete):
         return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
     return metric
 
@@ -74,13 +74,13 @@ def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | 
     if name is None:
         return next((metrics[error] for error in ERRORS if error in metrics), None)
     if name not in metrics:
-        raise InputError(f"sweep.metric: expected one of {', '.join(sorted(metrics))}, found {name!r}")
+        raise InputError(f"sweep.objective: expected one of {', '.join(sorted(metrics))}, found {name!r}")
     return metrics[name]
 
 
 def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any, folder: Path) -> None:
     """Run a job whose folder is locked; a defect is logged, as the run's summary describes it."""
-    stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
+    stop = None if sweep.stop_if is None else parse_stop_condition(sweep.stop_if)
     if _is_there(config, sweep, folder, stop) or (sweep.fail_fast and (folder.parent / FAILED).is_file()):
         return
     root = logging.getLogger()
@@ -94,7 +94,7 @@ def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, se
         log.exception("job %s failed", folder.name)
 
 
-def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopWhen | None) -> None:
+def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopCondition | None) -> None:
     """Run the configuration in the folder, from where an earlier attempt ended if it has checkpoints."""
     from workbench.experiment.provenance import Command
     from workbench.experiment.resume import resumed
@@ -124,7 +124,7 @@ def _earlier_attempts(folder: Path) -> list[Path]:
     return list(aside.glob("*.rrd.part"))
 
 
-def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhen | None) -> bool:
+def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopCondition | None) -> bool:
     """Return whether a complete run that would come out the same is in the folder, or could be taken over from another.
 
     sweep.resume and sweep.reuse say where else to look. The time of its summary becomes now, which marks it as ended.

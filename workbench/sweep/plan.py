@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.sweep.early_stop import stop_when
+from workbench.sweep.early_stop import parse_stop_condition
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MOST_CONFIG, MOST_JOBS, check_file, check_number
 
@@ -66,8 +66,8 @@ def plan_of(config: DictConfig) -> Plan:
     for key in ("resume", "reuse"):
         if (place := config.sweep[key]) is not None and not Path(place).is_dir():
             raise InputError(f"sweep.{key}: expected the folder of an earlier sweep, found no {place}")
-    if config.sweep.stop_when is not None:
-        stop_when(config.sweep.stop_when)
+    if config.sweep.stop_if is not None:
+        parse_stop_condition(config.sweep.stop_if)
     for name in _COUNTS:
         found = OmegaConf.select(config, name)
         every = found == -1 and name == "hydra.launcher.n_jobs"  # all processors
@@ -84,17 +84,17 @@ def plan_of(config: DictConfig) -> Plan:
 def _jobs_of(config: Any, folder: Path) -> Plan:
     """Return the plan of a sweep in `folder` by its configuration, or what Hydra saved of it.
 
-    Raises InputError for more jobs than MOST_JOBS and for unknown numbers in sweep.jobs.
+    Raises InputError for more jobs than MOST_JOBS and for unknown numbers in sweep.job_ids.
     """
-    sweeper, chosen = config.hydra.sweeper, OmegaConf.select(config, "sweep.jobs")
+    sweeper, chosen = config.hydra.sweeper, OmegaConf.select(config, "sweep.job_ids")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
     n_trials = sweeper.get("n_trials")
     n_jobs: int = math.prod(map(len, swept.values())) if n_trials is None else n_trials
     check_number("sweep" if n_trials is None else "hydra.sweeper.n_trials", "jobs", n_jobs, MOST_JOBS)
     jobs = tuple(range(n_jobs) if chosen is None else chosen)
     if unknown := [job for job in jobs if not 0 <= job < n_jobs]:
-        raise InputError(f"sweep.jobs: expected numbers below {n_jobs}, found {unknown[0]}")
-    return Plan(folder, OmegaConf.select(config, "sweep.metric"), tuple(swept), jobs, tuned=n_trials is not None)
+        raise InputError(f"sweep.job_ids: expected numbers below {n_jobs}, found {unknown[0]}")
+    return Plan(folder, OmegaConf.select(config, "sweep.objective"), tuple(swept), jobs, tuned=n_trials is not None)
 
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
@@ -115,7 +115,7 @@ def read_plan(folder: Path) -> Plan:
     place = next((path for path in places if path.is_file()), None)
     if place is None:
         raise InputError(f"{folder}: expected the folder of a sweep, with {PLAN} or jobs in it, found neither")
-    prepare_hydra()  # parameters may use our resolvers, as those of experiment=strangers do
+    prepare_hydra()  # parameters may use our resolvers, as those of experiment=held_out_subjects do
     try:
         check_file(place, MOST_CONFIG)
         return _jobs_of(OmegaConf.load(place), folder)

@@ -182,7 +182,7 @@ def rest_of(progress: Progress) -> list[str]:
     if not left or progress.plan.tuned or not progress.launcher.endswith(_JOBLIB):
         return []
     folder = str(progress.plan.folder).replace("'", r"\'")
-    return [f"sweep.resume='{folder}'", f"sweep.jobs=[{','.join(map(str, left))}]"]
+    return [f"sweep.resume='{folder}'", f"sweep.job_ids=[{','.join(map(str, left))}]"]
 
 
 def close(progress: Progress, arguments: Sequence[str]) -> int:

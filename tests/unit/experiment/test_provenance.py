@@ -65,7 +65,7 @@ def config(**changes):
     made = OmegaConf.create(
         {
             "seed": 0,
-            "threads": None,
+            "n_threads": None,
             "paths": {"data": None, "cache": "/somewhere/cache"},
             "check": {"default": {"absolute": 0.0}},
             "recorder": {"live": False},
@@ -91,7 +91,7 @@ def data(tmp_path):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"threads": 2},
+        {"n_threads": 2},
         {"paths__cache": "/elsewhere"},
         {"paths__data": "/nothing/there"},
         {"recorder__live": True},

@@ -66,13 +66,13 @@ def test_a_typo_in_any_group_names_the_key(group):
         ("likelihood.terms.background.k=many", "many"),
         ("prior.base.no_such_key=1", "no_such_key"),
         ("learn.no_such_key=1", "no_such_key"),
-        ("when=walk_best", "when"),
+        ("if_chosen=walk_multi_cue", "if_chosen"),
         ("prior=no_such_prior", "no_such_prior"),
     ],
 )
 def test_typos_within_parts_and_at_the_top_are_named_too(override, match):
     with pytest.raises(HydraException) as caught:
-        compose("config", overrides=["experiment=walk_best", override])
+        compose("config", overrides=["experiment=walk_multi_cue", override])
     assert match in f"{caught.value} {caught.value.__cause__}"
 
 
@@ -132,7 +132,7 @@ def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
 
 
 def literal_of(option):
-    return ((yaml.safe_load(option.text) or {}).get("when") or {}).get("paper.literal")
+    return ((yaml.safe_load(option.text) or {}).get("if_chosen") or {}).get("paper.literal")
 
 
 EXPERIMENTS = options("experiment")
@@ -167,7 +167,7 @@ def test_an_experiment_of_a_paper_composes_as_it_is_written(experiment):
         assert ours == literal
 
 
-@pytest.mark.parametrize("experiment", ["walk_best", "coverage", "custom"])
+@pytest.mark.parametrize("experiment", ["walk_multi_cue", "coverage", "custom"])
 def test_an_experiment_of_no_paper_is_refused_in_one_sentence(experiment):
     with pytest.raises(HydraException, match=f"paper=literal: experiment={experiment} is in none of the papers"):
         composed(f"experiment={experiment}", "paper=literal")

@@ -10,7 +10,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import resume, run
-from workbench.sweep.early_stop import stop_when
+from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import ASIDE, FAILED, run_job, take_over
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
@@ -41,7 +41,15 @@ def runs(monkeypatch):
 def act(sweep, number=0, launcher=BASIC, **keys):
     """Run a job in its folder, as Hydra's launcher does."""
     (folder := sweep / str(number)).mkdir(exist_ok=True)
-    said = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "stop_when": None, **keys}
+    said = {
+        "job_ids": None,
+        "resume": None,
+        "reuse": None,
+        "objective": None,
+        "fail_fast": False,
+        "stop_if": None,
+        **keys,
+    }
     settings = {
         "runtime": {"output_dir": str(folder), "choices": {"prior": "smooth"}}, "job": {"num": number},
         "overrides": {"task": ["seed=3"]}, "launcher": {"_target_": launcher}, "sweeper": {"direction": "minimize"},
@@ -117,7 +125,7 @@ def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
     runs.acts = [is_interrupted, completes]
     with locked(tmp_path):
         for _ in range(2):
-            act(tmp_path, launcher=JOBLIB, stop_when="times_lost>0")
+            act(tmp_path, launcher=JOBLIB, stop_if="times_lost>0")
     assert runs.found == []
 
 
@@ -172,12 +180,12 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
     ],
 )
 def test_it_compares_a_number_of_the_run(text, metrics, holds):
-    assert stop_when(text)(metrics) is holds
+    assert parse_stop_condition(text)(metrics) is holds
 
 
 @pytest.mark.parametrize(
     "text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"]
 )
 def test_anything_else_is_a_sentence(text):
-    with pytest.raises(InputError, match=r"sweep\.stop_when"):
-        stop_when(text)
+    with pytest.raises(InputError, match=r"sweep\.stop_if"):
+        parse_stop_condition(text)

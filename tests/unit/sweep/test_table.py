@@ -51,7 +51,7 @@ def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
     with locked(tmp_path / "0"):
         assert progress.not_complete()[0] == "still running"
-    assert rest_of(progress) == [f"sweep.resume='{tmp_path}'", "sweep.jobs=[1]"]
+    assert rest_of(progress) == [f"sweep.resume='{tmp_path}'", "sweep.job_ids=[1]"]
 
 
 def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_path, capsys):
@@ -71,7 +71,7 @@ def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_pa
 
 PLAN = """
 hydra: {sweeper: {params: {prior: "smooth,walking"}}, overrides: {task: ["seed=range(2)", "dataset.n_frames=5"]}}
-sweep: {jobs: null}
+sweep: {job_ids: null}
 """
 
 

@@ -21,10 +21,10 @@ OURS = "workbench"
 GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
 """What a run is made of, in the order in which it is built."""
 
-_ENTRY_POINTS = OURS + ".parts"
+_ENTRY_POINTS = OURS + ".components"
 """Group of entry points by which an installed package says that it has parts; the value is the package's name."""
 
-VARIABLE = "WORKBENCH_PARTS"
+VARIABLE = "WORKBENCH_COMPONENTS"
 """Environment variable with names of packages, separated by commas."""
 
 _TARGET = re.compile(r"""_target_["']?:\s*["']?([\w.]+)""")
@@ -80,16 +80,18 @@ def name_parts(packages: Iterable[str]) -> None:
 
 
 def parts_in(arguments: Sequence[str]) -> list[str]:
-    """The packages that overrides `parts=[…]` among a command's arguments name.
+    """The packages that overrides `component_packages=[…]` among a command's arguments name.
 
     Raises InputError for anything but a list of names.
     """
-    found = [text.partition("=")[2] for text in arguments if re.match(r"\+{0,2}parts=", text)]
+    found = [text.partition("=")[2] for text in arguments if re.match(r"\+{0,2}component_packages=", text)]
     if not found:
         return []
     names = found[-1].strip("'\"").replace(" ", "")
     if not re.fullmatch(r"\[([\w.]+(,[\w.]+)*)?\]", names):
-        raise InputError(f"parts: expected a list of packages, such as parts=[my_parts], found {found[-1]!r}")
+        raise InputError(
+            f"component_packages: expected a list of packages, such as [my_components], found {found[-1]!r}"
+        )
     return [name for name in names[1:-1].split(",") if name]
 
 
@@ -101,7 +103,7 @@ def name_config_dir(arguments: Sequence[str]) -> None:
 
 
 def packages() -> tuple[str, ...]:
-    """The workbench and every package named on the command line, in $WORKBENCH_PARTS or by an entry point."""
+    """The workbench and every package named on the command line, in $WORKBENCH_COMPONENTS or by an entry point."""
     said = [name.strip() for name in os.environ.get(VARIABLE, "").split(",") if name.strip()]
     return tuple(dict.fromkeys((OURS, *_named, *said, *_installed())))
 
@@ -120,7 +122,7 @@ def how_to_allow(target: object) -> str:
     """What to say on the command line for a target of a package that nobody has named; empty where nothing helps."""
     package, _, name = str(target).partition(".")
     foreign = package.isidentifier() and name and package not in sys.stdlib_module_names
-    return f"; if you trust it, say parts=[{package}]" if foreign and not is_allowed(f"{package}.") else ""
+    return f"; if you trust it, say component_packages=[{package}]" if foreign and not is_allowed(f"{package}.") else ""
 
 
 @cache
@@ -131,7 +133,9 @@ def folder_of(package: str) -> Path:
     except ImportError:
         spec = None
     if spec is None or not spec.submodule_search_locations:
-        raise InputError(f"parts: found no package {package!r}; install it, or put the folder it is in on PYTHONPATH")
+        raise InputError(
+            f"component_packages: found no package {package!r}; install it, or put the folder it is in on PYTHONPATH"
+        )
     return Path(spec.submodule_search_locations[0])
 
 
@@ -142,7 +146,9 @@ def folder(package: str) -> Path:
         return Path(import_module(f"{OURS}.conf").__path__[0])
     found = folder_of(package) / "conf"
     if not found.is_dir():
-        raise InputError(f"parts: expected options in {found}, such as {found / 'prior' / 'my_prior.yaml'}, found none")
+        raise InputError(
+            f"component_packages: expected options in {found}, such as {found / 'prior' / 'my_prior.yaml'}, found none"
+        )
     return found
 
 

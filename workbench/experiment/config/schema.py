@@ -32,11 +32,11 @@ from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
 
 _PLAIN = (str, int, float, bool)
-WHEN = "when"
+IF_CHOSEN = "if_chosen"
 """Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
 
 LITERAL = "paper.literal"
-"""Place under `when` of what an experiment sets where it is to be as its paper writes it."""
+"""Place under `if_chosen` of what an experiment sets where it is to be as its paper writes it."""
 
 
 @dataclass
@@ -53,7 +53,7 @@ def _section(*keys: str, lists: Sequence[str] = ()) -> type:
     return make_dataclass("Section", columns)
 
 
-_CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half")
+_CLIPS = _section("validation", "test", "test_run", "test_walk_run", "test_full", "held_out", "split")
 
 
 @dataclass
@@ -66,26 +66,28 @@ class _Tolerance:
 
 @dataclass
 class _Sweep:
-    """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
+    """resume, reuse: folders of earlier sweeps. job_ids: numbers of those to run. objective: what a tuner minimises.
 
-    fail_fast: begin no job after one has failed. stop_when: ends a run early.
+    fail_fast: begin no job after one has failed. stop_if: ends a run early.
     """
 
     resume: str | None = None
     reuse: str | None = None
     fail_fast: bool = False
-    stop_when: str | None = None
-    jobs: list[int] | None = None
-    metric: str | None = None
+    stop_if: str | None = None
+    job_ids: list[int] | None = None
+    objective: str | None = None
 
 
 @dataclass
 class RunSchema:
-    """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track.
+    """Top level of a configuration.
 
-    parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
-    assumptions: side information that the experiment uses; a run lists what it really used.
-    paper: "literal" where an experiment does what its paper writes, else "ours".
+    A study's experiment sets unused groups to null. Without a study the run tracks.
+
+    component_packages: further packages with options. Only the command line may set it.
+    assumptions: side information that the experiment uses. A run records what it actually used.
+    paper: "literal" for an experiment exactly as published, else "ours".
     """
 
     body: Any = None
@@ -96,14 +98,14 @@ class RunSchema:
     recorder: Any = None
     study: Any = None
     seed: int = 0
-    threads: int | None = None
-    parts: list[str] = field(default_factory=list)
+    n_threads: int | None = None
+    component_packages: list[str] = field(default_factory=list)
     assumptions: list[str] = field(default_factory=list)
     paper: str = "ours"
-    learn: Any = field(default_factory=_section("motions", lists=["leave_out"]))
-    people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
+    training: Any = field(default_factory=_section("motions", lists=["exclude"]))
+    default_motions: Any = field(default_factory=_section("walk", "run", "walks", "library"))
     clips: Any = field(default_factory=_CLIPS)
-    protocol: Any = field(default_factory=_section("half", "activity", "shown"))
+    protocol: Any = field(default_factory=_section("split", "activity", "occlusion"))
     paths: _Paths = field(default_factory=_Paths)
     check: dict[str, _Tolerance] = field(default_factory=dict)
     sweep: _Sweep = field(default_factory=_Sweep)
@@ -178,13 +180,13 @@ def _schema_type(hint: Any) -> Any:
 class ComponentSource(ConfigSource):
     """The folders with options that `parts` has when Hydra starts, looked through in this order.
 
-    An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
+    An option `if_chosen/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
 
-        when:
+        if_chosen:
           prior.jitter: {sigma: 0.01}
 
     in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
-    Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
+    Under `if_chosen: {paper.literal: …}` it says likewise how its paper departs from that.
     """
 
     def __init__(self, provider: str, path: str) -> None:
@@ -199,7 +201,7 @@ class ComponentSource(ConfigSource):
     @staticmethod
     def scheme() -> str:
         """Return what its places begin with."""
-        return "parts"
+        return "components"
 
     def available(self) -> bool:
         """Return whether it leads anywhere; names are looked up when they are given."""
@@ -211,7 +213,7 @@ class ComponentSource(ConfigSource):
 
     def is_config(self, config_path: str) -> bool:
         """Return whether a package has this file, or it is one of those made up here."""
-        return config_path.startswith(f"{WHEN}/") or self._find(config_path) is not None
+        return config_path.startswith(f"{IF_CHOSEN}/") or self._find(config_path) is not None
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """Names of the groups and options in a folder; those that begin with an underscore are not for choosing."""
@@ -222,8 +224,8 @@ class ComponentSource(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
-        if config_path.startswith(f"{WHEN}/"):
-            experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
+        if config_path.startswith(f"{IF_CHOSEN}/"):
+            experiment, *chosen = config_path.removeprefix(f"{IF_CHOSEN}/").removesuffix(".yaml").split(",")
             config: Any = self._chosen_settings(experiment, set(chosen))
             header: dict[str, str | None] = {"package": "_global_"}
         else:
@@ -262,23 +264,23 @@ class ComponentSource(ConfigSource):
             for place, keys in ((str(place), keys) for place, keys in own.items()):
                 group, _, option = place.partition(".")
                 if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
-                    raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
+                    raise ConfigCompositionException(f"In 'experiment/{name}': {IF_CHOSEN}: there is no part {place}")
                 if not isinstance(keys, DictConfig):
                     raise ConfigCompositionException(
-                        f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
+                        f"In 'experiment/{name}': {IF_CHOSEN}: {place}: expected keys and values, found {keys}"
                     )
                 if place != LITERAL and place in chosen:
                     found.merge_with({group: keys})
         return found
 
     def _settings(self, experiment: str) -> Iterator[tuple[str, DictConfig]]:
-        """Yield what an experiment and those it begins with have under WHEN, by their names; its own last."""
+        """Yield what an experiment and those it begins with have under IF_CHOSEN, by their names; its own last."""
         if path := self._find(f"experiment/{experiment}"):  # where there is none, Hydra itself refuses
             own = _parsed(_text(path), str(path))
             for base in own.get("defaults", ()):
                 if isinstance(base, str) and base != "_self_":
                     yield from self._settings(base)
-            yield experiment, own.get(WHEN) or OmegaConf.create({})
+            yield experiment, own.get(IF_CHOSEN) or OmegaConf.create({})
 
 
 class _ComponentSearchPath(SearchPathPlugin):
@@ -308,7 +310,7 @@ def _parsed(text: str, file: str) -> DictConfig:
         config = OmegaConf.create(text)
     except (YAMLError, OmegaConfBaseException) as error:
         raise ConfigCompositionException(f"{file}: expected YAML: {' '.join(str(error).split())}") from None
-    kinds = {"defaults": (ListConfig, "a list"), WHEN: (DictConfig | NoneType, "a mapping")}
+    kinds = {"defaults": (ListConfig, "a list"), IF_CHOSEN: (DictConfig | NoneType, "a mapping")}
     if not isinstance(config, DictConfig):
         raise ConfigCompositionException(f"{file}: expected a mapping of keys to values")
     for key, (kind, name) in kinds.items():
@@ -324,7 +326,7 @@ def _typed_text(text: str, file: str, _packages: tuple[str, ...]) -> DictConfig:
     _packages: those whose classes may be named, on which it depends, too.
     """
     plain: Any = OmegaConf.to_container(_parsed(text, file))
-    plain.pop(WHEN, None)
+    plain.pop(IF_CHOSEN, None)
     return OmegaConf.create(typed(plain, file))
 
 

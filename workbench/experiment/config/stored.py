@@ -32,8 +32,8 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
 
     parts: what to put in place of its own by group, before the overrides.
 
-    Every path that began with the stored paths.data or paths.cache begins with ours; threads are ours, and no viewer is
-    called. Raises InputError, naming the recording and the key, for an interpolation, a target that is no option's, an
+    Every path that began with the stored paths.data or paths.cache begins with ours; n_threads is ours, and no viewer
+    is called. Raises InputError, naming the recording and the key, for an interpolation, a target that is no option's, an
     override of a key that is not there, a removed key, or a path that leads out of paths.data and was not given as an
     override.
     """
@@ -45,7 +45,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
     settings = in_todays_words(run.path, settings)
     _refuse_foreign(run, settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
-    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
+    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "n_threads": None}
     moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}
     if isinstance(moved["recorder"], dict):
         moved["recorder"]["live"] = False

@@ -43,8 +43,8 @@ FAR_LOSS = Loss("huber", 3.0)
 LEANING_SIGMA_RAD = np.inf
 """Deviation of pitch and roll beyond what is usual, which says it all."""
 POSTURES, POSTURE_ROUNDS = 0.2, 2
-"""Power of the density of postures, below 1 as neighbouring frames say the same, chosen on clips.half=choose of
-experiment=strangers by detected joints; how often poses are drawn to it and are then of its other parts."""
+"""Power of the density of postures, below 1 as neighbouring frames say the same, chosen on clips.split=validation of
+experiment=held_out_subjects by detected joints; how often poses are drawn to it and are then of its other parts."""
 N_HYPOTHESES = 3
 """Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
 DISTINCT_M = 0.1

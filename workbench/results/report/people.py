@@ -6,14 +6,14 @@ from typing import Any
 from workbench.motion.formats.names import GENERATED, left_out, performer
 
 MOTION = "dataset.motion"
-_HALF = "protocol.half"
-_DRAWN = ("dataset.view_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.shown")
+_HALF = "protocol.split"
+_DRAWN = ("dataset.view_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.occlusion")
 """Keys that a protocol draws for every clip and seed, so that they do not tell groups of runs apart."""
 
 
 def half_of(settings: Mapping[str, Any]) -> str | None:
     """Return the half of its protocol's clips that a run belongs to; None where there is no protocol."""
-    half = (settings.get("protocol") or {}).get("half")
+    half = (settings.get("protocol") or {}).get("split")
     return None if half is None else str(half)
 
 
@@ -44,4 +44,8 @@ def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
     if len(people) < 2 or None in people:
         return set()
     drawn = set(_DRAWN) if any(row.get(_HALF) is not None for row in settings) else set()
-    return {MOTION} | drawn | {key for row in settings for key in row if key.rpartition(".")[2] == "leave_out"}
+    return (
+        {MOTION}
+        | drawn
+        | {key for row in settings for key in row if key.rpartition(".")[2] in ("exclude", "leave_out")}
+    )

@@ -30,8 +30,8 @@ BY_NEED = {
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Test every option of the package that --parts names."""
-    package = metafunc.config.getoption("--parts")
+    """Test every option of the package that --component-package names."""
+    package = metafunc.config.getoption("--component-package")
     pairs: list[tuple[str, str]] = []
     if package:
         name_parts([package])
