@@ -4,7 +4,7 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.motion.formats.names import performer
@@ -36,7 +36,7 @@ def test_what_an_experiment_sets_of_a_part_are_keys_of_that_part():
     """Hydra refuses any other, see below, but only where the part is chosen."""
     for experiment, place, keys in WHEN:
         group, _, name = place.partition(".")
-        assert set(keys) <= set(keys_of(resolved(options(group)[name].target))), (experiment, place)
+        assert set(keys) <= set(config_keys(import_target(options(group)[name].target))), (experiment, place)
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_prior_only"])

@@ -8,7 +8,7 @@ from compositions import TRACKING, composed
 from omegaconf import OmegaConf
 
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.instantiate import import_target
 from workbench.motion.formats.names import BANDAI, clip_name
 from workbench.motion.models import training
 from workbench.motion.pose_sequence import Motion
@@ -87,7 +87,7 @@ def trained_on(node):
     """The people whose motions a part says it learned from."""
     keys = {key: value for key, value in node.items() if key != "_target_"}
     with pytest.raises(AskedError) as asked:
-        resolved(node["_target_"])(**keys)
+        import_target(node["_target_"])(**keys)
     (sources,) = asked.value.args
     return {person_of(source.rpartition("#")[2]) for source in sources}
 

@@ -11,9 +11,9 @@ from typer import Argument, Exit, Option
 
 from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import print_warnings
-from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults
+from workbench.experiment.config.stored import current_defaults
 from workbench.experiment.resume import changes
 from workbench.recording.read.reader import Run, find_recordings
 from workbench.recording.side_by_side import write_side_by_side
@@ -73,14 +73,14 @@ def check(
         raise InputError("two recordings are compared without running; --run runs each of them again")
     if paired and any(text.startswith("seed=") for text in overrides):
         raise InputError("seed= would part the pairs: they take the recorded seeds")
-    name_parts(parts_in(overrides))
+    allow_packages(packages_in(overrides))
     overrides = [quoted(text) for text in overrides if not text.startswith("component_packages=")]
     if not (paths := find_recordings(*places)):
         raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
     runs, checks = read_sound(paths)
     prepare_hydra()
     with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
-        request = Request(overrides, own_defaults(overrides), Path(folder), exact)
+        request = Request(overrides, current_defaults(overrides), Path(folder), exact)
         if two:
             by_path = {run.path: run for run in runs}
             checks = checks or [_compared(by_path[places[0]], by_path[places[1]], request)]

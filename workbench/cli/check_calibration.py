@@ -15,7 +15,7 @@ from workbench.camera_calibration.observed_joints import ObservedJoints, observe
 from workbench.camera_calibration.overlay import draw_overlay
 from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
-from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
@@ -61,7 +61,7 @@ def check_of_dataset(
 
 def _composed(overrides: Sequence[str]) -> DictConfig:
     """Compose the configuration; raises InputError where it has no complete dataset."""
-    name_parts(parts_in(overrides))
+    allow_packages(packages_in(overrides))
     chosen = {text.partition("=")[0] for text in overrides}
     if not chosen & {"dataset", "experiment"}:
         raise InputError("expected a dataset, such as dataset=video dataset.source=walk.mp4, or an experiment")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.experiment.config.options import GROUPS, OURS, Option, name_parts, options, packages, parts_in
+from workbench.experiment.config.options import GROUPS, OURS, Option, allow_packages, options, packages, packages_in
 from workbench.utils.errors import InputError
 
 _GROUPS = ("experiment", "paper", *GROUPS)
@@ -32,7 +32,7 @@ def components(
       workbench components prior.jitter
     """
     names = names or []
-    name_parts(parts_in(names))
+    allow_packages(packages_in(names))
     chosen = [name for name in names if "=" not in name]
     if table:
         print(_combinations())
@@ -79,9 +79,9 @@ def _described(place: str) -> str:
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    from workbench.experiment.config.instantiate import resolved  # here, as a list of options imports none of them
+    from workbench.experiment.config.instantiate import import_target  # here, as a list of options imports none of them
 
-    target = resolved(option.target)
+    target = import_target(option.target)
     first, _, _ = (inspect.getdoc(target) or "").partition("\n\n")
     return f"{place}: {option.about}\n\n{option.target}: {' '.join(first.split())}\n\n{_table(_keys(option, target))}"
 
@@ -90,11 +90,11 @@ def _keys(option: Option, target: Callable[..., object]) -> dict[str, str]:
     """Return the note on each `key: value`, with the value of the option or else the default of its class."""
     from omegaconf import OmegaConf
 
-    from workbench.experiment.config.instantiate import keys_of
+    from workbench.experiment.config.instantiate import config_keys
 
     own: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
     rows, notes = {}, option.notes
-    for key, (_, default) in keys_of(target).items():
+    for key, (_, default) in config_keys(target).items():
         value = own.get(key, "expected" if default is inspect.Parameter.empty else default)
         shown = "null" if value is None else list(value) if isinstance(value, tuple) else value
         rows[f"{key}: {shown}"] = notes.get(key, "")

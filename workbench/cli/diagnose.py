@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.results.diagnose import AFTER, BEFORE, lost_frames, sentence, table
@@ -37,7 +37,7 @@ def diagnose(
     workbench diagnose video/run.rrd --frame 120 -o repetitions
     """
     words = overrides or []
-    name_parts(parts_in(words))
+    allow_packages(packages_in(words))
     words = [each for each in words if not each.startswith("component_packages=")]
     prepare_hydra()
     run = read_sound_run(recording)

@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.cli.error_messages import report_error
 from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import print_warnings, summary_lines
-from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in, set_config_dirs
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import metric_of, run_job
@@ -95,8 +95,8 @@ def _is_override(argument: str) -> bool:
 def _run(arguments: list[str]) -> None:
     if unnamed := [text for text in arguments if text.startswith("=")]:
         raise InputError(f"expected key=value, found {unnamed[0]!r}")
-    name_parts(parts_in(arguments))
-    name_config_dir(arguments)
+    allow_packages(packages_in(arguments))
+    set_config_dirs(arguments)
     if any(text.startswith("--experimental-rerun") for text in arguments):
         raise InputError("--experimental-rerun would unpickle a file; from=RUN.rrd runs a recorded configuration")
     if any(text.startswith("from=") for text in arguments):

@@ -12,10 +12,10 @@ from omegaconf import DictConfig
 from workbench.core.capabilities import KEYPOINTS, POINTS, RESIDUALS, Traits
 from workbench.core.prior import propose
 from workbench.experiment.config.instantiate import build
-from workbench.experiment.config.options import GROUPS, name_parts, options
+from workbench.experiment.config.options import GROUPS, allow_packages, options
 from workbench.experiment.config.requirements import traits_of
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.tracking import Parts, assemble, track
+from workbench.experiment.tracking import Components, assemble, track
 from workbench.utils.arrays import FloatArray
 
 N_FRAMES, N = 4, 30
@@ -34,7 +34,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     package = metafunc.config.getoption("--component-package")
     pairs: list[tuple[str, str]] = []
     if package:
-        name_parts([package])
+        allow_packages([package])
         pairs = [(group, name) for group in GROUPS for name, own in options(group).items() if own.package == package]
     own = next((group for group in GROUPS if metafunc.function.__name__.startswith(f"test_a_{group}_")), None)
     metafunc.parametrize(("group", "option"), [pair for pair in pairs if own in (None, pair[0])])
@@ -63,15 +63,15 @@ def composed(group: str, option: str, cache: str, *overrides: str) -> DictConfig
     return config
 
 
-def assembled(group: str, option: str, cache: str) -> Parts:
+def assembled(group: str, option: str, cache: str) -> Components:
     """The parts of a small run."""
     return assemble(composed(group, option, cache))
 
 
-def start_of(parts: Parts) -> FloatArray:
+def start_of(components: Components) -> FloatArray:
     """One pose (P,) to start from."""
-    assert parts.start is not None
-    return np.atleast_2d(parts.start)[0]
+    assert components.start is not None
+    return np.atleast_2d(components.start)[0]
 
 
 def test_it_names_its_class_on_line_1(group: str, option: str) -> None:
@@ -97,10 +97,10 @@ def test_a_run_is_whole_and_comes_out_the_same_twice(group: str, option: str, tm
 
 
 def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any) -> None:
-    parts = assembled(group, option, str(tmp_path))
-    prior, rng = parts.prior, np.random.default_rng(0)
+    components = assembled(group, option, str(tmp_path))
+    prior, rng = components.prior, np.random.default_rng(0)
     assert prior is not None
-    pose = start_of(parts)
+    pose = start_of(components)
     state = prior.sample_initial(pose, N, rng)
     before = state.copy()
     moved, correction = propose(prior, state, 1.0 / 30.0, rng)
@@ -108,7 +108,7 @@ def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any
     assert state.shape == moved.shape == (N, len(prior.space))
     assert correction.shape == (N,)
     assert prior.pose(moved).shape == (N, len(pose))
-    assert set(prior.parameters) <= set(parts.body.skeleton.dof_names)
+    assert set(prior.parameters) <= set(components.body.skeleton.dof_names)
     if (density := prior.capabilities.density) is not None:
         drawn = prior.sample_transition(state, 1.0 / 30.0, rng)
         assert np.isfinite(density.log_transition(state, drawn, 1.0 / 30.0)).all()
@@ -117,11 +117,11 @@ def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any
 
 
 def test_a_likelihood_looks_once_and_judges_each_pose_by_itself(group: str, option: str, tmp_path: Any) -> None:
-    parts, config = assembled(group, option, str(tmp_path)), composed(group, option, str(tmp_path))
-    likelihood = build(config.likelihood, body=parts.body, clip=parts.clip, info=parts.clip.info)
-    first, second, *_ = parts.clip
+    components, config = assembled(group, option, str(tmp_path)), composed(group, option, str(tmp_path))
+    likelihood = build(config.likelihood, body=components.body, clip=components.clip, info=components.clip.info)
+    first, second, *_ = components.clip
     rng = np.random.default_rng(0)
-    poses = start_of(parts) + 0.02 * rng.standard_normal((N, len(parts.body.skeleton.dof_names)))
+    poses = start_of(components) + 0.02 * rng.standard_normal((N, len(components.body.skeleton.dof_names)))
     info = likelihood.prepare(None, first).update(poses.mean(axis=0))
     log_prob, repeated = (info.prepare(first, second).evaluate(poses, poses).log_prob for _ in range(2))
     assert log_prob.shape == (N,)

@@ -97,7 +97,7 @@ def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, se
 def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopCondition | None) -> None:
     """Run the configuration in the folder, from where an earlier attempt ended if it has checkpoints."""
     from workbench.experiment.provenance import Command
-    from workbench.experiment.resume import resumed
+    from workbench.experiment.resume import find_resumable
     from workbench.experiment.run import ending, run_checked
     from workbench.experiment.summary import Summary
 
@@ -106,7 +106,9 @@ def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop:
     attempts = _earlier_attempts(folder)
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with ending(summary):
-        found = None if stop is not None else resumed(config, attempts)  # an attempt may have missed the condition
+        found = (
+            None if stop is not None else find_resumable(config, attempts)
+        )  # an attempt may have missed the condition
         continued, summary.anew = (None, found) if isinstance(found, str) else (found, None)
         run_checked(config, summary, True, command, continued, stop)
     for attempt in attempts:

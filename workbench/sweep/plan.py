@@ -16,7 +16,7 @@ from yaml import YAMLError
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.early_stop import parse_stop_condition
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_CONFIG, MOST_JOBS, check_file, check_number
+from workbench.utils.input_limits import MAX_CONFIG, MAX_JOBS, check_file, check_number
 
 PLAN = "multirun.yaml"
 """In a sweep's folder: its configuration, as Hydra leaves it."""
@@ -71,8 +71,8 @@ def plan_of(config: DictConfig) -> Plan:
     for name in _COUNTS:
         found = OmegaConf.select(config, name)
         every = found == -1 and name == "hydra.launcher.n_jobs"  # all processors
-        if isinstance(found, int) and not (1 <= found <= MOST_JOBS or every):
-            raise InputError(f"{name}: expected a number of 1 to {MOST_JOBS}, found {found}")
+        if isinstance(found, int) and not (1 <= found <= MAX_JOBS or every):
+            raise InputError(f"{name}: expected a number of 1 to {MAX_JOBS}, found {found}")
     if not sweeper._target_.endswith(".BasicSweeper"):
         if "n_trials" not in sweeper:
             raise InputError(f"hydra/sweeper must be basic or optuna, found {sweeper._target_}")
@@ -90,7 +90,7 @@ def _jobs_of(config: Any, folder: Path) -> Plan:
     swept = _swept(sweeper, list(config.hydra.overrides.task))
     n_trials = sweeper.get("n_trials")
     n_jobs: int = math.prod(map(len, swept.values())) if n_trials is None else n_trials
-    check_number("sweep" if n_trials is None else "hydra.sweeper.n_trials", "jobs", n_jobs, MOST_JOBS)
+    check_number("sweep" if n_trials is None else "hydra.sweeper.n_trials", "jobs", n_jobs, MAX_JOBS)
     jobs = tuple(range(n_jobs) if chosen is None else chosen)
     if unknown := [job for job in jobs if not 0 <= job < n_jobs]:
         raise InputError(f"sweep.job_ids: expected numbers below {n_jobs}, found {unknown[0]}")
@@ -104,7 +104,7 @@ def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
     swept = {key: each for key, each in chosen.items() if each.is_sweep_override()}
     return {
-        key: list(islice(each.sweep_string_iterator(), MOST_JOBS + 1)) if each.is_discrete_sweep() else []
+        key: list(islice(each.sweep_string_iterator(), MAX_JOBS + 1)) if each.is_discrete_sweep() else []
         for key, each in swept.items()
     }
 
@@ -117,7 +117,7 @@ def read_plan(folder: Path) -> Plan:
         raise InputError(f"{folder}: expected the folder of a sweep, with {PLAN} or jobs in it, found neither")
     prepare_hydra()  # parameters may use our resolvers, as those of experiment=held_out_subjects do
     try:
-        check_file(place, MOST_CONFIG)
+        check_file(place, MAX_CONFIG)
         return _jobs_of(OmegaConf.load(place), folder)
     except (OSError, YAMLError, OmegaConfBaseException, HydraException, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{place}: expected what Hydra leaves of a sweep: {' '.join(str(error).split())}") from None

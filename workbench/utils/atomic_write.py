@@ -52,7 +52,7 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def kept_for_later() -> Iterator[None]:
+def optional_cache() -> Iterator[None]:
     """Write to a cache in the block; where that is not possible, warn once and go on."""
     try:
         yield

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS, check_file, check_number
+from workbench.utils.input_limits import DEEPEST, MAX_NUMBERS, check_file, check_number
 from workbench.utils.sandbox import parse_limited
 
 MOST_BYTES = 1 << 40  # of a file
@@ -78,7 +78,7 @@ def _size(place: str, found: h5py.Dataset) -> int:
     """Return the bytes of a data set in memory; raises InputError for one that is not stored in the file."""
     if found.external or found.is_virtual:
         raise InputError(f"{place}: expected numbers in the file itself, found those of another")
-    check_number(place, "numbers", size := int(found.size or 0), MOST_NUMBERS)
+    check_number(place, "numbers", size := int(found.size or 0), MAX_NUMBERS)
     if size and not found.id.get_storage_size():
         raise InputError(f"{place}: expected {size} numbers, found none stored")
     return size * int(found.dtype.itemsize)

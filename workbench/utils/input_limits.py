@@ -17,17 +17,17 @@ from workbench.utils.errors import InputError
 if TYPE_CHECKING:  # the command line reads this module before it needs arrays
     from workbench.utils.arrays import FloatArray
 
-MOST_JOINTS, MOST_FRAMES = 1_000, 1_000_000  # of a motion file
-MOST_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-_MOST_TEXT, MOST_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
+MAX_JOINTS, MAX_FRAMES = 1_000, 1_000_000  # of a motion file
+MAX_NUMBERS = 50_000_000  # of one array: 400 MB of float64
+_MOST_TEXT, MAX_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
 DEEPEST = 50  # levels of lists and mappings in one another
-MOST_COUNT, LARGEST, _MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
-MOST_JOBS = 100_000  # of a sweep
+MAX_COUNT, LARGEST, _MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
+MAX_JOBS = 100_000  # of a sweep
 
 RATES_HZ = (0.1, 1e5)
 LARGEST_M, LARGEST_PX = 1e7, 1e7  # of positions
 LONGEST_LIMB_M = 1.5
-MOST_LEFT_MM = 200.0  # mean distance between a joint and its retargeted position
+MAX_RESIDUAL_MM = 200.0  # mean distance between a joint and its retargeted position
 
 _MEMORY: Mapping[tuple[str, ...], int] = {
     ("dataset.n_frames", "dataset.width", "dataset.height"): 1,
@@ -71,7 +71,7 @@ def check_sizes(value: object, place: str = "") -> None:
     elif isinstance(value, int | float):
         key = place.rpartition(".")[2]
         counts = isinstance(value, int) and not key.startswith(("most_", "max_"))
-        most = _MOST_SEED if key == "seed" else MOST_COUNT if counts else LARGEST
+        most = _MOST_SEED if key == "seed" else MAX_COUNT if counts else LARGEST
         least = 1 if key in ("n_frames", "n_particles") else -most
         if not least <= value <= most:
             shown = "a longer one" if isinstance(value, int) and abs(value) >= 2**64 else value
@@ -114,7 +114,7 @@ def parse_json(place: object, text: str | bytes | bytearray) -> Any:
 
 def parse_toml(place: object, text: str) -> dict[str, Any]:
     """Parse TOML; raises InputError, naming the place, for anything else and for very long dotted keys."""
-    check_number(place, "characters", len(text), MOST_CONFIG)
+    check_number(place, "characters", len(text), MAX_CONFIG)
     if _LONG_KEY.search(text):  # the parser's time grows with the square of their length
         raise InputError(f"{place}: expected at most {DEEPEST} names in a dotted key, found more")
     return _parsed(place, "TOML", tomllib.loads, text)
@@ -122,7 +122,7 @@ def parse_toml(place: object, text: str) -> dict[str, Any]:
 
 def parse_yaml(place: object, text: str) -> Any:
     """Parse plain YAML without references; raises InputError, naming the place, for anything else."""
-    check_number(place, "characters", len(text), MOST_CONFIG)
+    check_number(place, "characters", len(text), MAX_CONFIG)
     return _parsed(place, "YAML", _load_yaml, text)
 
 

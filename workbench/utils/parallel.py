@@ -12,7 +12,7 @@ from workbench.utils.signals import deferred
 _PARTS = 4  # a thread, so that one that is held up does not hold up the others
 
 
-def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
+def parallel_for(work: Callable[[int, int], object], n: int, step: int) -> None:
     """Call `work(first, last)` for parts of 0..n that begin at multiples of `step`, on as many threads as numba is set
     to, the caller's among them.
 

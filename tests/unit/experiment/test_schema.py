@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import build, check_targets, keys_of, resolved
+from workbench.experiment.config.instantiate import build, check_targets, config_keys, import_target
 from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra, typed
 from workbench.utils.errors import InputError
@@ -26,14 +26,14 @@ def hydra_is_ready():
 def test_every_option_names_its_class_on_line_1_and_notes_keys_of_it():
     for option in [options(group)[choice] for group, choice in CHOICES]:
         assert option.about
-        assert set(option.notes) <= set(keys_of(resolved(option.target))), option
+        assert set(option.notes) <= set(config_keys(import_target(option.target))), option
 
 
 def test_no_default_stands_twice():
     """A YAML file repeats no default of its classes."""
     for option in [options(group)[choice] for group, choice in CHOICES] + list(options("experiment").values()):
         for node in _with_target(yaml.safe_load(option.text)):
-            keys = keys_of(resolved(node["_target_"]))
+            keys = config_keys(import_target(node["_target_"]))
             own = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
             assert [key for key, value in own.items() if value == _plain(keys[key][1])] == [], option
 
@@ -127,8 +127,8 @@ def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
     """Though an option names it."""
     target = "workbench.experiment.config.instantiate.import_module"
     monkeypatch.setattr("workbench.experiment.config.instantiate.targets", lambda: {target})
-    with pytest.raises(InputError, match="must name a part"):
-        resolved(target)
+    with pytest.raises(InputError, match="expected a component of the workbench"):
+        import_target(target)
 
 
 def literal_of(option):

@@ -88,7 +88,7 @@ def test_a_complete_run_is_set_aside_and_reported(tmp_path, caplog):
         assert not (tmp_path / "run.rrd").exists()
         assert not (tmp_path / "summary.json").exists()
         aside = tmp_path / EARLIER / str(k)
-        assert caplog.messages[-1] == f"{tmp_path}: held a complete run, which is now in {aside}"
+        assert caplog.messages[-1] == f"{tmp_path}: the complete run in it was moved to {aside}"
         assert [(aside / name).read_text() for name in ("run.rrd", "summary.json")] == [f"run {k}", f"summary {k}"]
 
 

@@ -30,11 +30,11 @@ def runs(monkeypatch):
     def run_checked(config, summary, *_):
         runs.acts.pop(0)(summary)
 
-    def resumed(config, attempts):
+    def find_resumable(config, attempts):
         runs.found.append(sorted(each.read_text() for each in attempts))
 
     monkeypatch.setattr(run, "run_checked", run_checked)
-    monkeypatch.setattr(resume, "resumed", resumed)
+    monkeypatch.setattr(resume, "find_resumable", find_resumable)
     return runs
 
 
