@@ -21,7 +21,7 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
     whole, continued = (read(place / f"another_seed_alone{end}" / "1001" / "run.rrd") for end in ("_whole", ""))
     assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
     assert main(["diagnose", path, "--frame", "99"]) == 2
-    assert "expected a recorded frame after --frame, found 99" in capfd.readouterr().err
+    assert "--frame: expected a recorded frame, found 99" in capfd.readouterr().err
 
 
 @pytest.mark.slow

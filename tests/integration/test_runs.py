@@ -56,7 +56,7 @@ def test_a_run_that_is_asked_to_end_is_interrupted_and_keeps_what_it_recorded(ru
     monkeypatch.setattr(Summary, "add", third_step)
     code, told, folder = run("out", *SMALL)
     assert code == 128 + number, told
-    assert told.strip().endswith(f"interrupted by {number.name}; what was recorded is kept")
+    assert told.strip().endswith(f"interrupted by {number.name}; the recording so far is saved")
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["status"], summary["error"]) == ("interrupted", f"Interrupted: {number.name}")
     assert not (folder / "run.rrd").exists()

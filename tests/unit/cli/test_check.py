@@ -20,5 +20,5 @@ def test_of_two_recordings_the_keys_that_differ_are_told(capsys):
     first, second = (str(BASELINES / f"{name}.rrd") for name in ("points_walk_steady", "points_walk_variable"))
     assert main(["check", first, second]) == 1
     head, *rows = capsys.readouterr().out.splitlines()
-    assert head == "configured otherwise:"
+    assert head == "different configurations:"
     assert "  inference.problem.frames_per_style: None → missing" in rows

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment import resume, run
 from workbench.sweep.early_stop import parse_stop_condition
-from workbench.sweep.job import ASIDE, FAILED, run_job, take_over
+from workbench.sweep.job import ASIDE, FAILED, reuse_run, run_job
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import is_locked, locked
@@ -147,7 +147,7 @@ def test_a_run_removed_meanwhile_is_not_taken_over(aside, monkeypatch, links):
         raise FileNotFoundError(2, "No such file or directory") if links else OSError(95, "Operation not supported")
 
     monkeypatch.setattr(os, "link", removed)
-    assert not take_over("same", aside / "0", [aside])
+    assert not reuse_run("same", aside / "0", [aside])
     assert os.listdir(aside / "0") == []
 
 
@@ -160,10 +160,10 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
         shutil.rmtree(folder, **options)
 
     monkeypatch.setattr(shutil, "rmtree", other)
-    assert take_over("same", aside / "0", [aside])
+    assert reuse_run("same", aside / "0", [aside])
     assert (aside / "0" / "run.rrd").read_text() == "recorded"
     assert json.loads((aside / "0" / "summary.json").read_text())["taken_from"] == str(aside / ASIDE / "same")
-    assert not take_over("same", aside / "1", [aside / "1"])
+    assert not reuse_run("same", aside / "1", [aside / "1"])
 
 
 @pytest.mark.parametrize(
