@@ -54,7 +54,7 @@ def test_an_archive_of_objects(tmp_path):
 
 def test_an_archive_that_unpacks_to_more_than_memory_holds(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", points=np.zeros((2000, 3)))
-    monkeypatch.setattr("workbench.datasets.files.point_formats.MOST_NUMBERS", 5000)
+    monkeypatch.setattr("workbench.datasets.files.point_formats.MAX_NUMBERS", 5000)
     assert "bytes of arrays" in refusal(read_npz, tmp_path / "a.npz")
     assert MAX_NUMBERS > 5000
 

@@ -36,7 +36,7 @@ def diagnose(
     """
     words = overrides or []
     allow_packages(packages_in(words))
-    words = [each for each in words if not each.startswith("component_packages=")]
+    words = [word for word in words if not word.startswith("component_packages=")]
     prepare_hydra()
     run = read_sound_run(recording)
     lost = lost_frames(run)
@@ -44,11 +44,11 @@ def diagnose(
         raise InputError(f"{run.path}: --frame: expected a recorded frame, found {frame}")
     if frame is None and not lost:
         print(f"{run.path}: no track loss is recorded; --frame N repeats the run around frame N")
-    for each in lost if frame is None else [frame]:
-        stretch = f"{max(each - BEFORE, int(run.poses[0][0]))} to {each + AFTER}"
-        print(f"{run.path}: track lost in frame {each}; repeating frames {stretch}", flush=True)
+    for loss in lost if frame is None else [frame]:
+        stretch = f"{max(loss - BEFORE, int(run.poses[0][0]))} to {loss + AFTER}"
+        print(f"{run.path}: track lost in frame {loss}; repeating frames {stretch}", flush=True)
         with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
-            outcomes, refused = repeat_with_changes(run, each, words, seeds, jobs, Path(folder, f"frame_{each}"))
+            outcomes, refused = repeat_with_changes(run, loss, words, seeds, jobs, Path(folder, f"frame_{loss}"))
         print("\n".join([*(f"omitted: {reason}" for reason in refused), table(outcomes), sentence(outcomes)]))
     if output is not None:
         print(f"repetitions: workbench view {output}")

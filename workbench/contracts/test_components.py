@@ -35,9 +35,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     pairs: list[tuple[str, str]] = []
     if package:
         allow_packages([package])
-        pairs = [(group, name) for group in GROUPS for name, own in options(group).items() if own.package == package]
-    own = next((group for group in GROUPS if metafunc.function.__name__.startswith(f"test_a_{group}_")), None)
-    metafunc.parametrize(("group", "option"), [pair for pair in pairs if own in (None, pair[0])])
+        pairs = [(group, name) for group in GROUPS for name, item in options(group).items() if item.package == package]
+    tested = next((group for group in GROUPS if metafunc.function.__name__.startswith(f"test_a_{group}_")), None)
+    metafunc.parametrize(("group", "option"), [pair for pair in pairs if tested in (None, pair[0])])
 
 
 @pytest.fixture(autouse=True)

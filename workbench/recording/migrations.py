@@ -1,4 +1,4 @@
-"""Configurations that an earlier workbench recorded, in the keys that components have today."""
+"""Translate configurations recorded by earlier versions to today's names."""
 
 import warnings
 from collections.abc import Mapping

@@ -52,7 +52,7 @@ def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
     (subject,) = subjects(1, np.random.default_rng(0))
     write_bandai_like(tmp_path / "a.bvh", walker(subject, 0.2, 30.0))
     sources.load_motion(tmp_path / "a.bvh")
-    monkeypatch.setattr("workbench.motion.retarget.MOST_LEFT_MM", 1e-3)
+    monkeypatch.setattr("workbench.motion.retarget.MAX_RESIDUAL_MM", 1e-3)
     assert "expected at most 0.001 mm" in refusal(sources.load_motion, tmp_path / "a.bvh")
 
 
