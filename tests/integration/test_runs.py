@@ -42,7 +42,7 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     assert {"initial_pose", "limb_lengths"} <= set(summary["assumptions"])
     assert recorded.provenance["assumptions"] == ", ".join(summary["assumptions"])
     assert f"given: {recorded.provenance['given']}\n" in told
-    assert "the experiment as it stands lists" not in told
+    assert "assumptions of the experiment without overrides" not in told
     assert not list(folder.glob("*.part"))
 
 
