@@ -313,7 +313,7 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["WALK", "--paired", "seed=3"], "--paired uses the recorded seeds"),
         (["WALK", "--against", "HEAD", "--record", "x.rrd"], "cannot be combined with --update or --record"),
         (["WALK", "--against", "no_such"], "no such commit: no_such"),
-        (["WALK", "--exact", "--paired"], "--exact demands identical numbers"),
+        (["WALK", "--exact", "--paired"], "--exact cannot be combined"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "seed=1,2"], "expected key=value with one value"),
     ],
