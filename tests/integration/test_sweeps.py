@@ -66,7 +66,7 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     assert (code, status) == (1, {0: "failed", 1: "complete", 2: "complete"})
     after = summaries(folder)
     assert [job for job in after if after[job]["started"] == before[job]["started"]] == [1]
-    assert "1  kept" in told
+    assert "1  reused" in told
     assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
 
 
