@@ -9,11 +9,11 @@ from typing import Any
 __version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
 _MODULES = {
-    "FrameCache": "core.frame_cache",
+    "Components": "experiment.tracking",
     "Cyclic": "priors.cyclic",
+    "FrameCache": "core.frame_cache",
     "ImageMotion": "likelihoods.image_motion",
     "ParticleFilter": "inference.smc.particle_filter",
-    "Parts": "experiment.tracking",
     "Recorder": "recording.write.recorder",
     "Smooth": "priors.smooth",
     "Synthetic": "datasets.synthetic",
@@ -25,7 +25,7 @@ _MODULES = {
     "track": "experiment.tracking",
     "walking_model": "motion.models.training",
 }
-"""What `from workbench import …` offers, and the module it is from, which is imported on first use."""
+"""Public names of the package by module; a module is imported on first use."""
 
 __all__ = list(_MODULES)
 

@@ -54,7 +54,7 @@ def start_figures(repeats: int = 3) -> list[Figure]:
     """Measure two frames of the default experiment: compiling all kernels, and with the kernels of an earlier run."""
     with own_caches() as (folder, environment):
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
-        run = [*RUN, "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
+        run = [*RUN, "dataset.n_frames=2", "inference.n_particles=64", "n_threads=1"]
         process_s([*run, f"hydra.run.dir={folder}/rendered", "likelihood=uniform"], environment)
         cold = []
         for i in range(repeats):
@@ -74,7 +74,7 @@ def start_figures(repeats: int = 3) -> list[Figure]:
 
 def sweep_figures(repeats: int = 2) -> list[Figure]:
     """Measure a sweep of short jobs by two workers against one job after another, on one thread and on two."""
-    ways = {"alone": ["threads=1"], "all cores": ["threads=2"], "workers": ["threads=1", *WORKERS]}
+    ways = {"alone": ["n_threads=1"], "all cores": ["n_threads=2"], "workers": ["n_threads=1", *WORKERS]}
     times: dict[str, float] = dict.fromkeys(ways, float("inf"))
     with own_caches() as (folder, environment):
         run = [*RUN, "-m", "dataset.n_frames=50", "inference.n_particles=6000"]

@@ -1,4 +1,4 @@
-"""Time of the whole step: tracking, errors and recording, as `workbench` runs the default experiment or walk_best.
+"""Time of the whole step: tracking, errors and recording, as `workbench` runs the default experiment or walk_multi_cue.
 
     python -m analysis.benchmarks.tracking N_FRAMES FOLDER
 
@@ -30,7 +30,7 @@ from workbench.evaluation.evidence import Evidence
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Parts, assemble
+from workbench.experiment.tracking import Components, assemble
 
 N_FRAMES, REPEATS, FEW = 50, 10, 64
 
@@ -84,8 +84,8 @@ def cues_figures() -> list[Figure]:
 
 def several_cues() -> tuple[str, ...]:
     """Return the overrides for a step of several cues, of a recorded walk or, without recordings, a generated one."""
-    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "learn.motions=builtin")
-    return ("experiment=walk_best", *motions)
+    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "training.motions=builtin")
+    return ("experiment=walk_multi_cue", *motions)
 
 
 def fastest(n_particles: int, repeats: int, *overrides: str) -> Times:
@@ -103,7 +103,7 @@ def run_ms(n_frames: int, folder: Path) -> float:
     return _once(parts, config, folder, keep=True).whole
 
 
-def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Parts]:
+def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Components]:
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"):
         arguments = [f"dataset.n_frames={N_FRAMES}", f"inference.n_particles={n_particles}", *overrides]
@@ -114,7 +114,7 @@ def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Parts]:
         return config, assemble(config)
 
 
-def _once(parts: Parts, config: DictConfig, folder: Path, keep: bool = False) -> Times:
+def _once(parts: Components, config: DictConfig, folder: Path, keep: bool = False) -> Times:
     n_frames, summary = len(parts.clip), Summary("step", 0, folder / "run.rrd")
     evidence = Evidence(parts.body) if keep else None
     with (

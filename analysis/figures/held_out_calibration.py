@@ -2,7 +2,7 @@
 
     python -m analysis.figures.held_out_calibration --data DATA [-o FILE] [--rows points] [--people 02_01 …] [--seeds 2]
 
-Points, 2-D joints and images of the people of clips.report, who were used neither for the choice of parameters nor for
+Points, 2-D joints and images of the people of clips.test, who were used neither for the choice of parameters nor for
 learning, with and without perturbed assumptions. FILE caches every run, see `cached_runs`.
 """
 
@@ -22,7 +22,7 @@ TRACKED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "points, varying style": ("points_walk_variable", FROM_THE_START),
     "keypoints, least squares": ("walk_keypoints_synthetic", ()),
     "keypoints, particles": ("walk_keypoints_synthetic", ("prior=ar_offsets", "inference=particle_filter", *START)),
-    "images, particles": ("walk_best", ()),
+    "images, particles": ("walk_multi_cue", ()),
 }
 """Experiments and overrides by observation and inference."""
 PERTURBATION = {"": (), ", exact": ("dataset.perturb=false",)}
@@ -55,13 +55,13 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder with recorded motion")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/held_out_calibration.jsonl"), metavar="FILE")
     parser.add_argument("--rows", default="", help="only those whose name begins so")
-    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.report")
+    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.test")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--frames", type=int, default=30)
     chosen = parser.parse_args()
     same = [f"paths.data={chosen.data}", f"dataset.n_frames={chosen.frames}"]
     rows = {row: tracked for row, tracked in ROWS.items() if row.startswith(chosen.rows)}
-    runs = every_run(rows, chosen.people or people("report", chosen.data), chosen.seeds, same)
+    runs = every_run(rows, chosen.people or people("test", chosen.data), chosen.seeds, same)
     print(table(numbers_of(runs, chosen.out, MEASURED)))
     return 0
 

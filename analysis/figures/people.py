@@ -14,7 +14,7 @@ from workbench.motion.formats.names import GENERATED
 from workbench.motion.sources import find_motion
 from workbench.utils.errors import InputError
 
-LISTS: Mapping[tuple[str, ...], str] = {("walk",): "report", ("run",): "report_run", ("walk", "run"): "report_walk_run"}
+LISTS: Mapping[tuple[str, ...], str] = {("walk",): "test", ("run",): "test_run", ("walk", "run"): "test_walk_run"}
 """List below `clips` in the configuration, by the activities of an experiment."""
 FULL = "report_full"
 """The list for a motion file's own skeleton with every joint."""

@@ -85,7 +85,7 @@ GENERATED: Mapping[str, Sequence[str]] = {
 VARIANTS: Mapping[str, tuple[str, ...]] = {
     "arm_implicit": ("arm_smooth_300", "prior=implicit"),
     "arm_smooth_3000": ("arm_smooth_300", "inference.n_particles=3000"),
-    "arm_implicit_waving": ("arm_smooth_300", "prior=implicit", "learn.leave_out=[dataset-1_byebye_giant_001]"),
+    "arm_implicit_waving": ("arm_smooth_300", "prior=implicit", "training.exclude=[dataset-1_byebye_giant_001]"),
     "temperature_arm": (
         "temperature", "prior.angles=[right_arm]", "prior.include_root=false", "study.clip=dataset-1_byebye_giant_001",
         "study.frame=17", "study.betas=[0.05]",
@@ -94,7 +94,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
     "synthesize_wave": ("synthesize_run", "dataset.motion=dataset-1_bye_giant_001"),
     "synthesize_dance": (
         "synthesize_run", "dataset.motion=dataset-1_dance-short_normal_001", "dataset.first_frame=600",
-        "learn.leave_out=[]",
+        "training.exclude=[]",
     ),
     "synthesize_punch": ("synthesize_run", "dataset.motion=dataset-1_punch_normal_001", "dataset.first_frame=30"),
     "synthesize_walk_or_run": (
@@ -112,7 +112,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Names of experiments with additional overrides: the experiment, and the overrides."""
 
-_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "assumptions", "clips", "paper")
+_NO_MATTER = ("paths", "n_threads", "seed", "check", "recorder", "sweep", "assumptions", "clips", "paper")
 _PLACES = ("data", "cache")
 
 

@@ -2,7 +2,7 @@
 
     python -m analysis.figures.sensitivity --data DATA [-o FILE] [--people 35_02 …] [--seeds 3] [--particles 300]
 
-Experiment walk_best with the tracker's own body, camera and initial pose (`dataset.perturb=false`), except for the
+Experiment walk_multi_cue with the tracker's own body, camera and initial pose (`dataset.perturb=false`), except for the
 row's perturbation. FILE caches every run, so that an interrupted table can be resumed, see `cached_runs`.
 """
 
@@ -30,7 +30,7 @@ ROWS: Mapping[str, Sequence[str]] = {
     "seen head-on": (EXACT, "dataset.view_azimuth_deg=180"),
 }
 PEOPLE = ("35_02", "38_02", "39_02")
-"""Clips of three people who are not in the training data of walk_best's prior."""
+"""Clips of three people who are not in the training data of walk_multi_cue's prior."""
 MEASURED = ("error_abs_mm", "error_px", "held")
 
 
@@ -58,7 +58,7 @@ def main() -> int:
     chosen = parser.parse_args()
     same = [f"paths.data={chosen.data}", f"inference.n_particles={chosen.particles}"]
     same += [f"dataset.n_frames={chosen.frames}"]
-    rows = {row: ("walk_best", overrides) for row, overrides in ROWS.items()}
+    rows = {row: ("walk_multi_cue", overrides) for row, overrides in ROWS.items()}
     runs = every_run(rows, chosen.people, chosen.seeds, same)
     print(table(numbers_of(runs, chosen.out, MEASURED)))
     return 0

@@ -3,8 +3,8 @@
     python -m analysis.figures.weights --data DATA [-o FILE] [--only images] [--people 35_02 …] [--seeds 1]
 
 Errors of neighbouring pixels, limbs and frames are correlated, so that a plain product of their probabilities is
-overconfident. The proper scores of the poses of the people of clips.choose, who are not in the training data, determine
-the weight: the lowest log score is marked. FILE caches every run, see `cached_runs`.
+overconfident. The proper scores of the poses of the people of clips.validation, who are not in the training data,
+determine the weight: the lowest log score is marked. FILE caches every run, see `cached_runs`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ class Choice:
 FILTERED = ("prior=ar_offsets", "inference=particle_filter")
 CHOICES: Mapping[str, Choice] = {
     "images, weight of each cue": Choice(
-        "walk_best", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06)
+        "walk_multi_cue", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06)
     ),
     "image motion, k": Choice("coverage", "likelihood.k={0}", (1.0, 0.3, 0.1, 0.03)),
     "keypoints, temper": Choice("walk_keypoints_synthetic", "likelihood.temper={0}", (1.0, 0.3, 0.1), FILTERED),
@@ -73,12 +73,12 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder with recorded motion")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/weights.jsonl"), metavar="FILE")
     parser.add_argument("--only", default="", help="numbers whose name begins so")
-    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.choose")
+    parser.add_argument("--people", nargs="+", help="clips; by default those of clips.validation")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--frames", type=int, default=25)
     chosen = parser.parse_args()
     same = [f"paths.data={chosen.data}", f"dataset.n_frames={chosen.frames}"]
-    clips = chosen.people or people("choose", chosen.data)
+    clips = chosen.people or people("validation", chosen.data)
     for title, choice in CHOICES.items():
         if title.startswith(chosen.only):
             runs = every_run(rows_of(choice), clips, chosen.seeds, same)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults, runnable
+from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.results.check.rerun import tolerances
 
@@ -33,9 +33,9 @@ def test_they_are_small(baselines):
 
 def test_they_are_complete_and_may_be_run_by_anybody(baselines):
     prepare_hydra()
-    own = own_defaults(["paths.data=null", "paths.cache=/some/cache"])
+    own = current_defaults(["paths.data=null", "paths.cache=/some/cache"])
     for run in baselines.values():
         assert run.status == "complete"
         assert run.settings["paths"] == {"data": None, "cache": "~/.cache/workbench"}  # nobody's own folder
-        assert runnable(run, [], own).paths.cache == "/some/cache"
+        assert runnable_config(run, [], own).paths.cache == "/some/cache"
         assert "default" in tolerances(run, own)

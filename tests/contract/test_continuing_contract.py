@@ -19,7 +19,7 @@ N_FRAMES = 4
 SCENE = (
     "experiment=custom", "dataset=synthetic", f"dataset.n_frames={N_FRAMES}", "dataset.width=160",
     "dataset.height=120", "dataset.person_px=80.0", "dataset.focal_px=175.0", "paths.data=null",
-    "learn.motions=builtin",
+    "training.motions=builtin",
 )  # fmt: skip
 CUES = (
     "likelihood=product", "likelihood.weights.edges=0", "likelihood.weights.image_motion=0.5",
@@ -69,7 +69,7 @@ def assert_it_goes_on_with_the_same_bits(parts):
 @pytest.mark.parametrize("name", sorted(options("inference")))
 def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
     usual = (
-        ("prior=linear", "learn.motions=builtin", "likelihood=alignment")
+        ("prior=linear", "training.motions=builtin", "likelihood=alignment")
         if name == "iterated_ekf"
         else ("prior=ar_offsets",)
     )

@@ -51,11 +51,11 @@ def test_every_link_leads_somewhere(page):
 
 @pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_choose_what_there_is(page):
-    own = {"prior": {"still"}, "likelihood": {"upright"}, "dataset": {"nodding"}}  # of the package my_parts
+    own = {"prior": {"still"}, "likelihood": {"upright"}, "dataset": {"nodding"}}  # of the package my_components
     mine = {"experiment": {"mine"}}  # of a folder given by --config-dir
     for line in commands(page):
         for group, chosen in re.findall(r"\b(experiment|paper|" + "|".join(GROUPS) + r")=([\w,]+)", line):
-            known = set(options(group)) | (own.get(group, set()) if "my_parts" in line else set())
+            known = set(options(group)) | (own.get(group, set()) if "my_components" in line else set())
             known |= mine.get(group, set()) if "--config-dir" in line else set()
             assert set(chosen.split(",")) <= known, line
 

@@ -4,7 +4,7 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.motion.formats.names import performer
@@ -26,7 +26,7 @@ def composed(*overrides):
 WHEN = [
     (experiment, place, keys)
     for experiment, option in sorted(options("experiment").items())
-    for settings in [OmegaConf.create(option.text).get("when") or {}]
+    for settings in [OmegaConf.create(option.text).get("if_chosen") or {}]
     for place, keys in [*settings.items(), *settings.get("paper.literal", {}).items()]
     if place != "paper.literal"
 ]
@@ -36,7 +36,7 @@ def test_what_an_experiment_sets_of_a_part_are_keys_of_that_part():
     """Hydra refuses any other, see below, but only where the part is chosen."""
     for experiment, place, keys in WHEN:
         group, _, name = place.partition(".")
-        assert set(keys) <= set(keys_of(resolved(options(group)[name].target))), (experiment, place)
+        assert set(keys) <= set(config_keys(import_target(options(group)[name].target))), (experiment, place)
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_prior_only"])
@@ -51,13 +51,15 @@ LEARNED = ["walking", "gait", "cyclic", "activity", "implicit"]
 
 @pytest.mark.parametrize("prior", LEARNED)
 def test_any_learned_prior_leaves_out_who_is_tracked(prior):
-    config = composed("experiment=walk_best", f"prior={prior}").prior
+    config = composed("experiment=walk_multi_cue", f"prior={prior}").prior
     assert (config.motions, config.exclude) == ("recorded", ["35"])
-    within = composed("experiment=walk_best", f"prior@prior.base={prior}", "prior=ar_offsets").prior.base
+    within = composed("experiment=walk_multi_cue", f"prior@prior.base={prior}", "prior=ar_offsets").prior.base
     assert (within.motions, within.exclude) == ("recorded", ["35"])
     own = composed("experiment=custom", f"prior={prior}").prior
     assert (own.motions, own.exclude) == ("recorded" if prior == "implicit" else "builtin", [])
-    other = composed("experiment=walk_best", f"prior={prior}", "learn.motions=bandai", "prior.exclude=[x]").prior
+    other = composed(
+        "experiment=walk_multi_cue", f"prior={prior}", "training.motions=bandai", "prior.exclude=[x]"
+    ).prior
     assert (other.motions, other.exclude) == ("bandai", ["x"])
 
 
@@ -85,7 +87,7 @@ def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_beg
 
 def test_nobody_whose_numbers_are_reported_is_one_to_choose_parameters_by():
     clips = composed("experiment=custom").clips
-    chosen, reported = ({performer(name) for name in names} for names in (clips.choose, clips.report))
+    chosen, reported = ({performer(name) for name in names} for names in (clips.validation, clips.test))
     assert None not in chosen | reported
-    assert (len(chosen), len(reported)) == (len(clips.choose), len(clips.report))
+    assert (len(chosen), len(reported)) == (len(clips.validation), len(clips.test))
     assert not chosen & reported

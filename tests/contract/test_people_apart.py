@@ -8,7 +8,7 @@ from compositions import TRACKING, composed
 from omegaconf import OmegaConf
 
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.instantiate import import_target
 from workbench.motion.formats.names import BANDAI, clip_name
 from workbench.motion.models import training
 from workbench.motion.pose_sequence import Motion
@@ -87,7 +87,7 @@ def trained_on(node):
     """The people whose motions a part says it learned from."""
     keys = {key: value for key, value in node.items() if key != "_target_"}
     with pytest.raises(AskedError) as asked:
-        resolved(node["_target_"])(**keys)
+        import_target(node["_target_"])(**keys)
     (sources,) = asked.value.args
     return {person_of(source.rpartition("#")[2]) for source in sources}
 
@@ -125,7 +125,7 @@ def test_whoever_an_experiment_tracks_is_not_learned_from(experiment, recordings
     "experiment", [name if name in GENERATED else pytest.param(name, marks=pytest.mark.slow) for name in TRACKED]
 )
 def test_nor_is_whoever_it_is_told_to_track(experiment, recordings):
-    chosen = [f"experiment={experiment}", "learn.motions=recorded"]
+    chosen = [f"experiment={experiment}", "training.motions=recorded"]
     if "motion" in composed(f"experiment={experiment}").dataset:  # a video shows whom it shows
         assert check(recordings, *chosen, "dataset.motion=35_02") == {"35"}
 
@@ -140,7 +140,7 @@ def test_nor_without_recordings(experiment):
     "prior", ["walking", "gait", "cyclic", "activity", "implicit", "kinematic_flips", "ar_offsets_gait"]
 )
 def test_nor_by_any_other_prior(prior, recordings):
-    check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "learn.motions=recorded")
+    check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "training.motions=recorded")
 
 
 def test_nor_by_the_database_that_an_arm_is_tracked_with(recordings):

@@ -56,7 +56,7 @@ def composed(name, folder):
     prepare_hydra()
     overrides = [f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=["experiment=custom", "learn.motions=builtin", *overrides]).prior
+        config = compose("config", overrides=["experiment=custom", "training.motions=builtin", *overrides]).prior
     return build(
         config,
         camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)),

@@ -14,7 +14,7 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra
 
@@ -52,7 +52,7 @@ def departures(value, path="", defaults=None):
 
 def class_defaults(target):
     """A part's keys, with what its class has where nothing is said; parts of its own make themselves."""
-    found = {name: default for name, (_, default) in keys_of(resolved(target)).items()}
+    found = {name: default for name, (_, default) in config_keys(import_target(target)).items()}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items() if plain(value)}
 
 

@@ -17,7 +17,7 @@ def metrics(folder):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
-@pytest.mark.parametrize(("experiment", "n_frames"), [("walk_best", 12), ("walk_long", 56)])
+@pytest.mark.parametrize(("experiment", "n_frames"), [("walk_multi_cue", 12), ("walk_long", 56)])
 def test_recorded_walkers_are_held(run, data, experiment, n_frames):
     code, told, folder = run(
         "out", f"experiment={experiment}", f"paths.data={data}", f"dataset.n_frames={n_frames}", *SMALL_SCENE, *NO_EDGES
@@ -28,7 +28,7 @@ def test_recorded_walkers_are_held(run, data, experiment, n_frames):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", ["walk_video_best", "track_video"])
+@pytest.mark.parametrize("experiment", ["walk_video_multi_cue", "video_cues"])
 def test_the_woman_of_the_video_is_held(run, data, experiment):
     if not (data / "sports2d_walk").is_dir():
         pytest.skip("no video with marked joints")
@@ -44,7 +44,7 @@ def test_a_video_of_ones_own_is_tracked_with_nothing_but_a_height_and_marks(run,
     files = {"source": "demo.mp4", "calibration_file": "Calib_demo.toml", "initial_annotations": "keypoints.csv"}
     own = [f"dataset.{key}={data / 'sports2d_walk' / name}" for key, name in files.items()]
     code, told, folder = run(
-        "out", "experiment=track_video", "dataset=video", *own, "body.height_m=1.65", f"paths.data={data}",
+        "out", "experiment=video_cues", "dataset=video", *own, "body.height_m=1.65", f"paths.data={data}",
         "dataset.first_frame=64", "dataset.n_frames=4", *NO_EDGES,
     )  # fmt: skip
     assert code == 0, told

@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.cli.main import main
-from workbench.experiment.resume import resumed
+from workbench.experiment.resume import find_resumable
 from workbench.experiment.run import execute
 from workbench.recording.read import partial_run as earlier
 from workbench.recording.read import partial_run as reading
@@ -174,7 +174,7 @@ def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatc
         with pytest.raises(KeyboardInterrupt):
             execute(config, "walk_circle", tmp_path, quiet=True)
     (tmp_path / "run.rrd.part").rename(part)
-    found = resumed(config, [part])
+    found = find_resumable(config, [part])
     assert (found.frame, found.skipped) == (5, 5)
     summary = execute(config, "walk_circle", tmp_path, quiet=True, continued=found)
     assert_same_curves(tmp_path / "run.rrd", long, 0)
@@ -184,20 +184,20 @@ def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatc
     assert checkpoint_frames(read(tmp_path / "run.rrd")) == [*range(7)]
     assert read(tmp_path / "run.rrd").marginals.frames.tolist() == [*range(8)]
 
-    assert resumed(config, []) is None
-    assert "configuration" in resumed(OmegaConf.merge(config, {"seed": 1}), [part])
+    assert find_resumable(config, []) is None
+    assert "configuration" in find_resumable(OmegaConf.merge(config, {"seed": 1}), [part])
     monkeypatch.setattr(earlier, "checkpoint_frames", lambda run: [])
-    assert "no checkpoint" in resumed(config, [part])
+    assert "no checkpoint" in find_resumable(config, [part])
 
 
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("{run}@8", "0 to 7, not 8"),
+        ("{run}@8", "0 to 7), found 8"),
         ("{folder}", "the run is complete"),
         ("{run}@5 prior=smooth", "columns"),
-        ("{run}@5 inference=backward_simulation", "cannot go on from a frame"),
-        ("{run}@5 dataset.first_frame=1", "began with frame 0"),
+        ("{run}@5 inference=backward_simulation", "cannot resume at a frame"),
+        ("{run}@5 dataset.first_frame=1", "the first frame of the resumed run, 0"),
         ("nothing.rrd@5", "no such recording"),
     ],
 )

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from workbench.cli.main import main
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults, runnable
+from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
 from workbench.results.check import against
@@ -53,7 +53,7 @@ def walk(settings, cache, tmp_path_factory):
     config = stored(folder / "config.rrd", yaml.safe_load(settings))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("WORKBENCH_CACHE", str(cache))
-        done = rerun(config, runnable(config, [], own_defaults([])), folder / "run")
+        done = rerun(config, runnable_config(config, [], current_defaults([])), folder / "run")
     (folder / "config.rrd").unlink()
     (folder / "kept").mkdir()
     return Path(shutil.move(done.path, folder / "kept" / "walk.rrd"))
@@ -162,7 +162,7 @@ def seeds(walk, cache, tmp_path_factory):
     folder, run = tmp_path_factory.mktemp("seeds"), read(walk)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("WORKBENCH_CACHE", str(cache))
-        configs = [runnable(run, [f"seed={seed}"], own_defaults([])) for seed in range(1, 5)]
+        configs = [runnable_config(run, [f"seed={seed}"], current_defaults([])) for seed in range(1, 5)]
         made = [rerun(run, config, folder / str(k)) for k, config in enumerate(configs)]
     return [walk, *(each.path for each in made)]
 
@@ -275,16 +275,16 @@ def test_nothing_is_written_where_a_stored_configuration_says(settings, tmp_path
         "recorder": {"path": str(away / "x.rrd"), "live": True},
         "hydra": {"run": {"dir": str(away)}},
         "dataset": {"cache": str(away)},
-        "threads": 10_000,
+        "n_threads": 10_000,
     }
     run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
-    with pytest.raises(InputError, match=r"recorder\.path: .* lies outside paths\.data"):
-        runnable(run, [], own_defaults([]))
+    with pytest.raises(InputError, match=r"recorder\.path: .* is outside paths\.data"):
+        runnable_config(run, [], current_defaults([]))
     del changes["recorder"]["path"], changes["hydra"]
     run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
-    config = runnable(run, [], own_defaults([]))
+    config = runnable_config(run, [], current_defaults([]))
     assert (config.dataset.cache, config.prior.cache, config.paths.cache) == (str(cache),) * 3
-    assert (config.recorder.live, config.threads) == (False, None)
+    assert (config.recorder.live, config.n_threads) == (False, None)
     done = rerun(run, config, tmp_path / "place")
     assert done.path == tmp_path / "place" / "run.rrd"
     assert not away.exists()
@@ -294,12 +294,12 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
     theirs = {"paths": {"data": "/home/someone/data/", "cache": "/home/someone/cache"}}
     theirs |= {"dataset": {"data": "/home/someone/data/", "motion": "/home/someone/data/mine.bvh"}}
     run = stored(tmp_path / "run.rrd", changed(settings, theirs))
-    own = own_defaults(["paths.data=/my/data"])
-    config = runnable(run, ["paths.data=/my/data"], own)
+    own = current_defaults(["paths.data=/my/data"])
+    config = runnable_config(run, ["paths.data=/my/data"], own)
     assert (config.dataset.data, config.dataset.motion) == ("/my/data/", "/my/data/mine.bvh")
-    with pytest.raises(InputError, match=r"dataset\.data: .* lies outside paths\.data"):
-        runnable(run, [], own_defaults([]))
-    config = runnable(run, ["dataset.motion=/elsewhere/x.bvh", "seed=4"], own)
+    with pytest.raises(InputError, match=r"dataset\.data: .* is outside paths\.data"):
+        runnable_config(run, [], current_defaults([]))
+    config = runnable_config(run, ["dataset.motion=/elsewhere/x.bvh", "seed=4"], own)
     assert (config.dataset.motion, config.seed) == ("/elsewhere/x.bvh", 4)
 
 
@@ -309,11 +309,11 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["nowhere"], "nowhere: expected a recording or a folder of recordings, found nothing there"),
         (["seed=3"], "expected recordings (.rrd), found none"),
         (["WALK", "--seeds", "1"], "Invalid value for '--seeds'"),
-        (["WALK", "--seeds", "3", "--update"], "--seeds goes with neither --update nor --record"),
-        (["WALK", "--paired", "seed=3"], "seed= would part the pairs"),
-        (["WALK", "--against", "HEAD", "--record", "x.rrd"], "goes with neither --update nor --record"),
+        (["WALK", "--seeds", "3", "--update"], "--seeds cannot be combined with --update or --record"),
+        (["WALK", "--paired", "seed=3"], "--paired uses the recorded seeds"),
+        (["WALK", "--against", "HEAD", "--record", "x.rrd"], "cannot be combined with --update or --record"),
         (["WALK", "--against", "no_such"], "no such commit: no_such"),
-        (["WALK", "--exact", "--paired"], "--exact demands identical numbers"),
+        (["WALK", "--exact", "--paired"], "--exact cannot be combined"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "seed=1,2"], "expected key=value with one value"),
     ],
@@ -326,7 +326,7 @@ def test_wrong_arguments_are_told_in_one_sentence(walk, capsys, arguments, words
 
 
 def test_measured_tolerances_next_to_a_recording_come_first(settings, tmp_path):
-    run, own = stored(tmp_path / "run.rrd", yaml.safe_load(settings)), own_defaults([])
+    run, own = stored(tmp_path / "run.rrd", yaml.safe_load(settings)), current_defaults([])
     usual, file = tolerances(run, own), tmp_path / "tolerances.json"
     file.write_text('{"tolerances": {"run": {"error_px": 0.25}, "other": {"ess": 1.0}}}')
     assert tolerances(run, own) == usual | {"error_px": Tolerance(absolute=0.25)}

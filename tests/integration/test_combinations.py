@@ -25,8 +25,8 @@ SMALL = {
 
 CASES = [(group, option) for group in GROUPS for option in sorted(options(group))]
 WITH_DATA = (
-    "balance_1cam", "balance_4cam", "balance_arm", "points_full", "track_video", "walk_keypoints", "walk_video",
-    "walk_video_best",
+    "balance_1cam", "balance_4cam", "balance_arm", "points_full", "video_cues", "walk_keypoints", "walk_video",
+    "walk_video_multi_cue",
 )  # fmt: skip
 """Those that show nobody without recordings; the others show generated people here. In walk_keypoints a few frames of
 a hundred are annotated, so that three are too few."""
@@ -83,7 +83,7 @@ def test_it_works_or_says_why_not(experiment, group, option, cache, request):
     if experiment in WITH_DATA:
         usual = [f"paths.data={request.getfixturevalue('data')}"]
     else:
-        usual = ["paths.data=null", "learn.motions=builtin", f"paths.cache={cache}"]
+        usual = ["paths.data=null", "training.motions=builtin", f"paths.cache={cache}"]
     config = compose("config", overrides=[f"experiment={experiment}", *usual, f"{group}={option}"])
     found = outcome(made_small(config, experiment not in WITH_DATA, experiment != "walk_keypoints"))
     assert found == "works" or found.startswith("config: "), found

@@ -6,7 +6,7 @@ from workbench.cli.main import main
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=20", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
-SMALL += ("dataset.focal_px=175", "inference.n_particles=40", "learn.motions=builtin")
+SMALL += ("dataset.focal_px=175", "inference.n_particles=40", "training.motions=builtin")
 
 
 @pytest.mark.slow
@@ -21,7 +21,7 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
     whole, continued = (read(place / f"another_seed_alone{end}" / "1001" / "run.rrd") for end in ("_whole", ""))
     assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
     assert main(["diagnose", path, "--frame", "99"]) == 2
-    assert "expected a recorded frame after --frame, found 99" in capfd.readouterr().err
+    assert "--frame: expected a recorded frame, found 99" in capfd.readouterr().err
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def test_a_complete_run_is_not_overwritten(run):
     kept = (folder / "run.rrd").read_bytes()
     code, told, _ = run("out", "seed=1", *SMALL)
     assert code == 0
-    assert "held a complete run, which is now in" in told
+    assert "the complete run in it was moved to" in told
     assert (folder / EARLIER / "1" / "run.rrd").read_bytes() == kept
     assert json.loads((folder / EARLIER / "1" / "summary.json").read_text())["seed"] == 0
     assert read(folder / "run.rrd").settings["seed"] == 1

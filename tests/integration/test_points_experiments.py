@@ -64,7 +64,7 @@ def test_the_shares_of_the_cues_are_recorded_frame_by_frame(run):
     assert (np.abs(shares).mean(axis=1) > 0.01).all()  # every cue has its say
     assert "share_edges" not in recorded.metric_names
 
-    code, told, again = run("again", *SMALL, switched_off, "threads=1")
+    code, told, again = run("again", *SMALL, switched_off, "n_threads=1")
     assert code == 0, told
     np.testing.assert_array_equal(read(again / "run.rrd").poses[1], recorded.poses[1])
 

@@ -48,7 +48,7 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (("prior.skeleton=person",), "dataset=points needs every joint of a motion file's skeleton of the prior"),
+        (("prior.skeleton=person",), "dataset=points requires every joint of a motion file's skeleton of the prior"),
         (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
         (
             ("dataset.motion=[dataset-2_walk_normal_001,dataset-1_run_active_001]", "prior.exclude=[]"),

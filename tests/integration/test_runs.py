@@ -42,7 +42,7 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     assert {"initial_pose", "limb_lengths"} <= set(summary["assumptions"])
     assert recorded.provenance["assumptions"] == ", ".join(summary["assumptions"])
     assert f"given: {recorded.provenance['given']}\n" in told
-    assert "the experiment as it stands lists" not in told
+    assert "assumptions of the experiment without overrides" not in told
     assert not list(folder.glob("*.part"))
 
 
@@ -56,7 +56,7 @@ def test_a_run_that_is_asked_to_end_is_interrupted_and_keeps_what_it_recorded(ru
     monkeypatch.setattr(Summary, "add", third_step)
     code, told, folder = run("out", *SMALL)
     assert code == 128 + number, told
-    assert told.strip().endswith(f"interrupted by {number.name}; what was recorded is kept")
+    assert told.strip().endswith(f"interrupted by {number.name}; the recording so far is saved")
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["status"], summary["error"]) == ("interrupted", f"Interrupted: {number.name}")
     assert not (folder / "run.rrd").exists()
@@ -113,7 +113,7 @@ def recorded_run(folder):
 def test_the_same_seed_and_any_number_of_threads_give_the_same_bits(process, run):
     """In a process of its own, and in this one, which has run other things before."""
     results = []
-    for name, overrides in (("a", ["threads=1"]), ("b", ["threads=1"]), ("c", ["threads=2"]), ("d", ["seed=1"])):
+    for name, overrides in (("a", ["n_threads=1"]), ("b", ["n_threads=1"]), ("c", ["n_threads=2"]), ("d", ["seed=1"])):
         if name == "c" and numba.config.NUMBA_NUM_THREADS < 2:
             pytest.skip("one core only: cannot run with two threads")
         code, told, folder = (process if name == "a" else run)(name, *SMALL, *overrides)
@@ -128,6 +128,11 @@ def test_the_same_seed_and_any_number_of_threads_give_the_same_bits(process, run
 def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data):
     clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]
     assert main(["import", *clips, "-o", str(tmp_path / "mine.h5")]) == 0
-    prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02", "learn.leave_out=[35_02]")
+    prior = (
+        "prior.motions=mine.h5",
+        "prior.n_components=3",
+        "dataset.motion=mine.h5:35_02",
+        "training.exclude=[35_02]",
+    )
     metrics = summary_of(tmp_path, *prior, "body=file", f"body.file={clips[1]}", *SMALL)["metrics"]
     assert metrics["error_abs_mm"] < 200  # three frames after the true start, and the file's body is the right one

@@ -59,7 +59,7 @@ def test_styles_are_read_from_names(source, expected):
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_another_one_other_gaps(run):
     found = []
-    for folder, overrides in (("a", ["threads=1"]), ("b", []), ("c", ["seed=1"])):
+    for folder, overrides in (("a", ["n_threads=1"]), ("b", []), ("c", ["seed=1"])):
         code, told, out = run(folder, "experiment=period_snr", *overrides)
         assert code == 0, told
         found.append(read(out / "run.rrd"))

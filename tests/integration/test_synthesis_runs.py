@@ -55,7 +55,7 @@ def static_strips(path, entity):
 def test_the_same_seed_gives_the_same_bits(run):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         assert run(name, "experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}").code == 0
-    folder = run("d", "experiment=synthesize_run", *BUILTIN, SHORT, "threads=1").folder
+    folder = run("d", "experiment=synthesize_run", *BUILTIN, SHORT, "n_threads=1").folder
     poses = {name: read(folder.with_name(name) / "run.rrd").poses[1] for name in "abcd"}
     assert (poses["a"] == poses["b"]).all()
     assert (poses["a"] == poses["d"]).all()

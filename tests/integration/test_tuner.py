@@ -14,7 +14,7 @@ SMALL = (
 @pytest.mark.slow
 def test_the_tuner_finds_a_better_process_noise_than_a_bad_one(tmp_path, run):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    common = ("experiment=walk_straight", *SMALL, "inference.n_particles=300", "sweep.metric=error_abs_mm")
+    common = ("experiment=walk_straight", *SMALL, "inference.n_particles=300", "sweep.objective=error_abs_mm")
     bad = 0.1  # cycles a frame, where the prior's own is 0.009
     code, _, folder = run("bad", *common, f"prior.sigma_phase={bad}")
     assert code == 0

@@ -9,7 +9,7 @@ from sound_files import library, points, written
 from workbench.datasets.files.point_formats import read_hdf5
 from workbench.motion.library import read_library
 from workbench.utils import hdf5
-from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS
+from workbench.utils.input_limits import DEEPEST, MAX_NUMBERS
 
 
 def read_points(path):
@@ -106,7 +106,7 @@ def test_this_process_opens_no_file_of_a_user(kind, tmp_path, monkeypatch):
     assert read(path)
 
 
-@pytest.mark.parametrize("count", [MOST_NUMBERS + 1, 10**9, 10**18])
+@pytest.mark.parametrize("count", [MAX_NUMBERS + 1, 10**9, 10**18])
 def test_more_numbers_than_memory_holds(count, tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", (count,), "f8", chunks=(1000,))
@@ -124,7 +124,7 @@ def test_numbers_packed_a_thousandfold(tmp_path):
 def test_groups_without_end(circle, tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a" if circle else "/a" * (2 * DEEPEST)] = file["/"] if circle else np.ones(3)
-    assert f"at most {DEEPEST} groups in one another" in refusal(read_any, tmp_path / "a.h5")
+    assert f"at most {DEEPEST} nested groups" in refusal(read_any, tmp_path / "a.h5")
 
 
 @pytest.mark.slow

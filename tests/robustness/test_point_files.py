@@ -9,7 +9,7 @@ from sound_files import PLY, written
 
 from workbench.datasets.files.point_formats import read_csv, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
-from workbench.utils.input_limits import MOST_NUMBERS
+from workbench.utils.input_limits import MAX_NUMBERS
 
 
 def finite(read):
@@ -54,9 +54,9 @@ def test_an_archive_of_objects(tmp_path):
 
 def test_an_archive_that_unpacks_to_more_than_memory_holds(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", points=np.zeros((2000, 3)))
-    monkeypatch.setattr("workbench.datasets.files.point_formats.MOST_NUMBERS", 5000)
+    monkeypatch.setattr("workbench.datasets.files.point_formats.MAX_NUMBERS", 5000)
     assert "bytes of arrays" in refusal(read_npz, tmp_path / "a.npz")
-    assert MOST_NUMBERS > 5000
+    assert MAX_NUMBERS > 5000
 
 
 def test_a_header_of_more_vertices_than_there_are(tmp_path):

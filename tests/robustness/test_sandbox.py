@@ -9,7 +9,7 @@ import pytest
 
 from workbench.utils import sandbox
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_NUMBERS
+from workbench.utils.input_limits import MAX_NUMBERS
 from workbench.utils.sandbox import parse_limited
 
 PARSERS = """
@@ -85,4 +85,4 @@ def test_the_limits_are_those_of_the_child_alone(parsers, tmp_path):
     assert time.perf_counter() - began < 60.0
     after = [resource.getrlimit(each) for each in (resource.RLIMIT_CPU, resource.RLIMIT_DATA, resource.RLIMIT_FSIZE)]
     assert after == limits
-    assert 8 * MOST_NUMBERS < sandbox.MEMORY_BYTES
+    assert 8 * MAX_NUMBERS < sandbox.MEMORY_BYTES

@@ -15,7 +15,7 @@ from sound_files import YAML
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults, runnable
+from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.read.reader import Run
@@ -80,7 +80,7 @@ def test_nothing_is_looked_up(monkeypatch):
 @cache
 def own():
     prepare_hydra()
-    return own_defaults([])
+    return current_defaults([])
 
 
 FOREIGN = (
@@ -95,7 +95,7 @@ FOREIGN = (
 
 @pytest.mark.parametrize("foreign", FOREIGN, ids=str)
 def test_only_components_are_named(foreign):
-    found = refusal(runnable, recorded(yaml.safe_dump({"seed": 3, "prior": foreign})), [], own())
+    found = refusal(runnable_config, recorded(yaml.safe_dump({"seed": 3, "prior": foreign})), [], own())
     assert found.startswith("a.rrd: prior.")
 
 
@@ -103,7 +103,7 @@ def test_only_components_are_named(foreign):
 @settings(max_examples=100)
 def test_no_other_word_is_a_component(word):
     text = json.dumps({"seed": 3, "prior": {"_target_": word}})
-    assert refusal(runnable, recorded(text), [], own())
+    assert refusal(runnable_config, recorded(text), [], own())
 
 
 SOUND = {

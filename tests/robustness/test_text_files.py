@@ -13,7 +13,7 @@ from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
 from workbench.motion.formats.openpose import read_openpose
-from workbench.utils.input_limits import MOST_JOINTS, MOST_NUMBERS
+from workbench.utils.input_limits import MAX_JOINTS, MAX_NUMBERS
 
 KEYPOINTS = json.dumps({"people": [{"pose_keypoints_2d": [float(k % 7) for k in range(75)]}]})
 
@@ -129,10 +129,10 @@ def test_a_movement_without_its_skeleton(tmp_path):
 def test_more_joints_markers_and_coordinates_than_memory_holds(tmp_path):
     joints = "".join(f"JOINT j{k}\n{{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Zrotation Yrotation\n" for k in range(20_000))
     path = written(tmp_path / "a.bvh", BVH.replace("  JOINT arm", f"{joints}  JOINT arm"))
-    assert f"at most {MOST_JOINTS} joints" in refusal(read_bvh, path)
+    assert f"at most {MAX_JOINTS} joints" in refusal(read_bvh, path)
     lines = TRC.split("\n")
-    lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MOST_JOINTS + 1))
+    lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS + 1))
     assert "markers" in refusal(read_markers, written(tmp_path / "a.trc", "\n".join(lines)))
-    lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MOST_JOINTS))
-    rows = ["1\t0"] * (MOST_NUMBERS // 3 // MOST_JOINTS + 1)  # cells left out at the line's end
+    lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS))
+    rows = ["1\t0"] * (MAX_NUMBERS // 3 // MAX_JOINTS + 1)  # cells left out at the line's end
     assert "coordinates" in refusal(read_markers, written(tmp_path / "b.trc", "\n".join([*lines, *rows])))

@@ -11,7 +11,7 @@ import pytest
 from compositions import composed
 
 import workbench as wb
-from workbench.experiment.config.stored import runnable
+from workbench.experiment.config.stored import runnable_config
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.ar_offsets import AROffsets
 from workbench.utils.errors import InputError
@@ -42,7 +42,7 @@ def hand_built(n_frames=3):
     clip = wb.FrameCache(wb.Synthetic(n_frames=n_frames, width=160, height=120, person_px=80.0, focal_px=175.0))
     prior = wb.Smooth(damping=1.5, sigma={"root_x": 0.02})
     body = wb.person(clip.info.shape)
-    return wb.Parts(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.info.initial_pose)
+    return wb.Components(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.info.initial_pose)
 
 
 def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
@@ -78,8 +78,8 @@ def test_parts_built_by_hand_are_recorded_as_they_are(tmp_path, capsys):
     assert settings["likelihood"] == {"_target_": "workbench.likelihoods.uniform.Uniform"}
     assert settings["inference"]["n_particles"] == 20
     assert settings["dataset"]["width"] == 160
-    with pytest.raises(InputError, match=r"run.rrd: its parts were built in Python"):
-        runnable(run, [], composed("experiment=custom"))
+    with pytest.raises(InputError, match=r"run.rrd: its components were built in Python"):
+        runnable_config(run, [], composed("experiment=custom"))
     tracked = np.array([step.expected_pose for step, _ in wb.track(hand_built(), seed=5)])
     np.testing.assert_array_equal(run.poses[1], tracked)
 
@@ -96,12 +96,12 @@ def test_without_a_folder_a_run_goes_where_the_command_puts_it_and_says_so(tmp_p
     [
         (("walk_nowhere",), {}, "Could not find 'experiment/walk_nowhere'"),
         (("walk_straight", "seeed=3"), {}, "Could not override 'seeed'"),
-        (("walk_straight",), {"priors": wb.Smooth}, "expected a part by its group, one of body, .* found 'priors'"),
+        (("walk_straight",), {"priors": wb.Smooth}, "expected a component by its group, .* found 'priors'"),
         (("walk_straight",), {"prior": "smooth"}, "prior: expected a class, or functools.partial"),
         (("walk_straight",), {"prior": partial(wb.Smooth, ("root_x",))}, "prior: expected a class, or functools.part"),
         (("walk_straight",), {"prior": partial(wb.Smooth, dampin=1.0)}, "Smooth has no key 'dampin'; it has"),
         (("walk_straight",), {"prior": partial(wb.Smooth, damping="much")}, "damping"),
-        (("walk_straight",), {"prior": Path}, "must name a part of the workbench"),
+        (("walk_straight",), {"prior": Path}, "expected a component of the workbench"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_a_sentence(arguments, parts, sentence, tmp_path):
@@ -111,10 +111,10 @@ def test_what_cannot_be_is_refused_in_a_sentence(arguments, parts, sentence, tmp
 
 def test_an_error_says_where_the_run_was_left(tmp_path):
     parts = hand_built()
-    broken = wb.Parts(parts.clip, parts.body, parts.prior, parts.inference, None)
+    broken = wb.Components(parts.clip, parts.body, parts.prior, parts.inference, None)
     with pytest.raises(InputError, match="needs a pose to start from") as caught:
         wb.record(broken, tmp_path / "out")
-    assert caught.value.__notes__ == [f"what there is of the run is in {tmp_path / 'out'}"]
+    assert caught.value.__notes__ == [f"the run's folder: {tmp_path / 'out'}"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
 
 

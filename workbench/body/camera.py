@@ -10,7 +10,7 @@ import numpy as np
 from workbench.body.shape import Triple
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import LARGEST_PX, MOST_CONFIG, check_file, check_places, parse_toml
+from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, check_places, parse_toml
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
-    check_file(path, MOST_CONFIG)
+    check_file(path, MAX_CONFIG)
     try:
         tables = parse_toml(path, path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -8,7 +8,7 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 _TOGETHER = 256  # poses at least that one thread takes
 
@@ -32,7 +32,7 @@ def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
     def turn(first: int, last: int) -> None:
         _forward(poses[first:last], *rows, rotations[first:last], positions[first:last])
 
-    over_threads(turn, len(poses), _TOGETHER)
+    parallel_for(turn, len(poses), _TOGETHER)
     return JointFrames(rotations, positions)
 
 

@@ -39,7 +39,7 @@ from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 Kind = Literal["field", "distance"]
 KINDS: tuple[Kind, ...] = ("field", "distance")  # in the order of the kernel's numbers
@@ -141,7 +141,7 @@ def nearest_distances(skeleton: Skeleton, surface: Surface, poses: FloatArray, p
         *(np.ascontiguousarray(poses), skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(surface.table, surface.joints, surface.bounds, surface.sharpness, points, found),
     )
-    over_threads(lambda first, last: surface_kernel.nearest_distances(first, last, *arguments), len(poses), _TOGETHER)
+    parallel_for(lambda first, last: surface_kernel.nearest_distances(first, last, *arguments), len(poses), _TOGETHER)
     return found
 
 

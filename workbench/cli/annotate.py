@@ -1,4 +1,4 @@
-"""`workbench annotate`: annotate joints in a video by hand, on a page that only this machine can open."""
+"""`workbench annotate`: annotate joints in a video by hand, on a local web page."""
 
 import platform
 import webbrowser
@@ -16,16 +16,15 @@ from workbench.annotation.server import HOST, Server
 def annotate(
     video: Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, or a folder of images.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.csv", help="The file of annotations.")],
-    port: Annotated[int, typer.Option(help="Port of 127.0.0.1; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(help="Port of 127.0.0.1; 0: any free port.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
-    """Annotate joints in a video by hand, on a page that only this machine can open.
+    """Annotate joints in a video by hand, on a local web page.
 
-    The file is written after every annotation; an existing file is continued.
+    The file is saved after every annotation; an existing file is extended.
     It is an input of dataset.keypoints, dataset.initial_annotations,
     dataset.eval_annotations and `workbench calibrate height`.
 
-    \b
     Examples:
       workbench annotate walk.mp4 -o marks.csv
       workbench annotate frames/ -o marks.csv --port 8000 --no-browser
@@ -36,9 +35,9 @@ def annotate(
         print(
             f"{_counts(annotations)}\n"
             f"on this machine: {server.url}\n"
-            f"from another one: ssh -N -L {server.server_port}:{HOST}:{server.server_port} {platform.node()}, "
-            "and then the same address\n"
-            "stop with Ctrl-C; every annotation is written at once",
+            f"from another machine: ssh -N -L {server.server_port}:{HOST}:{server.server_port} {platform.node()}, "
+            "then open the same address\n"
+            "Ctrl-C ends the command; every annotation is saved immediately",
             flush=True,
         )
         if not no_browser:

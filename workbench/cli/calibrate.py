@@ -1,4 +1,4 @@
-"""`workbench calibrate`: calibrate cameras by images of a checkerboard, or of a person of known height."""
+"""`workbench calibrate`: calibrate cameras from images of a checkerboard or of a person of known height."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,32 +24,35 @@ _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existi
 
 @app.callback()
 def _calibrate() -> None:
-    """Calibrate cameras by images of a checkerboard, or of a person of known height.
+    """Calibrate cameras from images of a checkerboard or of a person of known height.
 
     The file is an input of dataset.calibration_file; `workbench check-calibration`
-    checks whether it fits.
+    checks it.
+
+    Examples:
+      workbench calibrate board camera=board.mp4 --corners 9x6 --square-mm 25 -o camera.toml
+      workbench calibrate height walk.mp4 marks.csv --height-m 1.65 -o camera.toml
     """
 
 
 @app.command("board")
 def _board(
     sources: Annotated[list[str], typer.Argument(metavar="NAME=SOURCE", help="Videos or folders of images by camera.")],
-    corners: Annotated[str, typer.Option(metavar="9x6", help="Inner corners, one less than squares each way.")],
-    square_mm: Annotated[float, typer.Option(metavar="MM", help="Side of a square.")],
+    corners: Annotated[str, typer.Option(metavar="9x6", help="Inner corners across and down, one less than squares.")],
+    square_mm: Annotated[float, typer.Option(metavar="MM", help="Side length of a square.")],
     output: _Output,
     floor: Annotated[
         int | None,
         typer.Option(
             metavar="IMAGE",
-            help="Number, from 0, of an image in which the board lies on the floor; "
+            help="Number (from 0) of an image in which the board lies on the floor; "
             "without it the first camera is assumed level.",
         ),
     ] = None,
     overwrite: _Overwrite = False,
 ) -> None:
-    """Calibrate one camera or several by a checkerboard.
+    """Calibrate one or more cameras with a checkerboard.
 
-    \b
     Examples:
       workbench calibrate board camera=board.mp4 --corners 9x6 \\
         --square-mm 25 -o camera.toml
@@ -63,17 +66,17 @@ def _board(
     lenses = [checkerboard.calibrate_lens(name, one, board) for name, one in zip(paths, detections, strict=True)]
     cameras, pair_errors = checkerboard.pose_cameras([lens.camera for lens in lenses], detections, board)
     if floor is None:
-        cameras, up = checkerboard.place_level(cameras), f"up is that of camera {cameras[0].name}, assumed level"
+        cameras, up = checkerboard.place_level(cameras), f"camera {cameras[0].name} is assumed level"
     else:
         cameras = checkerboard.place_on_floor(cameras, detections, board, floor)
-        up = f"the floor is image {floor}'s board"
+        up = f"the floor is the board of image {floor}"
     error_px = float(np.mean([lens.error_px for lens in lenses]))
     write_cameras(output, cameras, error_px, {"made_by": "workbench calibrate board", "up": up})
     for lens, one in zip(lenses, detections, strict=True):
         _print_lens(lens, one)
     for pair, errors in pair_errors.items():
         rms, names = np.sqrt(np.mean(np.square([*errors.values()]))), " with ".join(pair)
-        print(f"{names}: {rms:.2f} px over {len(errors)} images in which both show the board")
+        print(f"{names}: {rms:.2f} px over {len(errors)} images with the board in both cameras")
         _print_by_image(names, errors)
     print(up)
     _print_written(output)
@@ -83,19 +86,20 @@ def _board(
 def _height(
     video: Annotated[Path, typer.Argument(metavar="VIDEO", help="A video or folder of images, for their size.")],
     marks: Annotated[Path, typer.Argument(metavar="MARKS", help="marks.csv, or a folder of OpenPose's JSON.")],
-    height_m: Annotated[float, typer.Option(metavar="M", help="Of the person.")],
+    height_m: Annotated[float, typer.Option(metavar="M", help="Height of the person.")],
     output: _Output,
-    focal_px: Annotated[float | None, typer.Option(metavar="PX", help="Focal length, where it is known.")] = None,
+    focal_px: Annotated[float | None, typer.Option(metavar="PX", help="Focal length, if known.")] = None,
     distance_m: Annotated[
-        float | None, typer.Option(metavar="M", help="From the camera to the person in the first frame.")
+        float | None, typer.Option(metavar="M", help="Distance from the camera to the person in the first frame.")
     ] = None,
-    camera_height_m: Annotated[float | None, typer.Option(metavar="M", help="Of the camera above the floor.")] = None,
-    name: Annotated[str, typer.Option(help="Of the camera in the file.")] = "camera",
+    camera_height_m: Annotated[
+        float | None, typer.Option(metavar="M", help="Height of the camera above the floor.")
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of the camera in the file.")] = "camera",
     overwrite: _Overwrite = False,
 ) -> None:
-    """Calibrate a camera by a person of known height, upright at several places.
+    """Calibrate a camera from a person of known height who stands upright at several places.
 
-    \b
     Examples:
       workbench calibrate height walk.mp4 marks.csv --height-m 1.65 \\
         -o camera.toml
@@ -104,19 +108,19 @@ def _height(
     """
     _check_output(output, overwrite)
     check_name(name)
-    known = person_height.Measurements(height_m, focal_px, distance_m, camera_height_m)
+    measurements = person_height.Measurements(height_m, focal_px, distance_m, camera_height_m)
     image = next(decode(video), None)
     if image is None:
         raise InputError(f"{video}: expected images, found none that can be decoded")
     size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(marks))
-    calibration = person_height.calibrate_by_height(name, size, *segments, known)
+    calibration = person_height.calibrate_by_height(name, size, *segments, measurements)
     value, sigma = calibration.values, calibration.sigma
     notes = {"made_by": "workbench calibrate height"} | {
         key: f"{value[key]:.4g} ± {deviation:.2g}" for key, deviation in sigma.items()
     }
     write_cameras(output, [calibration.camera], calibration.error_px, notes)
     n_frames, error_px = len(calibration.frames), calibration.error_px
-    print(f"{name}: heads and feet of {n_frames} frames are {error_px:.1f} px off")
+    print(f"{name}: reprojection error of head and feet {error_px:.1f} px over {n_frames} frames")
     rms = np.sqrt([(errors**2).mean() * 2.0 for errors in calibration.errors_px])
     by_frame = (f"{frame}: {error:.1f}" for frame, error in zip(calibration.frames, rms, strict=True))
     print(f"px by frame: {', '.join(by_frame)}")
@@ -127,34 +131,36 @@ def _height(
     )
     if calibration.focal_information < 0.5:
         print(
-            "the annotations do not determine the focal length, which is the usual one: a camera that looks down on "
-            "people near and far does; or give --focal-px, or --distance-m and --camera-height-m"
+            "the annotations do not determine the focal length; a default is used. Annotate the person near to and far "
+            "from a camera that points downwards, or add --focal-px, or --distance-m and --camera-height-m"
         )
     _print_written(output)
 
 
 def _check_output(output: Path, overwrite: bool) -> None:
     if output.suffix.lower() != ".toml":
-        raise InputError(f"{output}: expected a name that ends in .toml")
+        raise InputError(f"{output}: expected a file name with the suffix .toml")
     if output.exists() and not overwrite:
-        raise InputError(f"{output}: exists; --overwrite replaces it")
+        raise InputError(f"{output}: the file exists; --overwrite replaces it")
 
 
 def _print_written(output: Path) -> None:
-    print(f"written to {output}; workbench check-calibration checks whether it fits")
+    print(f"written to {output}; workbench check-calibration checks it")
 
 
 def _print_lens(lens: checkerboard.Lens, detections: checkerboard.CheckerboardDetections) -> None:
     name, focal, (across, down) = lens.camera.name, lens.camera.matrix[0, 0], lens.coverage
     print(
-        f"{name}: {lens.error_px:.2f} px over {len(lens.errors_px)} images of {detections.n_searched} searched; "
+        f"{name}: {lens.error_px:.2f} px over {len(lens.errors_px)} of {detections.n_searched} images; "
         f"focal length {focal:.1f} ± {lens.sigma_px:.1f} px; corners span {across:.0%} by {down:.0%} of the image"
     )
     _print_by_image(name, lens.errors_px)
     for number, error in lens.omitted_px.items():
-        print(f"{name}: image {number} is omitted, {error:.2f} px")
+        print(f"{name}: image {number} is omitted, reprojection error {error:.2f} px")
     if lens.sigma_px > _IMPRECISE * focal or min(lens.coverage) < 0.5:
-        print(f"{name}: imprecise: show the board tilted, near, and up to the image's edges, in more images")
+        print(
+            f"{name}: imprecise calibration; record more images with the board tilted, near, and at the image borders"
+        )
 
 
 def _print_by_image(name: str, errors_px: Mapping[int, float]) -> None:
@@ -169,12 +175,12 @@ def _sources(words: Sequence[str]) -> dict[str, Path]:
         if not equals or not path:
             raise InputError(f"{word}: expected NAME=SOURCE, such as left=left.mp4")
         if check_name(name) in sources:
-            raise InputError(f"{word}: camera {name} is named twice")
+            raise InputError(f"{word}: camera {name} occurs twice")
         sources[name] = Path(path).expanduser()
     return sources
 
 
 def _corners(text: str) -> tuple[int, int]:
     if (numbers := re.fullmatch("([0-9]+)x([0-9]+)", text)) is None:
-        raise InputError(f"--corners: expected two numbers of inner corners, such as 9x6, found {text!r}")
+        raise InputError(f"--corners: expected the numbers of inner corners, such as 9x6, found {text!r}")
     return int(numbers[1]), int(numbers[2])

@@ -1,4 +1,4 @@
-"""`workbench check`: whether the configurations stored in recordings still give what was recorded."""
+"""`workbench check`: regression check of recordings against new runs of their configurations."""
 
 import os
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ from typer import Argument, Exit, Option
 
 from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import print_warnings
-from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults
+from workbench.experiment.config.stored import current_defaults
 from workbench.experiment.resume import changes
 from workbench.recording.read.reader import Run, find_recordings
 from workbench.recording.side_by_side import write_side_by_side
@@ -32,55 +32,54 @@ def check(
         list[str],
         Argument(metavar="FOLDER|RUN.rrd|KEY=VALUE...", help="Recordings, and overrides such as paths.data=DATA."),
     ],
-    run: Annotated[bool, Option("--run", help="Run again, also where exactly two recordings are given.")] = False,
-    seeds: Annotated[int | None, Option(min=2, help="Compare with runs of other seeds, as distributions.")] = None,
-    paired: Annotated[bool, Option("--paired", help="Judge the differences between runs of equal seeds.")] = False,
+    run: Annotated[bool, Option("--run", help="Repeat the runs, also for exactly two recordings.")] = False,
+    seeds: Annotated[int | None, Option(min=2, help="Compare the distributions over N other seeds.")] = None,
+    paired: Annotated[bool, Option("--paired", help="Test the differences between runs of equal seeds.")] = False,
     against: Annotated[str | None, Option(metavar="REV", help="Compare this code with another commit's.")] = None,
-    exact: Annotated[bool, Option("--exact", help="Demand identical numbers: rounding fails, too.")] = False,
+    exact: Annotated[bool, Option("--exact", help="Require bitwise identical numbers.")] = False,
     update: Annotated[bool, Option("--update", help="Replace the recordings by the new runs.")] = False,
-    reason: Annotated[str | None, Option(help="With --update: why, for reasons.md next to the recordings.")] = None,
-    record: Annotated[Path | None, Option(metavar="DIFF.rrd", help="Write both runs side by side.")] = None,
-    junit: Annotated[Path | None, Option(metavar="OUT.xml", help="Write the outcome for a build server.")] = None,
-    output: Annotated[Path | None, Option("-o", "--output", help="Keep the new runs in this folder.")] = None,
-    verbose: Annotated[bool, Option("-v", "--verbose", help="Print the numbers that passed, too.")] = False,
+    reason: Annotated[str | None, Option(help="With --update: the reason, appended to reasons.md.")] = None,
+    record: Annotated[Path | None, Option(metavar="DIFF.rrd", help="Write both runs into one recording.")] = None,
+    junit: Annotated[Path | None, Option(metavar="OUT.xml", help="Write the results as JUnit XML.")] = None,
+    output: Annotated[Path | None, Option("-o", "--output", help="Write the new runs to this folder.")] = None,
+    verbose: Annotated[bool, Option("-v", "--verbose", help="Also print the metrics that passed.")] = False,
 ) -> None:
-    """Run recordings again and compare every number: identical, equal to rounding, within tolerance, or changed.
+    """Repeat recorded runs and compare every metric: identical, equal up to rounding, within tolerance, or changed.
 
-    Exactly two recordings are compared with each other, and nothing is run. In the environment of a recording numbers
-    must be equal to rounding, in another one within measured tolerances or those of its configuration (check:).
+    Exactly two recordings are compared with each other without a new run. In the
+    environment of the recording metrics must be equal up to rounding, in another
+    environment within the measured tolerances or those of the configuration (check:).
 
     Examples:
-
-    workbench check recordings/baselines --against HEAD~1
-
-    workbench check a.rrd b.rrd --record diff.rrd
+      workbench check recordings/baselines --against HEAD~1
+      workbench check a.rrd b.rrd --record diff.rrd
     """
     print_warnings()
-    ways = {"--seeds": seeds is not None, "--paired": paired, "--against": against is not None}
-    chosen = [name for name, given in ways.items() if given]
+    modes = {"--seeds": seeds is not None, "--paired": paired, "--against": against is not None}
+    chosen = [name for name, is_set in modes.items() if is_set]
     if len(chosen) > 1:
-        raise InputError(f"{chosen[0]} and {chosen[1]}: expected one of them")
+        raise InputError(f"{chosen[0]} and {chosen[1]}: expected at most one of them")
     if chosen and (update or record is not None):
-        raise InputError(f"{chosen[0]} goes with neither --update nor --record")
+        raise InputError(f"{chosen[0]} cannot be combined with --update or --record")
     if reason is not None and not update:
-        raise InputError("--reason is why recordings are renewed: it goes with --update")
+        raise InputError("--reason: expected it together with --update")
     if exact and (seeds is not None or paired):
-        raise InputError("--exact demands identical numbers: it goes with neither --seeds nor --paired")
+        raise InputError("--exact cannot be combined with --seeds or --paired")
     overrides = [text for text in what if "=" in text and not Path(text).exists()]
     places = [Path(text) for text in what if text not in overrides]
     two = len(places) == 2 and all(place.is_file() for place in places) and not (run or chosen)
     if two and (overrides or update):
         raise InputError("two recordings are compared without running; --run runs each of them again")
     if paired and any(text.startswith("seed=") for text in overrides):
-        raise InputError("seed= would part the pairs: they take the recorded seeds")
-    name_parts(parts_in(overrides))
-    overrides = [quoted(text) for text in overrides if not text.startswith("parts=")]
+        raise InputError("--paired uses the recorded seeds; remove seed=")
+    allow_packages(packages_in(overrides))
+    overrides = [quoted(text) for text in overrides if not text.startswith("component_packages=")]
     if not (paths := find_recordings(*places)):
-        raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
+        raise InputError(f"{', '.join(map(str, places)) or 'no folder'}: expected recordings (.rrd), found none")
     runs, checks = read_sound(paths)
     prepare_hydra()
     with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
-        request = Request(overrides, own_defaults(overrides), Path(folder), exact)
+        request = Request(overrides, current_defaults(overrides), Path(folder), exact)
         if two:
             by_path = {run.path: run for run in runs}
             checks = checks or [_compared(by_path[places[0]], by_path[places[1]], request)]
@@ -102,14 +101,14 @@ def check(
 
 
 def _compared(was: Run, now: Run, request: Request) -> Check:
-    """Compare two recordings, and print which keys of their configurations differ."""
-    if different := changes(was.settings, now.settings):
-        print("\n".join(["configured otherwise:", *(f"  {printable(each)}" for each in different)]))
+    """Compare two recordings, and print the differing keys of their configurations."""
+    if differences := changes(was.settings, now.settings):
+        print("\n".join(["different configurations:", *(f"  {printable(text)}" for text in differences)]))
     return check_two(f"{was.path} → {now.path}", was, now, request)
 
 
 def _record(path: Path, checks: Sequence[Check]) -> None:
-    """Write both runs of the first recording that failed, or else of the first, into one recording."""
+    """Write both runs of the first failed recording, else of the first, into one recording."""
     pairs = sorted((check for check in checks if check.was and check.now), key=lambda check: check.passed)
     if not pairs or pairs[0].was is None or pairs[0].now is None:
         raise InputError(f"{path}: expected two runs to show side by side, found none")

@@ -1,4 +1,4 @@
-"""`workbench check-calibration`: check before tracking whether a calibration fits the images and the people in them."""
+"""`workbench check-calibration`: check a calibration against images and detected people before tracking."""
 
 import warnings
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from workbench.camera_calibration.observed_joints import ObservedJoints, observe
 from workbench.camera_calibration.overlay import draw_overlay
 from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
-from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
@@ -23,22 +23,21 @@ _SIGNS = {True: "fits", False: "WRONG", None: "note"}
 _VERDICTS = {
     True: "the calibration fits",
     False: "the calibration does not fit",
-    None: "it is unknown whether the calibration fits: annotate joints, and view the pictures",
+    None: "not enough joints to check the calibration: annotate joints, or inspect the images",
 }
 
 
 def check_of_dataset(
-    overrides: Annotated[list[str], typer.Argument(metavar="KEY=VALUE", help="The dataset, as for a run.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="For the pictures.")] = Path(
+    overrides: Annotated[list[str], typer.Argument(metavar="KEY=VALUE", help="The dataset, as of a run.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder of the images.")] = Path(
         "check-calibration"
     ),
 ) -> int:
-    """Check before tracking whether a calibration fits the images and the people in them.
+    """Check a calibration against the images and the people in them before tracking.
 
-    Draws a floor, axes, up and the joints into a frame of every camera, and
-    prints what fits. The exit code is 1 where something does not.
+    Draws the floor, the axes, the vertical and the joints into a frame of
+    every camera and prints the findings. The exit code is 1 if one is wrong.
 
-    \b
     Examples:
       workbench check-calibration experiment=balance_4cam paths.data=DATA
       workbench check-calibration dataset=video dataset.source=walk.mp4 \\
@@ -48,11 +47,11 @@ def check_of_dataset(
     config = _composed(overrides)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        seen = observe_joints(build(config.dataset))
+        observed = observe_joints(build(config.dataset))
     height_m = None if config.body is None else config.body.get("height_m")
-    check = check_calibration(seen, None if height_m is None else float(height_m))
-    files = _draw(seen, check, output)
-    warned = [CalibrationFinding(str(each.message)) for each in caught if issubclass(each.category, UserWarning)]
+    check = check_calibration(observed, None if height_m is None else float(height_m))
+    files = _draw(observed, check, output)
+    warned = [CalibrationFinding(str(item.message)) for item in caught if issubclass(item.category, UserWarning)]
     for finding in (*warned, *check.findings):
         print(f"{_SIGNS[finding.fits]:<6}{finding.message}")
     print(f"{_VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
@@ -60,8 +59,8 @@ def check_of_dataset(
 
 
 def _composed(overrides: Sequence[str]) -> DictConfig:
-    """Compose the configuration; raises InputError where it has no complete dataset."""
-    name_parts(parts_in(overrides))
+    """Return the composed configuration; InputError if it has no complete dataset."""
+    allow_packages(packages_in(overrides))
     chosen = {text.partition("=")[0] for text in overrides}
     if not chosen & {"dataset", "experiment"}:
         raise InputError("expected a dataset, such as dataset=video dataset.source=walk.mp4, or an experiment")
@@ -69,19 +68,21 @@ def _composed(overrides: Sequence[str]) -> DictConfig:
     if config.dataset is None:
         raise InputError("expected an experiment with a dataset, found none")
     if missing := sorted(OmegaConf.missing_keys(config.dataset)):
-        raise InputError(f"the dataset lacks {', '.join(missing)}: give dataset.{missing[0]}=…")
+        raise InputError(f"dataset: {', '.join(missing)} required; add dataset.{missing[0]}=…")
     return config
 
 
-def _draw(seen: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[Path]:
-    """Write a picture for each camera, with its name."""
+def _draw(observed: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[Path]:
+    """Write an image for each camera, named after it; return the files."""
     files = []
-    for v, (camera, image) in enumerate(zip(seen.cameras, seen.images, strict=True)):
-        nothing = np.full((seen.keypoints.shape[2], 3), np.nan)
-        marks, joints = (values[seen.best] if len(values) else nothing for values in (seen.keypoints[v], check.joints))
-        picture = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0)
+    for v, (camera, image) in enumerate(zip(observed.cameras, observed.images, strict=True)):
+        empty = np.full((observed.keypoints.shape[2], 3), np.nan)
+        marks, joints = (
+            values[observed.best] if len(values) else empty for values in (observed.keypoints[v], check.joints)
+        )
+        overlay = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0)
         name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in camera.name) or "camera"
         files.append(folder / f"{name}.png")
         with whole_file(files[-1], parents=True) as part:
-            part.write_bytes(cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes())
+            part.write_bytes(cv2.imencode(".png", cv2.cvtColor(overlay, cv2.COLOR_RGB2BGR))[1].tobytes())
     return files

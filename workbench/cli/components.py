@@ -1,4 +1,4 @@
-"""`workbench components`: what can be chosen, and what the keys of an option are."""
+"""`workbench components`: list the experiments and components, and the keys of an option."""
 
 import inspect
 import shutil
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.experiment.config.options import GROUPS, OURS, Option, name_parts, options, packages, parts_in
+from workbench.experiment.config.options import GROUPS, OURS, Option, allow_packages, options, packages, packages_in
 from workbench.utils.errors import InputError
 
 _GROUPS = ("experiment", "paper", *GROUPS)
@@ -18,21 +18,22 @@ def components(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="GROUP|GROUP.OPTION|parts=\\[PACKAGE]",
-            help="What to show, by default all options; parts=\\[my_parts] adds those of a package.",
+            metavar="GROUP|GROUP.OPTION|component_packages=\\[PACKAGE]",
+            help="Groups or options to list; component_packages=\\[my_components] adds a package.",
         ),
     ] = None,
-    table: Annotated[bool, typer.Option("--table", help="Which options go together, and what others lack.")] = False,
+    table: Annotated[
+        bool, typer.Option("--table", help="List which options are compatible, and the unmet requirements.")
+    ] = False,
 ) -> None:
     """List the experiments and components that can be chosen, or the keys of one.
 
-    \b
     Examples:
       workbench components experiment
       workbench components prior.ar_offsets
     """
     names = names or []
-    name_parts(parts_in(names))
+    allow_packages(packages_in(names))
     chosen = [name for name in names if "=" not in name]
     if table:
         print(_combinations())
@@ -41,7 +42,7 @@ def components(
 
 
 def listing() -> str:
-    """Return every group with its options and what they are, one line each."""
+    """Return every group with its options and their summaries, one line each."""
     return "\n\n".join(_options_of(group, lines=1) for group in _GROUPS if options(group))
 
 
@@ -54,11 +55,11 @@ def _options_of(group: str, lines: int | None = None) -> str:
 
 
 def _combinations() -> str:
-    """Return which options go with which, and what the others lack; wrappers with the components of their files."""
+    """Return the compatible options of all pairs of groups, and the unmet requirements of the others."""
     from workbench.experiment.config.requirements import PAIRS, table, traits_of
     from workbench.experiment.config.schema import composed
 
-    named, groups = f"parts=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
+    named, groups = f"component_packages=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
     traits = {
         group: {
             name: traits_of(composed(["experiment=custom", named, f"{group}={name}"])[group]) for name in options(group)
@@ -66,7 +67,7 @@ def _combinations() -> str:
         for group in groups
     }
     text = "\n\n".join(f"{title}\n{_table(rows)}" for title, rows in table(traits).items())
-    return f"{text}\n\nOptions as they stand; a video with marks or joints, for example, has a start and 2-D joints."
+    return f"{text}\n\nWith default keys; a video with annotations or joints also provides a start and 2-D joints."
 
 
 def _described(place: str) -> str:
@@ -79,35 +80,37 @@ def _described(place: str) -> str:
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    from workbench.experiment.config.instantiate import resolved  # here, as a list of options imports none of them
+    from workbench.experiment.config.instantiate import (
+        import_target,
+    )  # imported here, as listing the options does not need it
 
-    target = resolved(option.target)
+    target = import_target(option.target)
     first, _, _ = (inspect.getdoc(target) or "").partition("\n\n")
     return f"{place}: {option.about}\n\n{option.target}: {' '.join(first.split())}\n\n{_table(_keys(option, target))}"
 
 
 def _keys(option: Option, target: Callable[..., object]) -> dict[str, str]:
-    """Return the note on each `key: value`, with the value of the option or else the default of its class."""
+    """Return the notes by `key: value`, with the value of the option or the default of its class."""
     from omegaconf import OmegaConf
 
-    from workbench.experiment.config.instantiate import keys_of
+    from workbench.experiment.config.instantiate import config_keys
 
-    own: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
+    values: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
     rows, notes = {}, option.notes
-    for key, (_, default) in keys_of(target).items():
-        value = own.get(key, "expected" if default is inspect.Parameter.empty else default)
-        shown = "null" if value is None else list(value) if isinstance(value, tuple) else value
-        rows[f"{key}: {shown}"] = notes.get(key, "")
+    for key, (_, default) in config_keys(target).items():
+        value = values.get(key, "required" if default is inspect.Parameter.empty else default)
+        text = "null" if value is None else list(value) if isinstance(value, tuple) else value
+        rows[f"{key}: {text}"] = notes.get(key, "")
     return rows
 
 
 def _table(rows: Mapping[str, str], lines: int | None = None) -> str:
-    """Return two columns, the second wrapped to the terminal and cut after so many lines."""
+    """Return two columns; the second is wrapped to the terminal and truncated after `lines` lines."""
     width = min(max(map(len, rows), default=0), 28)
     room = max(shutil.get_terminal_size((120, 24)).columns - width - 4, 40)
-    found = []
+    table = []
     for left, right in rows.items():
         first, *more = textwrap.wrap(right, room, max_lines=lines, placeholder=" …") or [""]
-        found.append(f"  {left:<{width}}  {first}".rstrip())
-        found += [f"  {'':<{width}}  {text}" for text in more]
-    return "\n".join(found)
+        table.append(f"  {left:<{width}}  {first}".rstrip())
+        table += [f"  {'':<{width}}  {text}" for text in more]
+    return "\n".join(table)

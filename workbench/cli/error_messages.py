@@ -1,4 +1,4 @@
-"""Errors as messages: one sentence and, for an unknown option or key, those that exist and the most similar ones."""
+"""Error messages of the command line; for an unknown option or key, with the existing and the most similar ones."""
 
 import errno
 import re
@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
+from workbench.recording.migrations import todays_experiment, todays_key
 from workbench.utils.errors import InputError, RunFailure, shortened
 from workbench.utils.signals import Interrupted
 
@@ -25,13 +26,13 @@ _MAX_LISTED = 40
 
 
 def report_error(error: BaseException) -> int | None:
-    """Print an expected error and return the exit code; None for any other error, which is a defect.
+    """Print an expected error and return the exit code; None for any other error.
 
-    Expected are bad input (2), a full disk and a failed run (1), and an interruption by signal n (128 + n).
+    Expected errors are bad input (2), a full disk and a failed run (1), and an interruption by signal n (128 + n).
     """
     if isinstance(error, KeyboardInterrupt):
         number = error.number if isinstance(error, Interrupted) else signal.SIGINT
-        _print_error([f"interrupted by {signal.Signals(number).name}; what was recorded is kept"])
+        _print_error([f"interrupted by {signal.Signals(number).name}; the recording so far is saved"])
         return 128 + number
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
     if not is_full and not isinstance(error, (*_BAD_INPUT, RunFailure)):
@@ -41,15 +42,15 @@ def report_error(error: BaseException) -> int | None:
 
 
 def _print_error(message: Sequence[str]) -> None:
-    """Print the lines of a message to stderr; the last is its sentence."""
-    *listed, sentence = message
-    print(*listed, f"workbench: {shortened(sentence)}", sep="\n", file=sys.stderr)
+    """Print the lines of a message to stderr, the last one with the name of the command."""
+    *listed, last = message
+    print(*listed, f"workbench: {shortened(last)}", sep="\n", file=sys.stderr)
 
 
 def message_of(error: BaseException) -> list[str]:
-    """Return the message of an error and its causes, the sentence last, without Hydra's hints on debugging.
+    """Return the lines of the message of an error and its causes, without Hydra's hints on debugging.
 
-    Before the sentence on an unknown option or key stand those that exist.
+    For an unknown option or key the existing ones precede the message.
     """
     chain = list(_causes(error))
     texts: list[str] = []
@@ -57,40 +58,42 @@ def message_of(error: BaseException) -> list[str]:
         text = " ".join(str(cause).split())
         if isinstance(cause, OSError) and cause.filename:
             text = f"{cause.filename}: {cause.strerror}"
-        if text and not any(text in part for part in texts):
+        if text and not any(text in other for other in texts):
             texts.append(text)
     whole = ": ".join(texts)
     if place := _FILE.search(whole):
         file = _file(*place.groups())
-        *listed, sentence = _explained(whole.replace(place[0], file), chain, place[2])
-        return [*listed, sentence if sentence.startswith(file) else f"{file} {sentence}"]
+        *listed, message = _explained(whole.replace(place[0], file), chain, place[2])
+        return [*listed, message if message.startswith(file) else f"{file} {message}"]
     return _explained(whole, chain)
 
 
 def _file(group: str, name: str) -> str:
-    """Return the file of an option, and a colon."""
+    """Return the file of an option, followed by a colon."""
     from workbench.experiment.config.options import find, folders
 
-    name = f"{'experiment' if group == 'when' else group}/{name}"
+    name = f"{'experiment' if group == 'if_chosen' else group}/{name}"
     return f"{find(folders().values(), f'{name}.yaml') or name}:"
 
 
 def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "") -> list[str]:
-    """Return the message on an unknown option or key, and any other text as it is.
+    """Return the message for an unknown option or key; any other text unchanged.
 
-    experiment: the one whose file names the option or key.
+    experiment: the experiment whose file contains the option or key.
     """
     if option := _OPTION.search(whole):
         return _unknown_option(option[1], option[2])
     if not (key := _KEY.search(whole)):
         return [whole]
+    if (old := (_PLACE.search(whole) or key)[1]) != (today := todays_key(old)):
+        return [f"the key {old} is now called {today}"]
     place, keys, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
     name = place[1] if place else key[1]
     group, before = name.partition(".")[0], name.rpartition(".")[0]
     if experiment and component and not get_close_matches(key[1], keys):
         return [
             f"the chosen {group} ({component[1]}) has no key {name}; "
-            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment}"
+            f"use experiment=custom with {group}=…, or the {group} of experiment={experiment}"
         ]
     return _unknown(f"there is no key {name}", key[1], keys, f"{before}." if before else "") if keys else [whole]
 
@@ -98,19 +101,21 @@ def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "")
 def _unknown_option(group: str, name: str) -> list[str]:
     from workbench.experiment.config.options import options
 
+    if group == "experiment" and (today := todays_experiment(name)) != name:
+        return [f"experiment={name} is now called experiment={today}"]
     return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
 
 
-def _unknown(sentence: str, name: str, names: Sequence[str], before: str = "") -> list[str]:
-    """List the names that exist, and add the most similar ones to the sentence."""
+def _unknown(message: str, name: str, names: Sequence[str], before: str = "") -> list[str]:
+    """Return the existing names, and the message with the most similar ones."""
     near = get_close_matches(name, names, n=3, cutoff=0.6)
-    meant = f"; did you mean {' or '.join(before + each for each in near)}?" if near else ""
+    meant = f"; did you mean {' or '.join(before + similar for similar in near)}?" if near else ""
     more = [f"  and {len(names) - _MAX_LISTED} more"] if len(names) > _MAX_LISTED else []
-    return ["there are:", *(f"  {before}{each}" for each in names[:_MAX_LISTED]), *more, f"{sentence}{meant}"]
+    return ["available:", *(f"  {before}{existing}" for existing in names[:_MAX_LISTED]), *more, f"{message}{meant}"]
 
 
 def _keys(chain: Sequence[BaseException]) -> list[str]:
-    """Return the keys that exist where one is unknown."""
+    """Return the existing keys for an error on an unknown key."""
     for cause in chain:
         kind = getattr(cause, "object_type", None)
         if isinstance(kind, type) and is_dataclass(kind):

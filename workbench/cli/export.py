@@ -1,4 +1,4 @@
-"""`workbench export`: the motion in a recording as a file for other programs."""
+"""`workbench export`: export the motion of a recording to a file."""
 
 import sys
 from dataclasses import replace
@@ -23,27 +23,30 @@ _AXES = {".bvh": _Y_UP, ".trc": _Y_UP, ".csv": "z is up, as in the workbench"}
 
 
 def export_recording(
-    recording: Annotated[Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of one cut off.")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of an interrupted run.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc or .csv file to write.")],
-    truth: Annotated[bool, typer.Option("--truth", help="The true joints, not the estimate (.trc and .csv).")] = False,
-    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m; else BVH in cm, TRC in mm.")] = False,
-    intervals: Annotated[bool, typer.Option("--intervals", help="Also the 90 % intervals (.csv).")] = False,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc and .csv).")
+    ] = False,
+    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m; default: BVH in cm, TRC in mm.")] = False,
+    intervals: Annotated[bool, typer.Option("--intervals", help="Include the 90 % credible intervals (.csv).")] = False,
 ) -> None:
-    """Export the motion in a recording for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv).
+    """Export the motion of a recording for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv).
 
-    \b
     Examples:
       workbench export run.rrd -o walk.bvh
       workbench export run.rrd -o walk.csv --intervals
     """
-    check_output(output)  # before the work, not after it
+    check_output(output)  # before reading the recording
     run = read_sound_run(recording)
     track = true_track(run) if truth else estimated_track(run)
     if intervals:
         track = replace(track, bands=_intervals(run, track.frames))
     export(output, track, metres=metres)
-    if (left_out := len(run.poses[0]) - len(track)) > 0:
-        print(f"{run.path}: {left_out} frames have no truth and are left out", file=sys.stderr)
+    if (n_omitted := len(run.poses[0]) - len(track)) > 0:
+        print(f"{run.path}: {n_omitted} frames without ground truth are omitted", file=sys.stderr)
     if run.status != "complete":
         print(f"{run.path}: the run is not complete (status: {run.status})", file=sys.stderr)
     span = f"{len(track)} frames, {track.times_s[0]:.3f} to {track.times_s[-1]:.3f} s"
@@ -51,16 +54,16 @@ def export_recording(
 
 
 def estimated_track(run: Run) -> Track:
-    """Read the expected poses of a recording; raises InputError when it has none, or of another body than ours."""
+    """Return the estimated motion of a recording; InputError if there is none, or for another body."""
     skeleton = _skeleton(run, "with poses")
     frames, times_s, poses = timed(run.path, "poses")
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
-        raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
+        raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found other values")
     return Track(skeleton, frames, times_s, joints(skeleton, poses), poses)
 
 
 def true_track(run: Run) -> Track:
-    """Read the true joints of a recording, without poses; raises InputError when it has none."""
+    """Return the true joints of a recording, without poses; InputError if there are none."""
     skeleton = _skeleton(run, "of a tracked person")
     frames, times_s, positions = timed(run.path, "true_joints")
     if len(frames) == 0:
@@ -69,7 +72,7 @@ def true_track(run: Run) -> Track:
 
 
 def _intervals(run: Run, frames: IntArray) -> dict[str, FloatArray]:
-    """Read the ends of the 90 % intervals of the parameters, in frames (F,): `<name>_low` and `<name>_high`."""
+    """Return the bounds (F,) of the parameters' 90 % intervals by name: `<name>_low` and `<name>_high`."""
     intervals = {}
     for path, curve in run.scalars.items():
         *before, name, row = path.split("/")
@@ -78,11 +81,11 @@ def _intervals(run: Run, frames: IntArray) -> dict[str, FloatArray]:
     return intervals
 
 
-def _skeleton(run: Run, wanted: str) -> Skeleton:
+def _skeleton(run: Run, kind: str) -> Skeleton:
     """Return the tracked person's skeleton, from the properties `body` and `shape`."""
     if "estimate/pose" not in run.scalars:
-        raise InputError(f"{run.path}: expected a recording {wanted} (estimate/pose), found none")
+        raise InputError(f"{run.path}: expected a recording {kind} (estimate/pose), found none")
     body = run.properties.get("body", {})
     if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
-        raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")
+        raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")
     return person_skeleton(read_shape(str(run.path), run.properties.get("shape", {})))

@@ -1,4 +1,4 @@
-"""Quoting of `key=value` arguments for Hydra, whose grammar knows English letters only, and few signs."""
+"""Quote `key=value` arguments for Hydra, whose grammar accepts only ASCII letters and few symbols."""
 
 import re
 
@@ -9,17 +9,15 @@ from workbench.utils.errors import InputError
 
 _FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "sweep.resume", "sweep.reuse", "paths.data", "paths.cache")
 _GRAMMAR = re.compile(r"""[\[\]{}(),'"$\\]""")
-"""Signs of Hydra's grammar: a value with one of them may be a list or a sweep."""
-
-
+"""Symbols of Hydra's grammar: a value with one of them may be a list or a sweep."""
 _NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
-"""A clip such as 35_02, which Hydra would read as the number 3502."""
+"""A clip name such as 35_02, which Hydra would parse as the number 3502."""
 
 
 def quoted(argument: str) -> str:
-    """Quote a value that Hydra cannot read, such as `times_lost>0` or the name of a folder.
+    """Return an argument with its value quoted if Hydra cannot parse it, such as `times_lost>0` or a folder.
 
-    A value with signs of Hydra's grammar stays as it is, except a folder's and names such as 35_02 in it. Raises
+    A value with symbols of Hydra's grammar is unchanged, except for folders and clip names such as 35_02. Raises
     InputError for a value on which Hydra's parser fails.
     """
     key, sign, value = argument.partition("=")
@@ -27,18 +25,18 @@ def quoted(argument: str) -> str:
         return argument
     value = _NAME.sub(r"'\g<0>'", value)
     argument = f"{key}={value}"
-    if _is_read(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):
+    if _is_parsed(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):
         return argument
     return f"{key}='{value.replace(chr(39), chr(92) + chr(39))}'"
 
 
-def _is_read(argument: str) -> bool:
-    """Return whether Hydra reads a value, and as a single one where it is a folder's."""
+def _is_parsed(argument: str) -> bool:
+    """Return whether Hydra parses a value, for a folder as a single value."""
     try:
         override = OverridesParser.create().parse_override(argument)
     except HydraException:
         return False
     except (ValueError, RecursionError) as error:  # thousands of digits, thousands of brackets
         name, _, value = argument.partition("=")
-        raise InputError(f"{name}: expected a value, found one of {len(value)} characters: {error}") from None
+        raise InputError(f"{name}: expected a shorter value, found {len(value)} characters: {error}") from None
     return not (override.key_or_group in _FOLDERS and override.is_sweep_override())

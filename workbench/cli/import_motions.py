@@ -1,4 +1,4 @@
-"""`workbench import`: motion files in, one motion library out."""
+"""`workbench import`: import motion files into a motion library."""
 
 import sys
 from collections.abc import Sequence
@@ -16,21 +16,22 @@ from workbench.utils.errors import InputError
 def import_motions(
     sources: Annotated[list[Path], typer.Argument(metavar="SOURCE", help="An .amc or .bvh file, or a folder.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.h5", help="The library to write.")],
-    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Resample; by default as in the files.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Resampling rate; default: the rate of the files.")
+    ] = None,
     unit: Annotated[Literal["cm", "m"], typer.Option(help="Unit of length of BVH files.")] = "cm",
 ) -> int:
     """Import motion files into a motion library.
 
-    Files that cannot be imported are named, and the others are imported;
-    the exit code is 2 then. Without any, no library is written.
+    Files that cannot be imported are reported and skipped; the exit code is
+    then 2. If no file can be imported, no library is written.
 
-    \b
     Examples:
       workbench import clips/ -o motions.h5
       workbench import dance.bvh jump.bvh -o motions.h5 --unit m --rate 60
     """
-    if not output.parent.is_dir() or output.is_dir():  # before the work, not after it
-        raise InputError(f"{output}: expected the name of a file in a folder that exists")
+    if not output.parent.is_dir() or output.is_dir():  # before reading the files
+        raise InputError(f"{output}: expected a file name in an existing folder")
     motions, reports = import_sources(sources, rate, unit)
     for report in reports:
         print(report, file=sys.stderr)
@@ -41,7 +42,7 @@ def import_motions(
 
 
 def _summary(motions: Sequence[Motion]) -> list[str]:
-    """Return a table of clips, frames and mean residual of the joints after retargeting, by subject and in total."""
+    """Return a table of clips, frames and mean joint residual after retargeting, by subject and in total."""
     lines = [f"{'subject':<12}{'clips':>7}{'frames':>9}{'error mm':>10}"]
     subjects = sorted({motion.subject for motion in motions})
     groups = [(subject, [motion for motion in motions if motion.subject == subject]) for subject in subjects]

@@ -1,5 +1,6 @@
-"""The command `workbench`: its subcommands, each imported when it is called, and how errors end them."""
+"""The command `workbench`: its subcommands, imported when they are called, and their exit codes."""
 
+import inspect
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -31,7 +32,7 @@ COMMANDS = {
 
 
 class _Commands(TyperGroup):
-    """Subcommands that are imported when they are called; the help and a mistyped name import none of them."""
+    """Subcommands that are imported when they are called; the help and a mistyped name import none."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, *rest = args
@@ -40,10 +41,10 @@ class _Commands(TyperGroup):
         return name, _loaded(name), rest
 
     def invoke(self, ctx: Any) -> Any:
-        """Call a subcommand and return its exit code; an expected error is printed as one sentence."""
+        """Call a subcommand and return its exit code; an expected error is printed as one message."""
         try:
             code = super().invoke(ctx)
-            sys.stdout.flush()  # here, where typer lets a closed pipe end the command quietly
+            sys.stdout.flush()  # here, as typer handles a closed pipe
             return code
         except (Exception, KeyboardInterrupt) as error:
             if isinstance(error, (typer.Exit, BrokenPipeError)) or _usage_error(error) is not None:
@@ -83,7 +84,7 @@ for _name, (_, _panel, _summary) in COMMANDS.items():
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `workbench` with these arguments, by default the command line's.
 
-    Returns 0 when all is well, 2 for bad input, 1 for any other failure, 128 + n when signal n ended it.
+    Returns 0 for success, 2 for bad input, 1 for any other failure, 128 + n for an interruption by signal n.
     """
     arguments = ["--help" if text == "-h" else text for text in (sys.argv[1:] if argv is None else argv)]
     try:
@@ -96,14 +97,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _usage_error(error: BaseException) -> str | None:
-    """Return the message of an option or argument that typer refuses; None for any other error."""
-    message = getattr(error, "format_message", None)  # older versions of typer export no class of all these
+    """Return the message of an error in an option or argument; None for any other error."""
+    message = getattr(error, "format_message", None)  # older versions of typer export no common class of these errors
     context = getattr(error, "ctx", None)
     return None if message is None else f"{context.command_path if context else 'workbench'}: {message()}"
 
 
 def _unknown(words: Sequence[str]) -> str:
-    """Return what is wrong with a first word that is no subcommand, and what may be meant."""
+    """Return the message for a first word that is no subcommand, with similar commands."""
     from workbench.experiment.config.options import options
 
     first = words[0]
@@ -113,15 +114,24 @@ def _unknown(words: Sequence[str]) -> str:
     near = near or [f"run experiment={name}" for name in get_close_matches(first, options("experiment"), n=1)]
     if not near:
         return f"there is no command {first!r}; workbench --help lists them"
-    return f"there is no command {first!r}; did you mean: {' or '.join(f'workbench {each}' for each in near)}"
+    return f"there is no command {first!r}; did you mean: {' or '.join(f'workbench {command}' for command in near)}"
 
 
 def _loaded(name: str) -> Any:
     """Import a subcommand: a typer application, or a function with typer's annotations."""
     module, _, attribute = COMMANDS[name][0].partition(":")
-    command = getattr(import_module(f"workbench.cli.{module}"), attribute)
-    if isinstance(command, typer.Typer):
-        return get_command(command)
-    single = typer.Typer(add_completion=False)
-    single.command()(command)
-    return get_command(single)
+    application = getattr(import_module(f"workbench.cli.{module}"), attribute)
+    if not isinstance(application, typer.Typer):
+        function, application = application, typer.Typer(add_completion=False)
+        application.command()(function)
+    return _with_examples_last(get_command(application))
+
+
+def _with_examples_last(command: Any) -> Any:
+    """Move the examples of the docstrings of a command and its subcommands to the end of their help."""
+    for subcommand in getattr(command, "commands", {}).values():
+        _with_examples_last(subcommand)
+    text, _, examples = inspect.cleandoc(command.help or "").partition("Examples:\n")
+    if examples:
+        command.help, command.epilog = text.rstrip("\b\n "), f"Examples:\n{examples}"
+    return command

@@ -1,4 +1,4 @@
-"""Many recordings as tables and plots, grouped by what varied in their configurations."""
+"""`workbench report`: tables and plots of many recordings, grouped by the varied configuration keys."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,27 +15,27 @@ from workbench.utils.errors import InputError
 
 def report(
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER", help="Folders with recordings, or single recordings.")
+        list[Path], typer.Argument(metavar="FOLDER", help="Folders of recordings, or single recordings.")
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="A folder for report.html, report.md, plots, and CSV tables."),
+        typer.Option("-o", "--output", help="Folder for report.html, report.md, plots and CSV tables."),
     ] = None,
 ) -> None:
     """Report metrics over seeds and people, for each group of runs with equal configurations.
 
-    \b
-    workbench report recordings/sweeps/priors
-    workbench report recordings/sweeps/priors recordings/runs/walk_straight -o report/
+    Examples:
+      workbench report recordings/sweeps/priors
+      workbench report recordings/sweeps/priors recordings/runs/walk_straight -o report/
     """
     runs, unreadable = open_sound_runs(*recordings)
     if not runs and not unreadable:
         places = ", ".join(map(str, recordings))
         raise InputError(f"{places}: expected recordings (.rrd, .rrd.part), found none")
     grouping = group_runs(runs, unreadable)
-    found = contents(grouping)
+    report_contents = contents(grouping)
     if output is not None:
-        from workbench.results.report.plots import plots_of  # the terminal's report does without matplotlib
+        from workbench.results.report.plots import plots_of  # imported here, as the terminal's report does not need it
 
         title = f"Report on {', '.join(place.resolve().name for place in recordings)}"
         plots = plots_of(grouping)
@@ -43,10 +43,10 @@ def report(
             "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
             "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
         }
-        files |= {name: render(name, title, found, plots).encode() for name in ("report.md", "report.html")}
+        files |= {name: render(name, title, report_contents, plots).encode() for name in ("report.md", "report.html")}
         for name, content in files.items():
             with whole_file(output / name, parents=True) as part:
                 part.write_bytes(content)
-    print(terminal(found))
+    print(terminal(report_contents))
     if output is not None:
-        print(f"\nlook at it: {output / 'report.html'}")
+        print(f"\nopen: {output / 'report.html'}")

@@ -1,4 +1,4 @@
-"""`workbench run`: compose a configuration, run it, and print what came out."""
+"""`workbench run`: compose a configuration, run it, and print a summary."""
 
 import logging
 import os
@@ -16,11 +16,11 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.cli.error_messages import report_error
 from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import print_warnings, summary_lines
-from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
+from workbench.experiment.config.options import allow_packages, packages_in, set_config_dirs
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.sweep.early_stop import stop_when
+from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import metric_of, run_job
-from workbench.sweep.table import Watch, close, rest_of
+from workbench.sweep.table import Watch, close, remaining_overrides
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
 
@@ -31,15 +31,15 @@ log = logging.getLogger(__name__)
 app = typer.Typer(add_completion=False)
 
 _LAUNCHER_DIED = RuntimeError
-"""Base of what joblib (TerminatedWorkerError) and submitit (UncompletedJobError) raise when a worker is killed."""
+"""Base of the errors of joblib (TerminatedWorkerError) and submitit (UncompletedJobError) for a killed worker."""
 
 _NOT_FOR_HYDRA = ("from=", "hydra.run.dir=")
-"""Arguments that Hydra does not read where a recorded run goes on."""
+"""Arguments that Hydra does not parse when a recorded run is resumed."""
 _ENVIRONMENT = {
-    "HYDRA_FULL_ERROR": "1",  # errors reach `run` instead of Hydra's own report
-    "RUST_LOG": "warn,re_log_encoding=off,re_sdk=off",  # a full disk ends the run, which prints one sentence
+    "HYDRA_FULL_ERROR": "1",  # errors reach `run` instead of Hydra's report
+    "RUST_LOG": "warn,re_log_encoding=off,re_sdk=off",  # a full disk ends the run with one message
     "MIMALLOC_PURGE_DELAY": "0",  # Rerun returns free memory at once: a third less for a long run
-    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 27),  # of an image file
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 27),  # limit for image files
 }
 """Defaults for this process and the workers of its launcher, read when Rerun and OpenCV are imported."""
 
@@ -51,23 +51,21 @@ def run(
         typer.Argument(metavar="GROUP=OPTION|KEY=VALUE", help="Components to choose and keys to set."),
     ] = None,
 ) -> int:
-    """Run an experiment and write its recording; with -m, run every combination of the values listed.
+    """Run an experiment and write its recording; with -m, run all combinations of the listed values.
 
-    An experiment chooses components and sets their keys, and words on the
-    command line replace these; `workbench components` lists what there is.
-    Options such as --config-dir=FOLDER, --cfg job and --info are Hydra's;
-    --hydra-help lists them.
+    An experiment chooses components and sets their keys; arguments override
+    these. `workbench components` lists experiments and components. Options such
+    as --config-dir=FOLDER, --cfg job and --info are Hydra's; see --hydra-help.
 
-    \b
     Examples:
       workbench run experiment=walk_circle seed=3 inference.n_particles=2000
       workbench run -m prior=walking,smooth seed=1,2,3
-      workbench run from=RUN.rrd seed=4        # a recorded configuration, changed
-      workbench run from=RUN.rrd@120 seed=4    # the same from frame 120 on
+      workbench run from=RUN.rrd seed=4        # a recorded run with another seed
+      workbench run from=RUN.rrd@120 seed=4    # resumed at frame 120
     """
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    logging.raiseExceptions = False  # on a full disk, every line of run.log would bring a traceback
+    logging.raiseExceptions = False  # else every log line on a full disk prints a traceback
     Watch.progress = None
     code, arguments = 0, list[str]()
     with interruptible(first=Watch.end):
@@ -88,26 +86,26 @@ def run(
 
 
 def _is_override(argument: str) -> bool:
-    """Return whether it is no option without a value of its own: Hydra reads overrides on one side of these."""
+    """Return whether an argument is no option, as Hydra expects all overrides after the options."""
     return argument not in ("-m", "--multirun") and not re.match("--[a-z-]+=", argument)
 
 
 def _run(arguments: list[str]) -> None:
     if unnamed := [text for text in arguments if text.startswith("=")]:
         raise InputError(f"expected key=value, found {unnamed[0]!r}")
-    name_parts(parts_in(arguments))
-    name_config_dir(arguments)
+    allow_packages(packages_in(arguments))
+    set_config_dirs(arguments)
     if any(text.startswith("--experimental-rerun") for text in arguments):
-        raise InputError("--experimental-rerun would unpickle a file; from=RUN.rrd runs a recorded configuration")
+        raise InputError("--experimental-rerun would unpickle a file; use from=RUN.rrd to repeat a recorded run")
     if any(text.startswith("from=") for text in arguments):
         _branch(arguments)
     else:
-        _whole_sweep(arguments)
+        _run_hydra(arguments)
 
 
 def _branch(arguments: list[str]) -> None:
-    """Run a recorded configuration with changes, which Hydra does not compose."""
-    from workbench.experiment.branch import branch  # here, as in `_job`
+    """Run a recorded configuration with changes, without Hydra."""
+    from workbench.experiment.branch import branch  # imported here, as in `_job`
 
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))
@@ -116,11 +114,11 @@ def _branch(arguments: list[str]) -> None:
     _log(branch(arguments))
 
 
-def _whole_sweep(arguments: list[str]) -> None:
-    """Run Hydra; when joblib dies of a killed worker, run it again for the jobs that have not begun."""
+def _run_hydra(arguments: list[str]) -> None:
+    """Run Hydra; if a killed worker ends joblib, run it again for the jobs that have not begun."""
     before, rest = sys.argv, list[str]()
     while True:
-        sys.argv = ["workbench run", *arguments, *rest]  # where Hydra reads them
+        sys.argv = ["workbench run", *arguments, *rest]  # Hydra reads them here
         try:
             _job()
             return
@@ -128,37 +126,37 @@ def _whole_sweep(arguments: list[str]) -> None:
             if (progress := Watch.progress) is None:
                 raise
             progress.stop()
-            reason = next(iter(str(error).splitlines()), "")  # pages follow, of what its process printed
-            print(f"workbench: the launcher died: {type(error).__name__}: {reason}", file=sys.stderr)
-            if not (rest := rest_of(progress)):
+            reason = next(iter(str(error).splitlines()), "")  # the output of its process follows
+            print(f"workbench: the launcher was terminated: {type(error).__name__}: {reason}", file=sys.stderr)
+            if not (rest := remaining_overrides(progress)):
                 return
-            print(f"workbench: it is started again for {len(progress.not_begun())} jobs", file=sys.stderr)
+            print(f"workbench: the launcher is restarted for {len(progress.not_begun())} jobs", file=sys.stderr)
         finally:
             sys.argv = before
 
 
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
 def _job(config: DictConfig) -> float | None:
-    """Run one job and return the number that a tuner minimises, see `metric_of`."""
+    """Run one job and return the objective of a tuner, see `metric_of`."""
     print_warnings()
     settings, sweep = HydraConfig.get(), config.sweep
-    config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as when it runs alone
+    config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as without a sweep
     experiment = str(settings.runtime.choices.get("experiment") or "custom")
     if settings.mode == RunMode.MULTIRUN:
         return run_job(config, sweep, experiment, settings)
     from workbench.experiment.provenance import Command
-    from workbench.experiment.run import execute  # here, so that help and a sweep's own process do without
+    from workbench.experiment.run import execute  # imported here, as the help does not need it
 
     try:
         choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
         command = Command(list(settings.overrides.task), choices)
-        stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
+        stop = None if sweep.stop_if is None else parse_stop_condition(sweep.stop_if)
         summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command, stop=stop)
-        metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
+        metric = metric_of({**summary.metrics, **summary.cost}, sweep.objective)
     except Exception as error:
         if (code := report_error(error)) is None:
             raise
-        sys.exit(code)  # Hydra adds a line to any exception
+        sys.exit(code)  # Hydra would add a line to an exception
     _log(summary)
     return metric
 
@@ -168,4 +166,4 @@ def _log(summary: "Summary") -> None:
         log.info("%s", line)
 
 
-prepare_hydra()  # here, since the workers of a launcher import this module and call no `run`
+prepare_hydra()  # here, as the workers of a launcher import this module without calling `run`

@@ -1,4 +1,4 @@
-"""The summary of a run in the terminal: the verdict, the numbers that matter, and where the rest is."""
+"""Summary of a run in the terminal: verdict, main metrics, and location of the files."""
 
 import logging
 import os
@@ -31,7 +31,7 @@ NUMBERS: Mapping[str, tuple[str, str, float]] = {
 
 
 def summary_lines(summary: "Summary") -> Iterator[str]:
-    """Yield the lines on a run; of a study, all its numbers."""
+    """Yield the lines of the summary; for a study, all its metrics."""
     if summary.verdict is not None:
         yield f"verdict: {summary.verdict.sentence}"
     metrics = summary.metrics
@@ -39,20 +39,20 @@ def summary_lines(summary: "Summary") -> Iterator[str]:
         width = max(map(len, metrics), default=0)
         yield from (f"{name:<{width}} {value:10.4g}" for name, value in metrics.items())
     else:
-        shown = {name: metrics[name] for name in NUMBERS if name in metrics and name not in summary.constant}
-        names = {name: f"{NUMBERS[name][0]} ({name})" for name in shown}
+        printed = {name: metrics[name] for name in NUMBERS if name in metrics and name not in summary.constant}
+        names = {name: f"{NUMBERS[name][0]} ({name})" for name in printed}
         width = max(map(len, names.values()), default=0)
-        for name, value in shown.items():
+        for name, value in printed.items():
             _, unit, factor = NUMBERS[name]
             yield f"  {names[name]:<{width}} {factor * value:8.4g} {unit}"
-        rest = len(metrics) - len(shown)
-        yield f"  {rest} more numbers: {_shortest(summary.recording.with_name(SUMMARY))}"
+        rest = len(metrics) - len(printed)
+        yield f"  {rest} more metrics: {_shortest(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"
     yield f"look at it: {_command()} view {quote(_shortest(summary.recording))}"
 
 
 def print_warnings() -> None:
-    """Print Python's warnings as a sentence each, without the file and the line that raised them."""
+    """Print Python's warnings without the file and line that raised them."""
     logging.captureWarnings(True)
     warnings.formatwarning = lambda message, category, filename, lineno, line=None: str(message)
 
@@ -60,21 +60,21 @@ def print_warnings() -> None:
 def _times(cost: Mapping[str, float]) -> str:
     text = f"took {cost.get('seconds', 0.0):.1f} s"
     if "ms_per_frame" in cost:
-        text += f", {cost['ms_per_frame']:.0f} ms a frame"
+        text += f", {cost['ms_per_frame']:.0f} ms per frame"
     if "compiling_s" in cost:
         text += f"; compiling kernels, once on this machine, {cost['compiling_s']:.1f} s"
     return text
 
 
 def _command() -> str:
-    """Return how this shell calls `workbench`: by its path where the name does not find that of this Python."""
-    own, on_path = Path(sys.executable).with_name("workbench"), shutil.which("workbench")
-    if not own.is_file() or (on_path is not None and Path(on_path).resolve() == own.resolve()):
+    """Return the command `workbench`, with its path if the shell would find another one."""
+    installed, on_path = Path(sys.executable).with_name("workbench"), shutil.which("workbench")
+    if not installed.is_file() or (on_path is not None and Path(on_path).resolve() == installed.resolve()):
         return "workbench"
-    return quote(_shortest(own))
+    return quote(_shortest(installed))
 
 
 def _shortest(path: Path) -> str:
-    """Return a path relative to the working directory where it lies below that, or an absolute one."""
+    """Return a path relative to the working directory if it is below it, else absolute."""
     relative = os.path.relpath(path)
     return os.path.abspath(path) if relative.startswith("..") else relative

@@ -1,4 +1,9 @@
-"""Recorded runs: list, compare, view, restore and delete them."""
+"""List, compare, view, restore and delete recorded runs.
+
+Examples:
+  workbench runs list experiment=walk_straight
+  workbench runs diff recordings/sweeps/priors/3 recordings/sweeps/priors/13
+"""
 
 import json
 import os
@@ -30,13 +35,13 @@ _Query = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="FOLDER|KEY=VALUE", show_default=False,
-        help="Folders (recordings/runs and recordings/sweeps), and conditions: = != with values, commas between them, "
-        "< <= > >=, and ~ for a regular expression. Keys are numbers, choices (prior), status, experiment, seed, "
-        "started, commit, or a key of the configuration or its end.",
+        help="Folders (default: recordings/runs, recordings/sweeps), and conditions: = != with values, separated by "
+        "commas, < <= > >=, and ~ with a regular expression. Keys are metrics, choices (prior), status, experiment, "
+        "seed, started, commit, or a configuration key or its last part.",
     ),
 ]  # fmt: skip
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or recording.")]
-Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Smallest first; -KEY: largest first.")]
+Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Ascending; -KEY: descending.")]
 
 
 @app.command("list")
@@ -44,46 +49,49 @@ def _list_runs(
     query: _Query = None,
     sort: Sort = None,
     columns: Annotated[
-        str | None, typer.Option(metavar="KEY,…", help="Columns; varied: how the configurations differ.")
+        str | None, typer.Option(metavar="KEY,…", help="Columns; varied: the differing configuration keys.")
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {_N_ROWS}.")] = False,
-    by_sweep: Annotated[bool, typer.Option("--sweeps", help="A row for each sweep.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="All that is known of the runs, as JSON.")] = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="The columns, or all numbers, as CSV.")] = False,
-    n_best: Annotated[int | None, typer.Option("--view", metavar="N", min=0, help="View the best N; 0: all.")] = None,
-    as_report: Annotated[bool, typer.Option("--report", help="Report on them, as workbench report does.")] = False,
+    every: Annotated[bool, typer.Option("--all", help=f"Print all rows; default: the first {_N_ROWS}.")] = False,
+    by_sweep: Annotated[bool, typer.Option("--sweeps", help="One row for each sweep.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all fields of the runs as JSON.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print the columns, or all metrics, as CSV.")] = False,
+    n_best: Annotated[
+        int | None, typer.Option("--view", metavar="N", min=0, help="Open the best N in the viewer; 0: all.")
+    ] = None,
+    as_report: Annotated[bool, typer.Option("--report", help="Report on the runs, as workbench report.")] = False,
 ) -> None:
-    """List runs, newest first, with how they ended, what varied and their errors.
+    """List runs, newest first, with status, differences and errors.
 
-    workbench runs list experiment=walk_straight 'error_px<9' --sort error_px
-    workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,error_abs_mm --csv
+    Examples:
+      workbench runs list experiment=walk_straight 'error_px<9' --sort error_px
+      workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,error_abs_mm --csv
     """
-    found = sort_runs(_select(query)[0], sort)
+    runs = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
     if n_best is not None:
         from workbench.cli.view import view
 
-        view(_recordings(found if sort else best_first(found))[: n_best or None])
+        view(_recordings(runs if sort else best_first(runs))[: n_best or None])
     elif as_report:
         from workbench.cli.report import report
 
-        report(_recordings(found))
+        report(_recordings(runs))
     elif as_json:
-        print(json.dumps(records_of(found), indent=1))
+        print(json.dumps(records_of(runs), indent=1))
     elif as_csv:
-        numbers = sorted(name.removeprefix("metrics.") for name in found if name.startswith("metrics."))
+        numbers = sorted(name.removeprefix("metrics.") for name in runs if name.startswith("metrics."))
         names = names or ["path", "started", "status", "experiment", "seed", *numbers]
-        listing(found, names).to_csv(sys.stdout, index=False)
+        listing(runs, names).to_csv(sys.stdout, index=False)
     elif by_sweep:
-        print(text(sweeps(found)))
-    elif found.empty:
-        print("no run fits")
+        print(text(sweeps(runs)))
+    elif runs.empty:
+        print("no matching run")
     else:
-        few = found if every else found[:_N_ROWS]
-        print(text(listing(few, names), longest=80))
-        if len(few) < len(found):
-            print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
-        for error in few["error"][few["status"] == "unreadable"]:
+        listed = runs if every else runs[:_N_ROWS]
+        print(text(listing(listed, names), longest=80))
+        if len(listed) < len(runs):
+            print(f"and {len(runs) - len(listed)} more: use --all or a narrower query")
+        for error in listed["error"][listed["status"] == "unreadable"]:
             _warn(error)
 
 
@@ -91,25 +99,27 @@ def _list_runs(
 def diff(first: Run, second: Run) -> None:
     """Compare the configuration, the code and the results of two runs.
 
-    workbench runs diff recordings/sweeps/priors/3 recordings/sweeps/priors/13
-    workbench runs diff recordings/runs/walk_straight/TIME recordings/baselines/walk_straight.rrd
+    Examples:
+      workbench runs diff recordings/sweeps/priors/3 recordings/sweeps/priors/13
+      workbench runs diff recordings/runs/walk_straight/TIME recordings/baselines/walk_straight.rrd
     """
     a, b = (records_of(_one(place))[0] for place in (first, second))
     rows = difference(a, b)
     print(f"A: {printable(a['path'])}\nB: {printable(b['path'])}")
-    print("nothing differs but where and when" if rows.empty else text(rows))
+    print("no differences except location and time" if rows.empty else text(rows))
 
 
 @app.command()
 def gallery(
     query: _Query = None,
     sort: Sort = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Open no viewer: print what opens one.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Print the command that opens a viewer; open none.")] = False,
 ) -> None:
-    """Show runs as cards with pictures in the viewer.
+    """Show runs as cards with images in the viewer.
 
-    workbench runs gallery recordings/sweeps/priors
-    workbench runs gallery prior=walking --sort error_px --serve
+    Examples:
+      workbench runs gallery recordings/sweeps/priors
+      workbench runs gallery prior=walking --sort error_px --serve
     """
     from workbench.cli.view import viewer
     from workbench.recording.write.file import HOST
@@ -118,32 +128,36 @@ def gallery(
     program = None if serve else viewer()
     try:
         with gallery(sort_runs(_select(query)[0], sort)) as served:
-            for sentence in served.left_out:
-                _warn(sentence)
+            for message in served.left_out:
+                _warn(message)
             print(f"{served.n_runs} runs as cards at {served.url}", flush=True)
             if program is None:
                 port, command = urlsplit(served.url).port, f"rerun --bind {HOST} '{served.url}'"
                 print(f"on this machine: {command}")
-                print(f"elsewhere: ssh -N -L {port}:{HOST}:{port} {platform.node()}, and there the same {command}")
-                print("until this is interrupted (Ctrl-C)", flush=True)
+                tunnel = f"ssh -N -L {port}:{HOST}:{port} {platform.node()}"
+                print(f"from another machine: {tunnel}, then run the same {command}")
+                print("Ctrl-C ends the command", flush=True)
                 signal.pause()
             code = processes.run([str(program), "--bind", HOST, "--port", "auto", served.url]).returncode
     except KeyboardInterrupt:
         raise typer.Exit(0 if serve else 130) from None
     if code:
-        _warn(f"the viewer ended with exit code {code}; --serve prints what opens it from another machine")
+        _warn(f"the viewer ended with exit code {code}; --serve prints how to open it from another machine")
         raise typer.Exit(1)
 
 
 @app.command()
 def restore(
     run: Run,
-    changes: Annotated[bool, typer.Option("--changes", help="Print its change of the code, for git apply.")] = False,
+    changes: Annotated[
+        bool, typer.Option("--changes", help="Print the difference of its code, for git apply.")
+    ] = False,
 ) -> None:
     """Print the commands that restore a run's code and configuration.
 
-    workbench runs restore recordings/sweeps/priors/3
-    workbench runs restore --changes recordings/sweeps/priors/3 | git apply
+    Examples:
+      workbench runs restore recordings/sweeps/priors/3
+      workbench runs restore --changes recordings/sweeps/priors/3 | git apply
     """
     from workbench.recording.read.crash_probe import read_sound_run
     from workbench.results.restore import restore
@@ -155,16 +169,17 @@ def restore(
         return
     commands, missing = restore(recorded, Path(__file__).parents[2])
     print("\n".join(commands))
-    for sentence in missing:
-        _warn(sentence)
+    for message in missing:
+        _warn(message)
 
 
 @app.command()
 def watch(sweep: Annotated[Path, typer.Argument(help="The sweep's folder.")]) -> None:
-    """Follow a sweep that another process runs until its jobs have ended.
+    """Follow a sweep of another process until its jobs have ended.
 
-    workbench runs watch recordings/sweeps/priors
-    workbench runs watch recordings/sweeps/walk_straight/TIME
+    Examples:
+      workbench runs watch recordings/sweeps/priors
+      workbench runs watch recordings/sweeps/walk_straight/TIME
     """
     from workbench.sweep.table import watch
 
@@ -177,45 +192,46 @@ def watch(sweep: Annotated[Path, typer.Argument(help="The sweep's folder.")]) ->
 @app.command()
 def rm(
     query: _Query = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Delete them; without it, only list them.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Delete the runs; without it, only list them.")] = False,
 ) -> None:
-    """Delete runs, or list what would be deleted.
+    """Delete runs, or list the runs that would be deleted.
 
-    workbench runs rm status=failed
-    workbench runs rm status=failed 'started<2026-11-01' --yes
+    Examples:
+      workbench runs rm status=failed
+      workbench runs rm status=failed 'started<2026-11-01' --yes
     """
     from workbench.results.removal import check_removable, consequence, remove, size_of
 
-    found, places = _select(query)
-    if found.empty:
-        raise InputError("no run fits")
-    check_removable(found, places)
+    runs, places = _select(query)
+    if runs.empty:
+        raise InputError("no matching run")
+    check_removable(runs, places)
     sizes = []
-    for path, status, started in zip(map(Path, found["path"]), found["status"], found["started"], strict=True):
+    for path, status, started in zip(map(Path, runs["path"]), runs["status"], runs["started"], strict=True):
         size, more = size_of(path), consequence(path)
         if yes:
             try:
                 remove(path, started)
-            except InputError as error:  # the other runs are removed all the same
+            except InputError as error:  # the other runs are still removed
                 _warn(str(error))
                 continue
         sizes.append(size)
         print(f"{size / 1e6:>6.1f} MB  {printable(status):<11}  {printable(f'{path}: {more}' if more else str(path))}")
-    done = "removed" if yes else "would be removed; nothing was done, --yes does it"
+    done = "removed" if yes else "would be removed; --yes removes them"
     print(f"{len(sizes)} runs, {sum(sizes) / 1e6:.1f} MB: {done}")
-    if len(sizes) < len(found):
+    if len(sizes) < len(runs):
         raise typer.Exit(2)
 
 
 def _select(query: Sequence[str] | None) -> tuple[pd.DataFrame, list[Path]]:
-    """Return the runs that a query selects, and the places where it searched."""
+    """Return the runs of a query and the searched folders."""
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text at all
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names may not be valid text
     words = {word: None if os.path.exists(word) else parse_condition(word) for word in query or []}
     places = [Path(word) for word, condition in words.items() if condition is None]
     places = places or [place for place in map(Path, HOME) if place.is_dir()]
     if not places:
-        raise InputError(f"expected {' or '.join(HOME)} here, or folders on the command line, found neither")
+        raise InputError(f"expected {' or '.join(HOME)} in this folder, or folders as arguments, found neither")
     return select(read_runs(*places), filter(None, words.values())), places
 
 
@@ -229,18 +245,18 @@ def _one(place: Path) -> pd.DataFrame:
 
 
 def _recordings(runs: pd.DataFrame) -> list[Path]:
-    """Return the recordings of the runs, also of runs that have ended since they were listed."""
+    """Return the recordings of the runs, including runs that have ended since the query."""
     recordings = []
     for recording in runs["recording"].dropna():
-        there = next(filter(os.path.exists, (recording, recording.removesuffix(".part"))), None)
-        if there is None:
-            _warn(f"{recording}: left out, as it was removed meanwhile")
+        path = next(filter(os.path.exists, (recording, recording.removesuffix(".part"))), None)
+        if path is None:
+            _warn(f"{recording}: omitted, as it was removed")
         else:
-            recordings.append(Path(os.path.abspath(there) if there.startswith("-") else there))  # which is no option
+            recordings.append(Path(os.path.abspath(path) if path.startswith("-") else path))  # not an option
     if not recordings:
-        raise InputError("no run fits that has a recording")
+        raise InputError("no matching run with a recording")
     return recordings
 
 
-def _warn(sentence: str) -> None:
-    print(f"workbench runs: {printable(sentence)}", file=sys.stderr)
+def _warn(message: str) -> None:
+    print(f"workbench runs: {printable(message)}", file=sys.stderr)

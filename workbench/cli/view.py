@@ -1,4 +1,4 @@
-"""`workbench view`: recordings in the Rerun viewer; two are shown side by side, more with their curves overlaid."""
+"""`workbench view`: open recordings in the Rerun viewer, two side by side, more with overlaid curves."""
 
 import platform
 import shutil
@@ -26,19 +26,17 @@ from workbench.utils.signals import interruptible
 @interruptible()
 def view(
     recordings: Annotated[list[Path], Argument(metavar="RUN|FOLDER...", help="Recordings, or folders of them.")],
-    web: Annotated[bool, Option("--web", help="For a browser, on a server too: prints what to open.")] = False,
+    web: Annotated[bool, Option("--web", help="Serve a viewer for a browser and print its address.")] = False,
 ) -> None:
-    """Open recordings in the viewer: two side by side, more under what varied with their curves over each other.
+    """Open recordings in the viewer: two side by side, more with overlaid curves, labelled by their differences.
 
     Examples:
-
-    workbench view a.rrd b.rrd
-
-    workbench view recordings/sweeps/priors --web
+      workbench view a.rrd b.rrd
+      workbench view recordings/sweeps/priors --web
     """
     program, runs = viewer(), _readable(recordings)
     pair = len(recordings) == len(runs) == 2 and all(path.is_file() for path in recordings)
-    with TemporaryDirectory(prefix="workbench-") as folder:  # kept as long as the viewer is open
+    with TemporaryDirectory(prefix="workbench-") as folder:  # exists until the viewer is closed
         files = _side_by_side(runs, recordings, Path(folder)) if pair else _together(runs, Path(folder))
         code = show([str(program), "--bind", HOST, *_ports(web)], files)
     if code:
@@ -47,15 +45,15 @@ def view(
 
 
 def show(command: Sequence[str], files: Sequence[Path]) -> int:
-    """Open recordings in the viewer, which shows the last of them, and wait until it is closed; returns its exit code.
+    """Open recordings in the viewer, which shows the last one, and return its exit code when it is closed.
 
-    Several go through a pipe one after the other: it reads files at once, and shows the one that it has read last.
+    Several recordings are piped in order, as the viewer would read files concurrently and show the one read last.
     """
     if len(files) == 1:
         return processes.run([*command, str(files[0])]).returncode
     with processes.start([*command, "-"]) as process:
         assert process.stdin is not None
-        with suppress(BrokenPipeError):  # the viewer was closed meanwhile
+        with suppress(BrokenPipeError):  # the viewer was closed
             for path in files:
                 with path.open("rb") as file:
                     end = end_of_whole(file, HEAD) if path.suffix == ".part" else path.stat().st_size
@@ -66,12 +64,12 @@ def show(command: Sequence[str], files: Sequence[Path]) -> int:
 
 
 def _ports(web: bool) -> list[str]:
-    """Return the viewer's options for its ports; in a browser, print what opens it from here and from elsewhere."""
+    """Return the viewer's options for its ports; for a browser, print its local and remote addresses."""
     if not web:
         return ["--port", "auto"]
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.create_server((HOST, 0))) for _ in range(2)]
-        page, data = (each.getsockname()[1] for each in sockets)  # which are free now
+        page, data = (server.getsockname()[1] for server in sockets)  # free ports
     print(f"open http://{HOST}:{page}/?url=rerun%2Bhttp://{HOST}:{data}/proxy")
     ports = f"-L {page}:{HOST}:{page} -L {data}:{HOST}:{data}"
     print(f"from another machine first: ssh {ports} {platform.node()}", flush=True)
@@ -79,54 +77,57 @@ def _ports(web: bool) -> list[str]:
 
 
 def viewer() -> Path:
-    """Return Rerun's program, which its package installs next to Python; raises InputError without one."""
+    """Return the path of Rerun's viewer, installed next to Python; InputError if it is missing."""
     folder = Path(sys.executable).parent
     if (path := shutil.which("rerun", path=str(folder))) is None:
-        raise InputError(f"{folder}: expected the viewer's program rerun next to Python; pip install rerun-sdk")
+        raise InputError(f"{folder}: expected the viewer `rerun` in this folder; run pip install rerun-sdk")
     return Path(path)
 
 
 def names(runs: Sequence[Run]) -> list[str]:
-    """Return a name for each run: what distinguishes it from the others, its seed, how it ended, and its path where
-    another has the same name."""
+    """Return a unique name for each run: its differences from the others, seed, status, and its path if needed."""
     several_seeds = len({run.provenance.get("seed") for run in runs}) > 1
-    named = []
+    run_names = []
     for run, name in zip(runs, labels(runs), strict=True):
         seed = [f"seed={run.provenance.get('seed')}"] if several_seeds else []
-        status = [{"running": "cut off"}.get(run.status, run.status)] if run.status != "complete" else []
-        named.append(", ".join([name, *seed, *status]))
-    return [f"{name} ({run.path})" if named.count(name) > 1 else name for name, run in zip(named, runs, strict=True)]
+        status = [{"running": "unfinished"}.get(run.status, run.status)] if run.status != "complete" else []
+        run_names.append(", ".join([name, *seed, *status]))
+    return [
+        f"{name} ({run.path})" if run_names.count(name) > 1 else name for name, run in zip(run_names, runs, strict=True)
+    ]
 
 
 def labels(runs: Sequence[Run]) -> list[str]:
-    """Return what distinguishes each run from the others, but for its seed."""
+    """Return the differences of each run from the others, except the seed."""
     settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
     keys = what_varied(settings).keys
     return [label(keys, values) or str(values["experiment"]) for values in settings]
 
 
 def _readable(places: Sequence[Path]) -> list[Run]:
-    """Return the recordings there, one of each run, and print which are left out; InputError when none is left."""
+    """Return the readable recordings, one for each run, and print the omitted ones; InputError if none remains."""
     runs, problems = open_sound_runs(*places)
-    left_out = [problem.reason for problem in problems]
+    omitted = [problem.reason for problem in problems]
     by_id: dict[str, Run] = {}
     for run in runs:
         try:
-            _ = run.settings  # which name it
+            _ = run.settings  # needed for its name
         except InputError as error:
-            left_out.append(str(error))
+            omitted.append(str(error))
             continue
         if run is not (same := by_id.setdefault(run.id or str(run.path), run)):
-            left_out.append(f"{run.path}: the same run as {same.path}")
-    for reason in left_out:
-        print(f"workbench view: left out: {reason}", file=sys.stderr)
+            omitted.append(f"{run.path}: the same run as {same.path}")
+    for reason in omitted:
+        print(f"workbench view: omitted: {reason}", file=sys.stderr)
     if not by_id:
-        raise InputError(f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none to open")
+        raise InputError(
+            f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none that can be opened"
+        )
     return list(by_id.values())
 
 
 def _side_by_side(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[Path]:
-    """Write one recording that holds both, in the order they were given."""
+    """Write one recording with both runs, in the order of the arguments."""
     a, b = sorted(runs, key=lambda run: places.index(run.path))
     first, second = names([a, b])
     path = folder / "side_by_side.rrd"
@@ -136,12 +137,12 @@ def _side_by_side(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> 
 
 
 def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """Return the recordings and, where there are several, files with their names and one with all their curves."""
+    """Return the recordings; for several, also files with their names and one with all their curves."""
     paths = [run.path for run in runs]
     if len(runs) == 1:
         return paths
-    named = names(runs)
-    write_overlaid(folder / "overlaid.rrd", runs, named, labels(runs))
+    run_names = names(runs)
+    write_overlaid(folder / "overlaid.rrd", runs, run_names, labels(runs))
     print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
-    print("\n".join(f"  {name}" for name in (*named, OVERLAID)))
-    return [*paths, *write_names(folder, paths, named), folder / "overlaid.rrd"]  # the viewer shows the last file
+    print("\n".join(f"  {name}" for name in (*run_names, OVERLAID)))
+    return [*paths, *write_names(folder, paths, run_names), folder / "overlaid.rrd"]  # the viewer shows the last file

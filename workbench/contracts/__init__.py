@@ -1,1 +1,1 @@
-"""What every part keeps, as tests that run on anybody's: pytest --pyargs workbench.contracts --parts my_parts."""
+"""Contract tests for components: pytest --pyargs workbench.contracts --component-package my_components."""

@@ -4,5 +4,7 @@ import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --parts."""
-    parser.addoption("--parts", metavar="PACKAGE", help="test the parts of this package against workbench.contracts")
+    """Add --component-package."""
+    parser.addoption(
+        "--component-package", metavar="PACKAGE", help="test the components of this package against workbench.contracts"
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from workbench.body.simd_kinematics import inlined_exactly
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 _ROUNDING = 1e-12
 """Of a sum of weights."""
@@ -40,7 +40,7 @@ def ranks(shares: FloatArray) -> FloatArray:
 def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """Return (2, D): the weight of the particles below the truth, and of those equal to it."""
     columns, shares = np.ascontiguousarray(values.T), np.zeros((2, len(truth)))
-    over_threads(lambda first, last: _add_shares(first, last, columns, weights, truth, shares), len(truth), 1)
+    parallel_for(lambda first, last: _add_shares(first, last, columns, weights, truth, shares), len(truth), 1)
     return shares
 
 
@@ -66,14 +66,14 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
         orders, digits = np.empty((2, len(values)), np.int32), np.empty(len(values), np.uint16)
         _add_scores(first, last, columns, weights, truth, orders, digits, np.empty(257, np.int64), score)
 
-    over_threads(some, len(truth), 1)
+    parallel_for(some, len(truth), 1)
     return score
 
 
 def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance, both (D,), of particles (N, D) with weights (N,) that sum to one."""
     columns, found = np.ascontiguousarray(values.T), np.empty((2, values.shape[1]))
-    over_threads(lambda first, last: _add_moments(first, last, columns, weights, found), len(columns), 1)
+    parallel_for(lambda first, last: _add_moments(first, last, columns, weights, found), len(columns), 1)
     return found[0], found[1]
 
 

@@ -1,4 +1,4 @@
-"""Where a run comes from, so that it can be repeated: its configuration as one hash, code, command and inputs."""
+"""Provenance of a run, from which it can be repeated: a hash of its configuration, code, command and inputs."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.core.keys import constructor_arguments
-from workbench.experiment.config.instantiate import keys_of
+from workbench.experiment.config.instantiate import config_keys
 from workbench.experiment.config.options import OURS, folder_of, packages
 from workbench.motion.formats.names import SUFFIXES
 from workbench.recording.settings import NO_EFFECT, leaves
@@ -23,54 +23,54 @@ from workbench.utils.processes import CAPTURED, run
 from workbench.utils.source_hash import digest_of, read_sources
 
 _CODE = ("workbench", "conf")
-"""Folders of the clone that a run's numbers depend on."""
-MOST_CHANGED = 100_000
-"""Characters of a difference that are kept."""
-CUT = "\n# cut off here: the difference is longer than what is kept\n"
+"""Folders of the git clone that determine a run's numbers."""
+MAX_DIFFERENCE = 100_000
+"""Maximum length of a recorded difference, characters."""
+CUT = "\n# cut off here: the difference is longer than the limit\n"
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
-"""Folders of paths.data that a configuration's `motions` stand for."""
+"""Folders of paths.data by the value of `motions`."""
 
 PYTHON = "python"
-"""In place of an experiment's name for a run of parts that were built in Python."""
+"""Name of the experiment for a run of components built in Python."""
 
 _MOST = 100
-"""Numbers of an array that are written out; of a longer one its SHA-256 is."""
+"""Maximum size of an array that is written out; a longer one is recorded by its SHA-256."""
 _MISSING = object()
 
 
 @dataclass(frozen=True)
 class Command:
-    """What was said on the command line.
+    """The command of a run.
 
-    overrides: as they stand there. choices: the option chosen, by group. said: what was said in Python instead, where
-    no command says it. parent: the recording that the run branched off, by its run's id; empty where it did not.
-    parent_frame: the frame from which it goes on; None where it starts from the first.
+    overrides: arguments of the command line. choices: the chosen options, by group. python_call: source of the call
+    from Python that no command can express. parent: id of the run that this run resumes, else empty. parent_frame: the
+    frame at which it resumes; None: it starts at the first frame.
     """
 
     overrides: Sequence[str] = ()
     choices: Mapping[str, str] = field(default_factory=dict)
     parent: str = ""
     parent_frame: int | None = None
-    said: str = ""
+    python_call: str = ""
 
     @property
     def line(self) -> str:
-        """The command, which a shell takes, or what was said in Python."""
-        return self.said or shlex.join(["workbench", "run", *self.overrides])
+        """The shell command, or the call from Python."""
+        return self.python_call or shlex.join(["workbench", "run", *self.overrides])
 
 
 def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
-    """Return what a run comes from, as flat values that are never empty.
+    """Return the provenance of a run as flat, non-empty values; unknown ones are omitted.
 
     commit, changed, difference: see `code_state`. lock: SHA-256 of requirements.lock. inputs: "name sha256" of every
-    file, folder or database that the configuration names. command, parent, parent_frame: see `Command`. choices:
-    "group=option". What is not known is left out. Raises InputError for an input that cannot be read.
+    file, folder or database in the configuration. command, parent, parent_frame: see `Command`. choices:
+    "group=option". Raises InputError for an input that cannot be read.
     """
     root = Path(__file__).parents[2]
     lock = root / "requirements.lock"
-    groups = [group for group in command.choices if group != "when" and not group.startswith("hydra")]
-    found: dict[str, Any] = {
+    groups = [group for group in command.choices if group != "if_chosen" and not group.startswith("hydra")]
+    values: dict[str, Any] = {
         **code_state(root),
         "lock": hashlib.sha256(lock.read_bytes()).hexdigest() if lock.is_file() else "",
         "inputs": [f"{name} {digest}" for name, digest in sorted(input_files(config).items())],
@@ -78,38 +78,37 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
         "choices": [f"{group}={command.choices[group]}" for group in groups],
         "parent": command.parent,
     }
-    found = {name: value for name, value in found.items() if value}
-    return found | ({} if command.parent_frame is None else {"parent_frame": command.parent_frame})
+    values = {name: value for name, value in values.items() if value}
+    return values | ({} if command.parent_frame is None else {"parent_frame": command.parent_frame})
 
 
 @cache
 def code_state(root: Path) -> dict[str, str]:
-    """The commit of the clone at `root`, whether its code was changed, and the difference as `git apply` takes it.
+    """Return the commit of the git clone at `root`, whether its code has changed, and the difference for `git apply`.
 
-    Of the folders _CODE, files that git does not know yet included; the difference ends with CUT after MOST_CHANGED
-    characters. Empty where `root` is no clone of its own, as when the workbench was installed without one, or there is
-    no git.
+    The difference covers the folders _CODE, untracked files included, and ends with CUT after MAX_DIFFERENCE
+    characters. Empty if `root` is no git clone or git is not installed.
     """
     top = _git(root, "rev-parse", "--show-toplevel")
     if not top or Path(top.strip()).resolve() != root.resolve() or not (commit := _git(root, "rev-parse", "HEAD")):
         return {}
     new = (_git(root, "ls-files", "--others", "--exclude-standard", "-z", "--", *_CODE) or "").split("\0")
-    parts = [_git(root, "diff", "HEAD", "--", *_CODE)]
-    parts += [_git(root, "diff", "--no-index", "--", "/dev/null", name) for name in new if name]
-    difference = "".join(part or "" for part in parts)
-    if len(difference) > MOST_CHANGED:
-        difference = difference[:MOST_CHANGED] + CUT
+    patches = [_git(root, "diff", "HEAD", "--", *_CODE)]
+    patches += [_git(root, "diff", "--no-index", "--", "/dev/null", name) for name in new if name]
+    difference = "".join(patch or "" for patch in patches)
+    if len(difference) > MAX_DIFFERENCE:
+        difference = difference[:MAX_DIFFERENCE] + CUT
     state = {"commit": commit.strip(), "changed": "yes" if difference else "no"}
     return state | ({"difference": difference} if difference else {})
 
 
 def has_commit(root: Path, commit: str) -> bool:
-    """Whether the clone at `root` holds a commit."""
+    """Return whether the git clone at `root` has a commit."""
     return bool(_git(root, "rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}"))
 
 
 def _git(root: Path, *arguments: str) -> str | None:
-    """Return git's output; None where there is no git, or it refuses. A difference ends it with code 1."""
+    """Return git's output; None if git is missing or fails. Exit code 1 of a difference is no failure."""
     command = ["git", "-C", str(root), *arguments]
     try:
         done = run(command, stdout=CAPTURED, stderr=CAPTURED, timeout_s=30.0)
@@ -119,28 +118,28 @@ def _git(root: Path, *arguments: str) -> str | None:
 
 
 def identity(config: DictConfig) -> str:
-    """A SHA-256 over the resolved configuration, the sources of what it builds and the content of the files it names.
+    """Return a SHA-256 of the resolved configuration, the sources of its components and the content of its input files.
 
-    Where things are does not count: paths.cache and paths.data are left out, a file is its name and its content, a
-    folder the names and contents below it. Recordings named without a path (35_02, cmu) are looked up below
-    paths.data; of a whole database every motion file and index counts, read or not. Versions of other packages are not
-    part of it; summary.json lists them. The recorder counts but for its viewer, as a run that is reused brings its
-    recording along. Raises InputError for a file that cannot be read.
+    Locations do not count: paths.cache and paths.data are omitted, a file enters by name and content, a folder by the
+    names and contents of its files. Recordings without a path (35_02, cmu) are looked up below paths.data; of a
+    database all motion and index files count. Versions of other packages do not count; summary.json lists them. The
+    recorder counts except for its viewer, as a reused run includes its recording. Raises InputError for a file that
+    cannot be read.
     """
     inputs, chosen = _contents(config), _relevant(config)
-    words = tuple(map(str, chosen.values()))
-    named = [each for each in packages() if each == OURS or any(word.startswith(f"{each}.") for word in words)]
+    texts = tuple(map(str, chosen.values()))
+    used = [name for name in packages() if name == OURS or any(text.startswith(f"{name}.") for text in texts)]
     settings = {
         place: [Path(value).name, inputs[value]] if isinstance(value, str) and value in inputs else value
         for place, value in chosen.items()
         if place != "recorder.live"
     }
-    content = {"config": settings, "code": [_code(package) for package in named]}
+    content = {"config": settings, "code": [_code(package) for package in used]}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def input_files(config: DictConfig) -> dict[str, str]:
-    """Name every file, folder or database that the configuration names, with a SHA-256 of its files' names and content.
+    """Return a SHA-256 of the file names and contents of every file, folder or database in the configuration.
 
     Raises InputError for a file that cannot be read.
     """
@@ -148,7 +147,7 @@ def input_files(config: DictConfig) -> dict[str, str]:
 
 
 def _relevant(config: DictConfig) -> dict[str, Any]:
-    """Return the values that a run depends on by dotted key, without its paths and what is null."""
+    """Return the values that determine a run, by dotted key, without paths and nulls."""
     plain: Any = OmegaConf.to_container(config, resolve=True)
     ignored = (None, *(plain.get("paths") or {}).values())
     chosen = {key: value for key, value in plain.items() if key == "recorder" or key not in NO_EFFECT}
@@ -156,22 +155,22 @@ def _relevant(config: DictConfig) -> dict[str, Any]:
 
 
 def _contents(config: DictConfig) -> dict[str, list[tuple[str, str]]]:
-    """Return the files below every text that names any, each with its SHA-256."""
+    """Return for every text that names a file, folder or database its files with their SHA-256."""
     data = OmegaConf.select(config, "paths.data")
     folder = None if data is None else Path(data).expanduser()
     try:
-        found = {
-            name: sorted((each, _sha256(file, *_version(file))) for each, file in _files(name, folder).items())
+        inputs = {
+            name: sorted((below, _sha256(file, *_version(file))) for below, file in _files(name, folder).items())
             for name in _relevant(config).values()
             if isinstance(name, str)
         }
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
-    return {name: files for name, files in found.items() if files}
+    return {name: files for name, files in inputs.items() if files}
 
 
 def _files(name: str, data: Path | None) -> dict[str, Path]:
-    """The files that a string in a configuration names, by their names relative to it; none for any other string."""
+    """Return the files that a text in a configuration names, by relative name; empty for any other text."""
     library = name.rpartition(":")[0]
     path = Path(library if library.endswith((".h5", ".hdf5")) else name).expanduser()
     try:
@@ -181,24 +180,24 @@ def _files(name: str, data: Path | None) -> dict[str, Path]:
             return _below(path)
         return {} if data is None else _recorded(name, data)
     except OSError as error:
-        if error.errno == ENAMETOOLONG:  # a text that can be no file's name
+        if error.errno == ENAMETOOLONG:  # a text too long for a file name
             return {}
         raise
 
 
 def _recorded(name: str, data: Path) -> dict[str, Path]:
-    """Find the files of a database or a clip that is named without a path."""
-    from workbench.motion.sources import find_clip  # here, as it takes long to import
+    """Return the files of a database or clip that is named without a path."""
+    from workbench.motion.sources import find_clip  # imported here, as it is slow
 
     if name in RECORDED:
-        found = {f"{part}/{below}": file for part in RECORDED[name] for below, file in _below(data / part).items()}
-        return {below: file for below, file in found.items() if file.suffix.lower() in (*SUFFIXES, ".asf", ".csv")}
+        files = {f"{part}/{below}": file for part in RECORDED[name] for below, file in _below(data / part).items()}
+        return {below: file for below, file in files.items() if file.suffix.lower() in (*SUFFIXES, ".asf", ".csv")}
     try:
         clip = find_clip(data, name)
     except InputError:
         return {}
-    described = (*clip.parent.glob("*.asf"), *clip.parent.parent.glob("index.csv"))
-    return {file.name: file for file in (clip, *described)}
+    metadata = (*clip.parent.glob("*.asf"), *clip.parent.parent.glob("index.csv"))
+    return {file.name: file for file in (clip, *metadata)}
 
 
 def _below(folder: Path) -> dict[str, Path]:
@@ -206,7 +205,7 @@ def _below(folder: Path) -> dict[str, Path]:
 
 
 def _version(file: Path) -> tuple[int, int]:
-    """Identify a file's version, which changes whenever it is written."""
+    """Return a file's size and modification time, which change when it is written."""
     status = file.stat()
     return status.st_size, status.st_mtime_ns
 
@@ -223,27 +222,27 @@ def _code(package: str) -> str:
     return digest_of(sources, sources)
 
 
-def described(part: object) -> dict[str, Any]:
-    """Return the class of a live object under `_target_`, and its keys with their values, nested objects likewise.
+def object_config(component: object) -> dict[str, Any]:
+    """Return the configuration of a live object: its class under `_target_` and its keys, nested objects likewise.
 
-    A key whose value the object does not keep, see `core.keys`, is named in `not_kept`, so that nothing is recorded
-    that is not known. Of what was learned there are its arrays, too, or what identifies them.
+    `not_kept` lists keys whose values the object does not store, see `core.keys`. Arrays of learned models are
+    included, long ones by their hash.
     """
-    arguments, names, not_kept = constructor_arguments(part), list(keys_of(type(part))), []
-    if is_dataclass(part):
-        names += [each.name for each in fields(part) if isinstance(getattr(part, each.name), np.ndarray)]
-    found: dict[str, Any] = {"_target_": f"{type(part).__module__}.{type(part).__qualname__}"}
+    arguments, names, not_kept = constructor_arguments(component), list(config_keys(type(component))), []
+    if is_dataclass(component):
+        names += [item.name for item in fields(component) if isinstance(getattr(component, item.name), np.ndarray)]
+    config: dict[str, Any] = {"_target_": f"{type(component).__module__}.{type(component).__qualname__}"}
     for name in names:
-        value = arguments.get(name, getattr(part, name, _MISSING))
+        value = arguments.get(name, getattr(component, name, _MISSING))
         if value is _MISSING:
             not_kept.append(name)
         else:
-            found[name] = _plain(value)
-    return found | ({"not_kept": not_kept} if not_kept else {})
+            config[name] = _plain(value)
+    return config | ({"not_kept": not_kept} if not_kept else {})
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as YAML has it."""
+    """Return a value in types that YAML has."""
     if value is None or isinstance(value, str | bool | int | float):
         return value
     if isinstance(value, np.generic):
@@ -252,7 +251,7 @@ def _plain(value: Any) -> Any:
         digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
         return value.tolist() if value.size <= _MOST else f"{'×'.join(map(str, value.shape))}, sha256 {digest}"
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(each) for each in value]
-    return described(value)
+        return [_plain(item) for item in value]
+    return object_config(value)

@@ -1,4 +1,4 @@
-"""One run: check the configuration, build the components, track frame by frame, record and sum up."""
+"""One run: check the configuration, build the components, track frame by frame, record and summarize."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -24,11 +24,11 @@ from workbench.evaluation.headline import ERRORS
 from workbench.evaluation.verdict import WINDOW, RunInputs, verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
-from workbench.experiment.config.requirements import assumptions, check_requirements, no_evidence, traits_of
+from workbench.experiment.config.requirements import assumptions, check_requirements, evidence_problem, traits_of
 from workbench.experiment.provenance import Command, identity, provenance
-from workbench.experiment.resume import Continued
+from workbench.experiment.resume import Continuation
 from workbench.experiment.summary import Summary, set_aside, versions
-from workbench.experiment.tracking import Meter, Parts, build_parts, track
+from workbench.experiment.tracking import Components, Meter, build_components, track
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_products, check_sizes
@@ -41,30 +41,30 @@ from workbench.utils.timing import compiled_s, compiling, working_s
 log = logging.getLogger(__name__)
 
 _Stop = Callable[[Mapping[str, float]], bool]
-"""Whether a run ends, by its numbers so far; as text it is the condition."""
+"""Condition on the metrics so far that ends a run; its text is the condition."""
 
 
 def execute(
     config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
-    continued: Continued | None = None, stop: _Stop | None = None,
+    continued: Continuation | None = None, stop: _Stop | None = None,
 ) -> Summary:  # fmt: skip
-    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it makes and locks.
+    """Run the configured experiment and write `run.rrd` and `summary.json` in `folder`, which is created and locked.
 
     Parameters
     ----------
-    config, experiment
-        The resolvable configuration, and the name to record for it.
-    command
-        What was said, which is recorded; error messages name its choices.
-    continued, stop
-        Where a recorded run goes on, None for the first frame; a condition that ends the run.
+    config : the configuration, not yet resolved.
+    experiment : name to record.
+    folder : the run's folder.
+    quiet : show no progress bar.
+    command : the command to record; error messages contain its choices.
+    continued : frame of a recorded run at which to resume; None: start at the first frame.
+    stop : condition that ends the run early.
 
     Raises
     ------
-    InputError
-        For what a user can mend.
-    DegenerateWeights
-        Where the configuration asks to end there: the recording up to there is kept as `run.rrd.part`.
+    InputError : bad input.
+    DegenerateWeights : all weights vanish and the configuration asks for an error; the frames before are in
+        `run.rrd.part`.
     """
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with run_folder(folder), ending(summary):
@@ -74,20 +74,20 @@ def execute(
 
 @contextmanager
 def ending(summary: Summary) -> Iterator[None]:
-    """Write summary.json at the beginning of a run and, with how it ended, at its end; SIGTERM and its like interrupt.
+    """Write summary.json at the beginning and at the end of a run; SIGINT, SIGTERM and SIGHUP interrupt the block.
 
-    The caller holds the lock of the run's folder. A complete run in it is set aside. The recording decides: once it is
-    published the run is complete, whatever is asked for or fails from there on.
+    The caller holds the lock of the run's folder. A complete run in it is moved to EARLIER. Once the recording is
+    published the run counts as complete, also if it is interrupted or fails afterwards.
     """
     path = summary.recording.parent / SUMMARY
     set_aside(path.parent)
     with interruptible():
         try:
-            summary.write(path)  # "running", which is what a killed run leaves
+            summary.write(path)  # status "running", which remains after a kill
             yield
             _end(summary, path, None)
         except BaseException as error:
-            _end(summary, path, error)  # once more, where it was asked to end while it was about to do that
+            _end(summary, path, error)  # again if interrupted during `_end` above
             raise
 
 
@@ -98,17 +98,17 @@ def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
 
 
 def run_checked(
-    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: Continued | None,
+    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: Continuation | None,
     stop: _Stop | None,
 ) -> None:  # fmt: skip
-    """Check the configuration and run it, counted in the summary; parameters and errors as of `execute`."""
+    """Check and run the configuration, and fill the summary; parameters and errors as of `execute`."""
     _check(config, command.choices)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
         summary.identity = continued.identity(summary.identity)
         summary.provenance = {**summary.provenance, **continued.provenance}
-    # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
-    with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
+    # one BLAS thread: the number of threads changes the last bits of its sums and so of learned models
+    with _thread_count(config.n_threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
             config = _with_assumptions(config)
             summary.assumptions = list(config.assumptions)
@@ -120,64 +120,64 @@ def run_checked(
 
 
 def _check(config: DictConfig, names: Mapping[str, str]) -> None:
-    """Raise InputError for a configuration that no run can have; nothing is built."""
+    """Raise InputError for an invalid configuration, before anything is built."""
     for group in GROUPS:
         node = config.get(group)
         if node is not None and not (isinstance(node, DictConfig) and isinstance(node.get("_target_"), str)):
-            found = "nothing" if isinstance(node, DictConfig) and not len(node) else repr(node)
+            value = "nothing" if isinstance(node, DictConfig) and not len(node) else repr(node)
             raise InputError(
-                f"config: {group}: expected a component with a _target_, found {found}; choose an option, "
+                f"config: {group}: expected a component with a _target_, found {value}; choose an option, "
                 f"{group}=NAME, or write {group}: null"
             )
     plain = _plain(config)
     check_targets(config)
     check_sizes(plain)
     check_products(plain)
-    rng_streams(int(config.seed))  # which a wrong seed has none of
+    rng_streams(int(config.seed))  # raises for a negative seed
     if config.study is None:
         check_requirements(config, names)
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:
-    found: Any = OmegaConf.to_container(config, resolve=True)
-    return found
+    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    return plain
 
 
 def _with_assumptions(config: DictConfig) -> DictConfig:
-    """Put the side information that the run uses in place of what its experiment lists, and log both."""
-    taken, listed = assumptions(config), list(config.get("assumptions") or [])
-    log.info("assumptions: %s", ", ".join(taken) or "nothing")
-    if listed and listed != taken:
-        log.info("the experiment as it stands lists: %s", ", ".join(listed))
+    """Return the configuration with the side information that the run uses; log it, and the experiment's list."""
+    used, listed = assumptions(config), list(config.get("assumptions") or [])
+    log.info("assumptions: %s", ", ".join(used) or "nothing")
+    if listed and listed != used:
+        log.info("assumptions of the experiment without overrides: %s", ", ".join(listed))
     config = config.copy()
-    OmegaConf.update(config, "assumptions", taken, force_add=True)
+    OmegaConf.update(config, "assumptions", used, force_add=True)
     return config
 
 
 def _track(
-    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: Continued | None,
+    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: Continuation | None,
     stop: _Stop | None,
 ) -> None:  # fmt: skip
-    parts = build_parts(config, partial(_timed, summary))
-    summary.counted = parts.clip.info.input_counts
-    if reason := no_evidence(config, names):
+    components = build_components(config, partial(_timed, summary))
+    summary.counted = components.clip.info.input_counts
+    if reason := evidence_problem(config, names):
         summary.left_out["log_evidence"] = reason
-    summary.constant = _constant(config, parts)
-    evidence = Evidence(parts.body, parts.clip.info.scale)
-    with recorder_of(config, parts, summary) as recorder:
+    summary.constant = _constant(config, components)
+    evidence = Evidence(components.body, components.clip.info.scale)
+    with recorder_of(config, components, summary) as recorder:
         before_s = compiled_s()
-        record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
+        record(components, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
         summary.compiling_s = compiled_s() - before_s
         measured = evidence.measured()
-        summary.verdict = verdict(measured, _run_inputs(config, summary.settings, parts))
+        summary.verdict = verdict(measured, _run_inputs(config, summary.settings, components))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
 
 
-def _run_inputs(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
-    """Collect what a run was given that its frames may contradict; settings: the configuration, resolved."""
-    info, body = parts.clip.info, settings.get("body") or {}
+def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Components) -> RunInputs:
+    """Return the inputs of a run that its frames may contradict; settings: the resolved configuration."""
+    info, body = components.clip.info, settings.get("body") or {}
     iterations = (settings.get("inference") or {}).get("max_iterations")
     return RunInputs(
         height_m=body.get("height_m"),
@@ -188,21 +188,24 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -
     )
 
 
-def _constant(config: DictConfig, parts: Parts) -> frozenset[str]:
-    """Name the metrics that are the same in every run of such parts: those of uniform weights, which a likelihood that
-    sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
-    offers = traits_of(config.inference).provides
-    seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
-    names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in offers | seen else set()
-    names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
+def _constant(config: DictConfig, components: Components) -> frozenset[str]:
+    """Return the metrics that are equal in every run of such components.
+
+    These are the metrics of uniform weights (also for a uniform likelihood), the metrics of the heaviest particle for
+    a fit, and the flexion errors of legs that do not move.
+    """
+    provided = traits_of(config.inference).provides
+    of_likelihood = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
+    names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in provided | of_likelihood else set()
+    names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in provided else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
-        names |= set() if angles & set(parts.parameters) else {f"{joint}_deg"}
+        names |= set() if angles & set(components.parameters) else {f"{joint}_deg"}
     return frozenset(names)
 
 
 def _study(config: DictConfig, summary: Summary) -> None:
-    from workbench.recording.study.study_recorder import record_study  # here, since drawing takes long to import
+    from workbench.recording.study.study_recorder import record_study  # imported here, as it is slow
     from workbench.recording.write.file import RecordingFile
 
     prior: Prior | None = None
@@ -221,18 +224,27 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 
 def record(
-    parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: Continued | None = None, stop: _Stop | None = None, evidence: Evidence | None = None,
+    components: Components, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
+    continued: Continuation | None = None, stop: _Stop | None = None, evidence: Evidence | None = None,
 ) -> None:  # fmt: skip
-    """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
-    evidence: takes in every step, too."""
-    recorder.set_perturbations(parts.clip.info.perturbations)
-    meter, disable = Meter(parts), True if quiet else None
-    n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
-    tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
+    """Track, record every step with its errors, and add it to the summary and the run evidence.
+
+    Parameters
+    ----------
+    components, recorder, seed, summary : the run; the recorder is open.
+    quiet : show no progress bar.
+    continued, stop : as of `execute`.
+    evidence : of the run, for the verdict.
+    """
+    recorder.set_perturbations(components.clip.info.perturbations)
+    meter, disable = Meter(components), True if quiet else None
+    n_frames = len(components.clip) - (0 if continued is None else continued.skipped)
+    tracked = (
+        track(components, seed, meter) if continued is None else continued.track(components, seed, meter, recorder)
+    )
     if continued is not None and (earlier := continued.earlier) is not None:
         summary.take_over(len(earlier.frames), earlier.per_frame)
-    redirected = logging_redirect_tqdm(loggers=[] if quiet else None)  # which would show a quiet run's log
+    redirected = logging_redirect_tqdm(loggers=[] if quiet else None)  # an empty list: a quiet run logs nothing here
     with redirected, tqdm(total=n_frames, unit="frame", disable=disable) as bar:
         for step, errors in tracked:
             check_interrupted()
@@ -244,13 +256,13 @@ def record(
             summary.add(step, errors)
             if evidence is not None:
                 evidence.add(step, errors)
-            for sentence in step.warnings:
-                log.warning(sentence)
-            shown = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
-            sure = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
-            bar.set_postfix_str(", ".join([*shown, *sure]), refresh=False)  # shown by the update
+            for message in step.warnings:
+                log.warning(message)
+            error = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
+            ess = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
+            bar.set_postfix_str(", ".join([*error, *ess]), refresh=False)  # shown by the update
             bar.update()
-            if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # before, one frame decides
+            if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # not by a few frames
                 summary.stopped = f"{stop} in frame {step.frame.index}"
                 recorder.set_stopped(summary.stopped)
                 log.info("stopped: %s", summary.stopped)
@@ -258,17 +270,19 @@ def record(
     summary.over_run = meter.over_run
 
 
-def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
-    """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
-    live = {"path": summary.recording, "body": parts.body, "space": parts.inference.space}
-    live |= {"constant": sorted(_constant(config, parts))}
-    live |= {"decode": parts.prior.pose} if parts.prior is not None and resumable(parts.inference) else {}
+def recorder_of(config: DictConfig, components: Components, summary: Summary) -> Recorder:
+    """Return the recorder of a run of these components, not yet open; InputError as `Recorder`."""
+    live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
+    live |= {"constant": sorted(_constant(config, components))}
+    live |= (
+        {"decode": components.prior.pose} if components.prior is not None and resumable(components.inference) else {}
+    )
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 
 
 def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
-    """Return what a recording says about its run."""
+    """Return the recording's id, configuration and provenance."""
     return {
         "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
         "config_yaml": OmegaConf.to_yaml(config, resolve=True),
@@ -285,12 +299,12 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
 
 
 @contextmanager
-def _threads(threads: int | None) -> Iterator[None]:
-    """Have kernels use so many threads in the block; None: as many as there are cores."""
-    most, before = int(numba.config.NUMBA_NUM_THREADS), numba.get_num_threads()  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= most:
-        raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
-    numba.set_num_threads(most if threads is None else threads)
+def _thread_count(n_threads: int | None) -> Iterator[None]:
+    """Set the number of kernel threads for the block; None: the number of cores."""
+    maximum, before = int(numba.config.NUMBA_NUM_THREADS), numba.get_num_threads()  # type: ignore[attr-defined]
+    if n_threads is not None and not 1 <= n_threads <= maximum:
+        raise InputError(f"n_threads: expected 1 to {maximum}, the number of cores, found {n_threads}")
+    numba.set_num_threads(maximum if n_threads is None else n_threads)
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""A run's folder, and its scalar results as `summary.json` there keeps them."""
+"""Summary of a run: its scalar results, written as `summary.json` in its folder."""
 
 import json
 import logging
@@ -21,17 +21,17 @@ from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
 from workbench.utils.signals import deferred
 
-if TYPE_CHECKING:  # a run that is refused does without
+if TYPE_CHECKING:  # slow imports that a rejected configuration does not need
     from workbench.core.step import Step
     from workbench.evaluation.verdict import Verdict
 
 log = logging.getLogger(__name__)
 
 _RMS = ("knee_deg", "hip_deg")
-"""Errors that a run sums up by their root mean square, not their mean."""
+"""Errors that are summarized by their root mean square instead of their mean."""
 
 _ROOM = 32_768
-"""Bytes that the summary of a run takes while it goes on, so that how it ended can be written on a full disk."""
+"""Size of summary.json during a run, bytes: reserves space for the final one on a full disk."""
 _LEFT_OUT_FIRST = ("settings", "provenance", "versions")
 
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
@@ -39,16 +39,16 @@ _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages a result depends on."""
-    found = {name: version(name) for name in _PACKAGES}
-    return {"python": platform.python_version(), "workbench": __version__, **found}
+    packages = {name: version(name) for name in _PACKAGES}
+    return {"python": platform.python_version(), "workbench": __version__, **packages}
 
 
 @dataclass
 class Summary:
-    """What a run comes to, gathered step by step.
+    """Results of a run, accumulated step by step.
 
-    Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames.
+    Means are over the frames with ground truth after the first, which is the initial condition. log_evidence covers all
+    frames.
 
     assumptions: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it
     read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run
@@ -88,21 +88,21 @@ class Summary:
     study: Mapping[str, float] | None = None
 
     def take_over(self, n_frames: int, per_frame: Mapping[str, list[float]]) -> None:
-        """Begin with frames that an earlier attempt took, and what was measured in those after the first."""
+        """Start from the frames of an earlier attempt and the metrics of those after the first."""
         self.frames = self.before = n_frames
         self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
     def end(self, error: BaseException | None) -> None:
-        """Say how the run ended; error: what ended it, None also where that came too soon to be known."""
+        """Set the final status; error: the exception that ended the run, or None."""
         if self.recording.is_file():
             self.status = "complete" if self.stopped is None else "stopped"
             return
-        asked = error is None or isinstance(error, KeyboardInterrupt | SystemExit)  # the latter by Slurm's submitit
-        self.status = "interrupted" if asked else "failed"
+        interrupted = error is None or isinstance(error, KeyboardInterrupt | SystemExit)  # SystemExit: submitit
+        self.status = "interrupted" if interrupted else "failed"
         self.error = None if error is None else f"{type(error).__name__}: {error}"
 
     def add(self, step: "Step", errors: Mapping[str, float]) -> None:
-        """Take in one step and its errors."""
+        """Add one step and its errors."""
         for stage, seconds in step.timing_s.items():
             self.timing[stage] = self.timing.get(stage, 0.0) + seconds
             self.steps_s += seconds
@@ -115,7 +115,7 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, log evidence where it can be compared, those of `over_run`; or a study's."""
+        """Metrics of the run: mean errors, comparable log evidence, and those of `over_run`; or those of a study."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
@@ -134,28 +134,28 @@ class Summary:
 
     @property
     def cost(self) -> dict[str, float]:
-        """What the run took, which is not among the metrics, since wall times differ between equal runs.
+        """Computing cost of the run, separate from the metrics, as wall times differ between equal runs.
 
-        seconds: of the inference, or of the study; without what is done once, such as learning a prior or compiling
-        kernels. ms_per_frame: the same per frame. compiling_s: what compiling took. likelihood_evaluations: of single
-        poses; where an inference solves, of the residual in every frame, without the search for a start.
-        jacobian_cost_ratio: of F with its Jacobian to F alone, where an inference measures that (paper D, section 4.1).
+        seconds: time of the inference or study, without one-time costs such as learning a prior or compiling kernels.
+        ms_per_frame: the same per frame. compiling_s: compilation time. likelihood_evaluations: number of evaluated
+        poses; for least squares the residual evaluations of all frames, without initialization. jacobian_cost_ratio:
+        cost of F with its Jacobian over the cost of F, if measured (paper D, section 4.1).
         """
         if self.study is not None:
             return {"seconds": self.timing["study"]}
-        found: dict[str, float] = {}
+        cost: dict[str, float] = {}
         if self.steps_s > 0.0:
-            found = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.before)}
+            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.before)}
         if self.compiling_s > 0.0:
-            found["compiling_s"] = self.compiling_s
+            cost["compiling_s"] = self.compiling_s
         if self.evaluations > 0.0:
-            found["likelihood_evaluations"] = self.evaluations
+            cost["likelihood_evaluations"] = self.evaluations
         if self.timing.get("residual", 0.0) > 0.0:
-            found["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
-        return found
+            cost["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
+        return cost
 
     def write(self, path: Path) -> None:
-        """Write summary.json; numbers that are not finite become null, as JSON has none. Sweeps look meanwhile."""
+        """Write summary.json, which a sweep may read at any time; numbers that are not finite become null."""
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers = {**self.metrics, **self.cost}
         content = {
@@ -180,23 +180,23 @@ class Summary:
             **({} if self.anew is None else {"anew": self.anew}),
         }
         short = {name: value for name, value in content.items() if name not in _LEFT_OUT_FIRST}
-        text, shorter = (json.dumps(each, indent=2) + "\n" for each in (content, short))
+        text, shorter = (json.dumps(fields, indent=2) + "\n" for fields in (content, short))
         replace_text(path, text.ljust(_ROOM if self.status == "running" else 0), shorter)
 
 
 def earlier_runs(folder: Path) -> list[Path]:
-    """Return the folders of complete runs that a folder held before its own, the oldest first."""
+    """Return the folders of earlier complete runs in a folder, oldest first."""
     numbers = sorted((name for name in earlier_names(folder) if name.isdecimal()), key=int)
-    return [each for name in numbers if ((each := folder / EARLIER / name) / RECORDING).is_file()]
+    return [run for name in numbers if ((run := folder / EARLIER / name) / RECORDING).is_file()]
 
 
 def earlier_names(folder: Path) -> list[str]:
-    """Return the names of the earlier runs and attempts in a folder; none where it does not exist."""
-    return [each.name for each in (folder / EARLIER).glob("*")]
+    """Return the names of the earlier runs and attempts in a folder; empty if there is no folder."""
+    return [path.name for path in (folder / EARLIER).glob("*")]
 
 
 def set_aside(folder: Path) -> None:
-    """Move a complete run to EARLIER, its summary first, which alone would describe what is not there."""
+    """Move a complete run to EARLIER, the summary first: without its recording it would be wrong."""
     if not (folder / RECORDING).is_file():
         return
     aside = next(place for k in count(1) if not (place := folder / EARLIER / str(k)).exists())
@@ -205,4 +205,4 @@ def set_aside(folder: Path) -> None:
         for name in (SUMMARY, RECORDING):
             if (folder / name).is_file():
                 os.replace(folder / name, aside / name)
-    log.warning("%s: held a complete run, which is now in %s", folder, aside)
+    log.warning("%s: the complete run in it was moved to %s", folder, aside)

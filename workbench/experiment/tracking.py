@@ -1,4 +1,4 @@
-"""The live objects of a run, built from a configuration, and their steps with errors."""
+"""Build the components of a run from a configuration, and track with them."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
@@ -32,11 +32,11 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Components:
     """The live objects of one run.
 
-    prior: None where the inference does without. start: (P,) the first pose, (n, P) several that are as likely, or None
-    where the inference finds it.
+    prior: None for an inference without one. start: first pose (P,), several equally likely ones (n, P), or None for
+    an inference that initializes itself.
     """
 
     clip: FrameCache
@@ -47,20 +47,22 @@ class Parts:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the pose's parameters that move."""
+        """Names of the pose parameters that vary."""
         return self.body.skeleton.dof_names if self.prior is None else self.prior.parameters
 
 
-def assemble(config: DictConfig) -> Parts:
-    """Check a configuration's requirements and build its parts; raises InputError as `check_requirements`."""
+def assemble(config: DictConfig) -> Components:
+    """Check a configuration's requirements and return its components; InputError as `check_requirements`."""
     check_requirements(config, {})
-    return build_parts(config)
+    return build_components(config)
 
 
-def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManager[Any]] = nullcontext) -> Parts:
-    """Build dataset, body, prior, likelihood and inference, and find the starting pose.
+def build_components(
+    config: DictConfig, stage: Callable[[str], AbstractContextManager[Any]] = nullcontext
+) -> Components:
+    """Return dataset, body, prior, likelihood and inference of a configuration, and the initial pose.
 
-    stage: measures the time of a named stage. Raises InputError for components that do not share one skeleton.
+    stage: measures the time of a named stage. Raises InputError for components with different skeletons.
     """
     with stage("dataset"):
         clip = FrameCache(build(config.dataset))
@@ -74,49 +76,48 @@ def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManage
     _check_skeletons(info, body, prior)
     live = {"body": body, "clip": clip, "info": info, "phase_ends": info.phase_ends, "prior": prior}
     if ignored := ignores_likelihood(config):
-        log.info("the likelihood is not built: this inference looks at none")
+        log.info("the likelihood is not built, as the inference does not use one")
     unused = ignored or config.likelihood is None
     likelihood: Likelihood | None = None if unused else build(config.likelihood, **live)
     inference: Inference = build(config.inference, likelihood=likelihood, **live)
     with stage("start"):
         start = None
         if info.initial_pose is not None or info.initial_annotations is not None or not inference.finds_start:
-            start, sentence = initial_poses(prior, body, clip)
-            if sentence:
-                log.info(sentence)
-    return Parts(clip, body, prior, inference, start)
+            start, message = initial_poses(prior, body, clip)
+            if message:
+                log.info(message)
+    return Components(clip, body, prior, inference, start)
 
 
 def _only_camera(info: SequenceInfo) -> Camera:
     if len(info.cameras) != 1:
-        raise InputError(f"prior: limbs flip before one camera, found {len(info.cameras)}")
+        raise InputError(f"prior: kinematic flips require one camera, found {len(info.cameras)}")
     return info.cameras[0]
 
 
 def _check_skeletons(info: SequenceInfo, body: Body, prior: Prior | None) -> None:
-    """Raise InputError where dataset, body and prior do not share one skeleton."""
+    """Raise InputError if dataset, body and prior have different skeletons."""
     if info.body is not None and info.body.skeleton.names != body.skeleton.names:
-        raise InputError("body: dataset.skeleton=full shows every joint of the motion file: choose body=dataset")
+        raise InputError("body: dataset.skeleton=full has every joint of the motion file; choose body=dataset")
     if unknown := [name for name in (prior.parameters if prior else ()) if name not in body.skeleton.dof_names]:
         raise InputError(
-            f"prior: it moves {unknown[0]}, which the tracked body does not have; dataset.skeleton and prior.skeleton "
-            "must be the same"
+            f"prior: the tracked body has no parameter {unknown[0]}; dataset.skeleton and prior.skeleton must be equal"
         )
 
 
 class Meter:
-    """Measures the errors of the steps of one run, in their order."""
+    """Errors of the steps of one run, computed in order."""
 
-    def __init__(self, parts: Parts) -> None:
-        self._body, self._parameters, self._scale = parts.body, parts.parameters, parts.clip.info.scale
-        self._acceleration = AccelerationError(parts.body.skeleton, parts.parameters)
-        self._markers = MarkerOffsets(parts.body.skeleton, parts.parameters)
-        self._first = True  # given, not tracked
+    def __init__(self, components: Components) -> None:
+        self._body, self._parameters, self._scale = components.body, components.parameters, components.clip.info.scale
+        self._acceleration = AccelerationError(components.body.skeleton, components.parameters)
+        self._markers = MarkerOffsets(components.body.skeleton, components.parameters)
+        self._first = True  # the initial pose, which is not tracked
         self._ranks: list[FloatArray] = []
 
     def errors(self, step: Step) -> dict[str, float]:
-        """The step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`, and
-        what it says of them itself, see `stated_doubt`."""
+        """Return the step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`,
+        and its expected errors, see `stated_doubt`."""
         errors = step_errors(step, self._body, self._parameters, self._scale)
         errors |= stated_doubt(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
@@ -125,29 +126,29 @@ class Meter:
         return errors | self._acceleration.add(step) | self._markers.add(step)
 
     def catch_up(self, step: Step) -> None:
-        """Take in a step before the first that is measured, for what looks back."""
+        """Add a step before the first measured one, for errors that use earlier frames."""
         self._acceleration.add(step)
         self._markers.add(step)
 
     def count(self, ranks: Iterable[FloatArray]) -> None:
-        """Count ranks (k,) of the run's frames before the first that is measured, which is then not its first."""
+        """Add the ranks (k,) of the run's frames before the first measured one."""
         self._ranks += ranks
         self._first = False
 
     @property
     def over_run(self) -> dict[str, float]:
-        """Numbers of the run as a whole: lengths, mm, of the markers' offsets from their joints, as far as they are
-        known, and the expected calibration error, see `calibration.expected_calibration_error`."""
+        """Metrics of the run as a whole: lengths of the marker offsets, mm, and the expected calibration error, see
+        `posterior_calibration.expected_calibration_error`."""
         ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
         calibration = {"calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
         return self._markers.removed_mm | self._markers.lengths_mm | calibration
 
 
-def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:
-    """Every frame's step with its errors, by the meter given or one of its own.
+def track(components: Components, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:
+    """Yield every frame's step with its errors, from `meter` or a new one.
 
-    Raises InputError for a negative seed and what the parts raise.
+    Raises InputError for a negative seed; exceptions of the components pass through.
     """
-    meter = Meter(parts) if meter is None else meter
-    for step in parts.inference.run(parts.clip, parts.start, rng_streams(seed)):
+    meter = Meter(components) if meter is None else meter
+    for step in components.inference.run(components.clip, components.start, rng_streams(seed)):
         yield step, meter.errors(step)

@@ -21,7 +21,7 @@ from workbench.motion.clip import MotionClip
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_LEFT_MM
+from workbench.utils.input_limits import MAX_RESIDUAL_MM
 
 Vector = tuple[float, float, float]
 
@@ -116,8 +116,8 @@ def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
     poses = refine(skeleton, _analytic_poses(skeleton, targets, frames, torso), targets)
     errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
     worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
-    if not 1000.0 * errors[worst] <= MOST_LEFT_MM:
-        error = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MOST_LEFT_MM:g} mm"
+    if not 1000.0 * errors[worst] <= MAX_RESIDUAL_MM:
+        error = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MAX_RESIDUAL_MM:g} mm"
         raise InputError(f"clip {clip.name}: retargeting leaves {error}; is it a person's motion?")
     return Motion(
         name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,

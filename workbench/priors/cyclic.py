@@ -22,7 +22,7 @@ from workbench.priors.density import REFERENCE_RATE_HZ, AllColumnsFree, by_colum
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
@@ -253,7 +253,7 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
     """
     channels = np.empty((len(phase), table.shape[2]))
     arguments = table, np.ascontiguousarray(coefficients), np.ascontiguousarray(phase), channels
-    over_threads(lambda first, last: _decode(first, last, *arguments), len(channels), _ROWS)
+    parallel_for(lambda first, last: _decode(first, last, *arguments), len(channels), _ROWS)
     return channels
 
 

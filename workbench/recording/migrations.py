@@ -1,4 +1,4 @@
-"""Configurations that an earlier workbench recorded, in the keys that components have today."""
+"""Translate configurations recorded by earlier versions to today's names."""
 
 import warnings
 from collections.abc import Mapping
@@ -173,6 +173,52 @@ _INVERSES = {"exact": "perturb"}
 # The recorded property `departures` is `perturbations` today.
 _SCENES = tuple(f"{_DATASETS}.{name}" for name in ("points.Points", "stereo.Stereo", "synthetic.Synthetic"))
 
+_EXPERIMENTS = {
+    "strangers": "held_out_subjects", "track": "dense_tracking", "track_video": "video_cues",
+    "walk_best": "walk_multi_cue", "walk_video_best": "walk_video_multi_cue",
+}  # fmt: skip
+"""Experiments that have another name today: old and new."""
+_TOP_KEYS = {
+    "learn": "training", "parts": "component_packages", "people": "default_motions", "threads": "n_threads",
+    "clips.choose": "clips.validation", "clips.half": "clips.split", "clips.report": "clips.test",
+    "clips.report_full": "clips.test_full", "clips.report_run": "clips.test_run",
+    "clips.report_walk_run": "clips.test_walk_run", "clips.strangers": "clips.held_out",
+    "learn.leave_out": "training.exclude", "protocol.half": "protocol.split", "protocol.shown": "protocol.occlusion",
+    "sweep.jobs": "sweep.job_ids", "sweep.metric": "sweep.objective", "sweep.stop_when": "sweep.stop_if",
+}  # fmt: skip
+"""Keys outside of components that have another name today, with their section: old and new."""
+_TOP_VALUES: dict[str, dict[Any, Any]] = {
+    "clips.split": {"choose": "validation", "report": "test"},
+    "protocol.occlusion": {"a board passing": "moving board", "nothing before the person": "none"},
+    "protocol.split": {"choose": "validation", "report": "test"},
+}
+"""Values of keys outside of components that have another name today, by today's key: old and new."""
+
+
+def todays_experiment(name: str) -> str:
+    """Return the name that an experiment has today."""
+    return _EXPERIMENTS.get(name, name)
+
+
+def todays_key(place: str) -> str:
+    """Return the dotted key that a key outside of components has today."""
+    section, dot, rest = place.partition(".")
+    return _TOP_KEYS.get(place) or f"{_TOP_KEYS.get(section, section)}{dot}{rest}"
+
+
+def provenance_in_todays_words(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a recorded provenance with today's experiment names, also in its choices "group=option"."""
+    today = dict(provenance)
+    if "experiment" in today:
+        today["experiment"] = todays_experiment(str(today["experiment"]))
+    if choices := today.get("choices"):
+        listed = [choices] if isinstance(choices, str) else choices
+        pairs = (str(choice).partition("=") for choice in listed)
+        today["choices"] = [
+            f"{group}={todays_experiment(name) if group == 'experiment' else name}" for group, _, name in pairs
+        ]
+    return today
+
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration with today's keys; a warning names each key whose value changes.
@@ -189,7 +235,7 @@ def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     ------
     InputError : a component that is none any more, or another value than the one that is fixed today.
     """
-    today = {key: _today(path, key, value) for key, value in settings.items()}
+    today = {todays_key(key): _section(key, _today(path, key, value)) for key, value in settings.items()}
     if isinstance(dataset := today.get("dataset"), Mapping):
         today["dataset"] = _dataset(dataset)
     return today
@@ -224,6 +270,19 @@ def _today(path: Path, place: str, value: Any) -> Any:
         if key in today and not isinstance(today[key], list | dict):
             today[key] = values.get(today[key], today[key])
     return today
+
+
+def _section(name: str, value: Any) -> Any:
+    """Return a section of the top level with today's keys and values."""
+    if not isinstance(value, Mapping):
+        return value
+    places = {key: todays_key(f"{name}.{key}") for key in value}
+    return {
+        places[key].partition(".")[2]: _TOP_VALUES.get(places[key], {}).get(item, item)
+        if isinstance(item, str)
+        else item
+        for key, item in value.items()
+    }
 
 
 def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:

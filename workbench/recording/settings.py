@@ -4,12 +4,16 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-NO_EFFECT = ("check", "clips", "assumptions", "learn", "paper", "parts", "paths", "people", "recorder", "threads")
+NO_EFFECT = (
+    "assumptions", "check", "clips", "component_packages", "default_motions", "n_threads", "paper", "paths", "recorder",
+    "training",
+)  # fmt: skip
 """Top-level keys of a configuration that do not affect a run's numbers.
 
-They say where and how a run is done (paths, threads, parts), what is recorded (recorder) and how far the numbers may
-move (check), or hold values that take effect only where a component refers to them (clips, given, learn, paper,
-people), and are then part of that component's resolved configuration. The seed does affect the numbers.
+They set where and how a run is done (paths, n_threads, component_packages), what is recorded (recorder) and how far the
+numbers may move (check), or hold values that take effect only where a component refers to them (assumptions, clips,
+default_motions, paper, training); these are then part of that component's resolved configuration. The seed does affect
+the numbers.
 """
 _NO_COLUMN = (*NO_EFFECT, "protocol")
 """Top-level keys that are no columns of a table; the protocol only repeats how the dataset was chosen."""

@@ -14,9 +14,9 @@ from tqdm import tqdm
 from workbench.datasets.rendering.perturbations import perturbation_sizes
 from workbench.evaluation.headline import ERRORS
 from workbench.evaluation.verdict import WINDOW, lost_and_found
-from workbench.experiment.config.options import name_parts, packages
+from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.resume import branched, continued_at
+from workbench.experiment.resume import branch_config, continuation_at
 from workbench.experiment.run import execute
 from workbench.recording.read.chunks import cells
 from workbench.recording.read.reader import Run, read
@@ -116,7 +116,7 @@ def diagnose(
     outcomes, refused
         Outcomes, the best first, and a sentence for each change that cannot be made.
     """
-    plain: Any = OmegaConf.to_container(branched(run, overrides)[0], resolve=True)
+    plain: Any = OmegaConf.to_container(branch_config(run, overrides)[0], resolve=True)
     begin = frame - BEFORE if frame - BEFORE > run.poses[0][0] else None
     changes = [*([] if begin is None else [SAME]), SAME_WHOLE, *changes_of(plain)]
     repeat = partial(_repeat, run.path, begin, frame, overrides, folder)
@@ -135,7 +135,7 @@ def diagnose(
 
 
 def _prepare(named: Sequence[str]) -> None:
-    name_parts(named)
+    allow_packages(named)
     prepare_hydra()
 
 
@@ -159,12 +159,12 @@ def _repeat(
     """Make one repetition, of the whole run where its inference cannot continue from a frame: whether it keeps the
     track, its error, and whether it is whole; or why it cannot be made."""
     run, (change, seed), refused = read(path), task, InputError("")
-    words = [*overrides, *change.overrides, f"seed={seed}", "threads=1"]
+    words = [*overrides, *change.overrides, f"seed={seed}", "n_threads=1"]
     place = folder / f"{change.name.replace(' ', '_')}{'_whole' * change.whole}" / str(seed)
     for at in [begin, None] if begin is not None and not change.whole else [None]:
         try:
-            config, command = branched(run, words, at)
-            continued = None if at is None else continued_at(run, at, words)
+            config, command = branch_config(run, words, at)
+            continued = None if at is None else continuation_at(run, at, words)
             until = _Until(frame + AFTER + 1 - (int(run.poses[0][0]) if at is None else at))
             summary = execute(config, command.choices["experiment"], place, True, command, continued, until)
         except InputError as error:

@@ -7,7 +7,7 @@ import pandas as pd
 
 from workbench.results.formatting import table_of
 
-_NO_EFFECT = ("paths.", "threads", "recorder.", "seed")
+_NO_EFFECT = ("paths.", "n_threads", "recorder.", "seed")
 _NOT_CODE = ("command", "inputs", "seed", "assumptions")
 _LONGEST = 60
 

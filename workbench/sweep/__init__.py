@@ -1,1 +1,1 @@
-"""Sweeps over configurations: their plan, their jobs, which Hydra's launchers run, and the table of them."""
+"""Sweeps over configurations: plan, jobs (run by Hydra's launchers) and table."""

@@ -1,4 +1,4 @@
-"""The condition that ends a run early, such as `times_lost>0`."""
+"""Conditions that end a run early, such as `times_lost>0`."""
 
 import math
 import operator
@@ -16,26 +16,26 @@ _CONDITION = re.compile(r"\s*([\w./-]+?)\s*(<=|>=|<|>|=)\s*(\S+)\s*")
 
 
 @dataclass(frozen=True)
-class StopWhen:
-    """A number of the run so far, one of `Summary.metrics`, compared with a bound."""
+class StopCondition:
+    """Comparison of a metric of the run so far (`Summary.metrics`) with a bound."""
 
     name: str
     sign: str
     bound: float
 
     def __call__(self, metrics: Mapping[str, float]) -> bool:
-        """Return whether it holds; what is not there yet, or not a number, holds nothing."""
+        """Return whether the condition holds; False for a missing metric or NaN."""
         return self.name in metrics and _ORDERS[self.sign](metrics[self.name], self.bound)
 
     def __str__(self) -> str:
         return f"{self.name}{self.sign}{self.bound:g}"
 
 
-def stop_when(text: str) -> StopWhen:
-    """Read `name<number`; raises InputError for anything else."""
+def parse_stop_condition(text: str) -> StopCondition:
+    """Return the condition of a text `name<number`; InputError for any other text."""
     if match := _CONDITION.fullmatch(text):
         name, sign, bound = match.groups()
         with suppress(ValueError):
             if math.isfinite(number := float(bound)):
-                return StopWhen(name, sign, number)
-    raise InputError(f"sweep.stop_when: expected a number of the run and a bound, such as times_lost>0, found {text!r}")
+                return StopCondition(name, sign, number)
+    raise InputError(f"sweep.stop_if: expected a metric and a bound, such as times_lost>0, found {text!r}")

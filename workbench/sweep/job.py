@@ -1,4 +1,4 @@
-"""One job of a sweep, run by its launcher: however it ends, its summary.json is true and the sweep goes on."""
+"""One job of a sweep, run by a launcher. Whatever ends it, its summary.json is correct and the sweep continues."""
 
 import json
 import logging
@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.evaluation.headline import ERRORS
-from workbench.sweep.early_stop import StopWhen, stop_when
+from workbench.sweep.early_stop import StopCondition, parse_stop_condition
 from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY, read_summary
@@ -24,68 +24,68 @@ from workbench.utils.run_lock import is_locked, locked
 log = logging.getLogger(__name__)
 
 ASIDE = ".aside"
-"""In a sweep's folder: where a job's run waits whose number now belongs to another."""
+"""Folder in a sweep's folder for runs whose job number now belongs to another configuration."""
 
 FAILED = ".failed"
-"""In a sweep's folder: the number of a job that has failed since the sweep began."""
+"""File in a sweep's folder with the number of a job that has failed since the sweep began."""
 
 _ALONE, _DETACHED = "BasicLauncher", "submitit"
-"""In the names of launchers: one runs jobs in the sweep's own process, the other's jobs survive that process."""
+"""Parts of launcher names: the first runs jobs in the sweep's process, jobs of the second survive that process."""
 
 
 def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any) -> float | None:
-    """Run one job of a sweep, unless a complete run that would come out the same exists.
+    """Run one job of a sweep, unless a complete run with the same identity exists.
 
     Parameters
     ----------
-    config : the configuration without the keys of `sweep`.
-    sweep : the keys of that name.
-    experiment : its name.
-    settings : Hydra's own, for this job.
+    config : the configuration without the section `sweep`.
+    sweep : that section.
+    experiment : name of the experiment.
+    settings : Hydra's settings of this job.
 
     Returns
     -------
-    The metric that a tuner minimises; the worst number for a job that did not complete or has no finite metric.
+    The objective of a tuner; the worst value for a job that is not complete or has no finite objective.
 
     Raises
     ------
-    InputError : the run has no number called sweep.metric.
-    Interrupted : a signal asked the sweep's own process to end; a launcher's other process only ends its job.
+    InputError : the run has no metric sweep.objective.
+    Interrupted : a signal interrupts the sweep's process; in another process of the launcher it ends the job only.
     """
     folder, launcher = Path(settings.runtime.output_dir), str(settings.launcher._target_)
-    chosen = sweep.jobs is None or settings.job.num in sweep.jobs
+    chosen = sweep.job_ids is None or settings.job.num in sweep.job_ids
     if chosen and (_DETACHED in launcher or is_locked(folder.parent)):  # else the sweep has ended
         try:
             with locked(folder, wait=True):
-                _run_unless_there(config, sweep, experiment, settings, folder)
+                _run_unless_complete(config, sweep, experiment, settings, folder)
         except KeyboardInterrupt:
             if launcher.endswith(_ALONE):
                 raise
     summary = read_summary(folder) or {}
     complete = summary.get("status") == "complete"
-    metric = metric_of(summary["metrics"], sweep.metric) if complete else None
-    if metric is None and (sweep.metric is not None or not complete):
+    objective = metric_of(summary["metrics"], sweep.objective) if complete else None
+    if objective is None and (sweep.objective is not None or not complete):
         return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
-    return metric
+    return objective
 
 
 def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | None:
-    """Return the run's number called `name`, of None the usual error; raises InputError when there is none."""
+    """Return the metric `name`, for None the first of ERRORS; InputError if it does not exist."""
     if name is None:
         return next((metrics[error] for error in ERRORS if error in metrics), None)
     if name not in metrics:
-        raise InputError(f"sweep.metric: expected one of {', '.join(sorted(metrics))}, found {name!r}")
+        raise InputError(f"sweep.objective: expected one of {', '.join(sorted(metrics))}, found {name!r}")
     return metrics[name]
 
 
-def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any, folder: Path) -> None:
-    """Run a job whose folder is locked; a defect is logged, as the run's summary describes it."""
-    stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
-    if _is_there(config, sweep, folder, stop) or (sweep.fail_fast and (folder.parent / FAILED).is_file()):
+def _run_unless_complete(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any, folder: Path) -> None:
+    """Run a job whose folder is locked; an exception is logged, and the run's summary contains it."""
+    stop = None if sweep.stop_if is None else parse_stop_condition(sweep.stop_if)
+    if _is_complete(config, sweep, folder, stop) or (sweep.fail_fast and (folder.parent / FAILED).is_file()):
         return
     root = logging.getLogger()
-    for handler in [each for each in root.handlers if type(each) is logging.StreamHandler]:
-        root.removeHandler(handler)  # the terminal is the table's
+    for handler in [handler for handler in root.handlers if type(handler) is logging.StreamHandler]:
+        root.removeHandler(handler)  # only the table prints to the terminal
     try:
         with warnings.catch_warnings():  # so that each job logs its warnings
             _run(config, experiment, settings, folder, stop)
@@ -94,10 +94,10 @@ def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, se
         log.exception("job %s failed", folder.name)
 
 
-def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopWhen | None) -> None:
-    """Run the configuration in the folder, from where an earlier attempt ended if it has checkpoints."""
+def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopCondition | None) -> None:
+    """Run the configuration in the folder; resume an earlier attempt that has checkpoints."""
     from workbench.experiment.provenance import Command
-    from workbench.experiment.resume import resumed
+    from workbench.experiment.resume import find_resumable
     from workbench.experiment.run import ending, run_checked
     from workbench.experiment.summary import Summary
 
@@ -106,8 +106,9 @@ def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop:
     attempts = _earlier_attempts(folder)
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with ending(summary):
-        found = None if stop is not None else resumed(config, attempts)  # an attempt may have missed the condition
-        continued, summary.anew = (None, found) if isinstance(found, str) else (found, None)
+        # earlier attempts may not have checked the stop condition
+        resumable = None if stop is not None else find_resumable(config, attempts)
+        continued, summary.anew = (None, resumable) if isinstance(resumable, str) else (resumable, None)
         run_checked(config, summary, True, command, continued, stop)
     for attempt in attempts:
         attempt.unlink()
@@ -116,42 +117,42 @@ def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop:
 
 
 def _earlier_attempts(folder: Path) -> list[Path]:
-    """Move what the last attempt recorded to where no run writes; return the recordings of all attempts."""
-    aside = folder / EARLIER
+    """Move the partial recording of the last attempt to EARLIER; return the recordings of all attempts."""
+    earlier = folder / EARLIER
     if (folder / PART).is_file():
-        aside.mkdir(exist_ok=True)
-        os.replace(folder / PART, aside / f"{time_ns()}.rrd.part")
-    return list(aside.glob("*.rrd.part"))
+        earlier.mkdir(exist_ok=True)
+        os.replace(folder / PART, earlier / f"{time_ns()}.rrd.part")
+    return list(earlier.glob("*.rrd.part"))
 
 
-def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhen | None) -> bool:
-    """Return whether a complete run that would come out the same is in the folder, or could be taken over from another.
+def _is_complete(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopCondition | None) -> bool:
+    """Return whether the folder has a complete run of the same identity, or one was reused from another folder.
 
-    sweep.resume and sweep.reuse say where else to look. The time of its summary becomes now, which marks it as ended.
+    sweep.resume and sweep.reuse are the other folders. The summary gets the current time, which marks the job as ended.
     """
     places = [Path(place) for place in (sweep.resume, sweep.reuse) if place is not None]
     if not places:
         return False
-    from workbench.experiment.provenance import identity  # here and below, as the sweep's own process may do without
+    from workbench.experiment.provenance import identity  # imported here, as the sweep's process may not need it
 
     try:
-        wanted = identity(config)
-    except (InputError, OmegaConfBaseException):  # the run itself will report it
+        expected = identity(config)
+    except (InputError, OmegaConfBaseException):  # the run reports it
         return False
     summary = read_summary(folder) or {}
     stopped = str(summary.get("stopped")).rpartition(" in frame ")[0]
     ended = summary.get("status") == "complete" or (summary.get("status") == "stopped" and stopped == str(stop))
-    if ended and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
+    if ended and (folder / RECORDING).is_file() and summary.get("identity") == expected:
         os.utime(folder / SUMMARY)
         return True
     _set_aside(folder)
-    return take_over(wanted, folder, places)
+    return reuse_run(expected, folder, places)
 
 
-def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
-    """Put a complete run of this identity, if any of the places holds one, into `folder`; tells whether it did.
+def reuse_run(identity: str, folder: Path, places: Sequence[Path]) -> bool:
+    """Put a complete run of this identity from one of the places into `folder`; return whether there is one.
 
-    The recording is linked where the file system allows that, else copied; its summary says where it is from.
+    The recording is linked, or copied to a file system without links. Its summary contains the source folder.
     """
     for source in _runs(places):
         summary = read_summary(source) or {}
@@ -160,18 +161,18 @@ def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
         try:
             with whole_file(folder / RECORDING) as part:
                 _link(source / RECORDING, part)
-        except NotWrittenError:  # another process has just removed it
+        except NotWrittenError:  # another process has removed it
             continue
         with whole_file(folder / SUMMARY) as part:
             part.write_text(json.dumps({**summary, "taken_from": str(source)}, indent=2) + "\n")
         if source.parent.name == ASIDE:
-            shutil.rmtree(source, ignore_errors=True)  # another sweep may take it over, too
+            shutil.rmtree(source, ignore_errors=True)  # another sweep may be reusing it
         return True
     return False
 
 
 def _set_aside(folder: Path) -> None:
-    """Move a complete run out of the way of another that is to have its folder, where `take_over` finds it."""
+    """Move a complete run of another configuration to ASIDE, where `reuse_run` finds it."""
     summary = read_summary(folder) or {}
     if summary.get("status") != "complete" or not (folder / RECORDING).is_file():
         return
@@ -182,15 +183,15 @@ def _set_aside(folder: Path) -> None:
 
 
 def _runs(places: Sequence[Path]) -> Iterator[Path]:
-    """The folders of runs in the places, those set aside last, as they may have just been."""
+    """Yield the run folders in the places, those in ASIDE last, as they may be new."""
     for place in places:
         for folder in (place, place / ASIDE):
             if folder.is_dir():
-                yield from (Path(each) for each in sorted(each.path for each in os.scandir(folder) if each.is_dir()))
+                yield from (Path(path) for path in sorted(entry.path for entry in os.scandir(folder) if entry.is_dir()))
 
 
 def _link(source: Path, target: Path) -> None:
-    """Link a file, or copy it to another file system or one without links."""
+    """Link a file, or copy it if the file system does not allow the link."""
     try:
         os.link(source, target)
     except OSError:

@@ -1,1 +1,1 @@
-"""Arrays, errors, random streams, files and processes."""
+"""Utilities: arrays, errors, random streams, files and processes."""

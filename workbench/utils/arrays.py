@@ -1,4 +1,4 @@
-"""Names for the arrays that travel between the parts; shapes and units stand in the docstrings."""
+"""Array types by data type; docstrings state shapes and units."""
 
 from typing import Any, TypeAlias
 

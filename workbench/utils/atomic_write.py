@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing of files: a file is complete or absent."""
 
 import logging
 import os
@@ -15,28 +15,28 @@ class NotWrittenError(InputError):
 
 
 def replace_text(path: Path, text: str, shorter: str = "") -> None:
-    """Replace a file by an ASCII text; on a full disk within its size, by `shorter` where `text` is too long for it.
+    """Replace a file by an ASCII text; on a full disk overwrite it in place by `text`, or by `shorter` if that fits.
 
-    Raises InputError when neither is possible.
+    Raises InputError if neither is possible.
     """
     try:
         with whole_file(path) as part:
             part.write_text(text)
     except InputError:
-        room = path.stat().st_size if path.is_file() else 0
-        fitting = next((each for each in (text, shorter) if 0 < len(each) <= room), None)
+        size = path.stat().st_size if path.is_file() else 0
+        fitting = next((option for option in (text, shorter) if 0 < len(option) <= size), None)
         if fitting is None:
             raise
         with path.open("r+") as file:
-            file.write(fitting.ljust(room))
+            file.write(fitting.ljust(size))
 
 
 @contextmanager
 def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
-    """Yield a name next to `path` to write to, which becomes `path` when the block ends well, else is removed.
+    """Yield a temporary path, which is renamed to `path` if the block succeeds and else removed.
 
-    The name is the process's own, so that several may write the same file. parents: make the folder too.
-    Raises InputError when the file cannot be written.
+    The temporary path contains the process id, so several processes may write the same file. parents: create the
+    folder. Raises InputError if the file cannot be written.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -48,19 +48,19 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
         raise NotWrittenError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         if part.is_file():
-            part.unlink(missing_ok=True)  # its folder may be removed just now
+            part.unlink(missing_ok=True)  # another process may remove the folder
 
 
 @contextmanager
-def kept_for_later() -> Iterator[None]:
-    """Write to a cache in the block; where that is not possible, warn once and go on."""
+def optional_cache() -> Iterator[None]:
+    """Write to a cache in the block; if that fails, log a warning once and continue."""
     try:
         yield
-    except (NotWrittenError, OSError, RuntimeError) as error:  # the last is h5py's, of a full disk
-        warn_once(shortened(f"{' '.join(str(error).split())}; the run goes on, and the next one makes it again"))
+    except (NotWrittenError, OSError, RuntimeError) as error:  # RuntimeError: h5py on a full disk
+        warn_once(shortened(f"{' '.join(str(error).split())}; the run continues without the cache"))
 
 
 @cache
-def warn_once(sentence: str) -> None:
+def warn_once(message: str) -> None:
     """Log a warning unless it was logged before."""
-    logging.getLogger(__name__).warning(sentence)
+    logging.getLogger(__name__).warning(message)

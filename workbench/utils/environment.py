@@ -1,4 +1,4 @@
-"""The environment that decides the last bits of results: processor features, the BLAS code path, versions."""
+"""Environment that determines the last bits of results: processor features, BLAS code path, versions."""
 
 import platform
 from collections.abc import Mapping
@@ -11,15 +11,15 @@ import numpy as np
 from llvmlite import binding as llvm  # type: ignore[import-untyped]
 from threadpoolctl import threadpool_info
 
-_SHOWN = 6  # processor features that are named where two lists differ
+_LISTED = 6  # maximum number of listed processor features
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
 @cache
 def environment() -> dict[str, str]:
-    """Return what equal runs need in common to give equal bits, by name.
+    """Return the properties that must be equal for bitwise identical runs, by name.
 
-    system: operating system, architecture and C library, whose `sin`, `exp` and `log` kernels call. numpy_cpu,
+    system: operating system, architecture and C library, which provides `sin`, `exp` and `log`. numpy_cpu,
     opencv_cpu: the processor features in use. numba_cpu: the processor and the features that kernels are compiled for.
     blas: the libraries that are loaded, each with its version and code path. python, numpy, scipy, …: versions.
     """
@@ -36,7 +36,7 @@ def environment() -> dict[str, str]:
 
 
 def differing(was: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return the entries that differ, each with its two values, of lists of features only the words that differ."""
+    """Return the differing entries with both values; of feature lists only the differing features."""
     pairs = {name: (str(was.get(name, "unknown")), str(now.get(name, "unknown"))) for name in {**was, **now}}
     changed = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
     return {name: _shortened(*pair) if name.endswith("_cpu") else pair for name, pair in changed.items()}
@@ -44,9 +44,11 @@ def differing(was: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple
 
 def _shortened(first: str, second: str) -> tuple[str, str]:
     one, other = first.split(), second.split()
-    parts = ([word for word in one if word not in other], [word for word in other if word not in one])
-    shown = [" ".join(words[:_SHOWN]) + f" and {len(words) - _SHOWN} more" * (len(words) > _SHOWN) for words in parts]
-    return shown[0] or "less", shown[1] or "less"
+    unique = ([word for word in one if word not in other], [word for word in other if word not in one])
+    texts = [
+        " ".join(words[:_LISTED]) + f" and {len(words) - _LISTED} more" * (len(words) > _LISTED) for words in unique
+    ]
+    return texts[0] or "fewer", texts[1] or "fewer"
 
 
 def _numba_cpu() -> str:
@@ -54,11 +56,11 @@ def _numba_cpu() -> str:
     features: str | None = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
     if features is None:
         features = "" if name == "generic" else llvm.get_host_cpu_features().flatten()
-    return " ".join([name, *sorted(each for each in features.split(",") if each.startswith("+"))])
+    return " ".join([name, *sorted(name for name in features.split(",") if name.startswith("+"))])
 
 
 def _blas() -> list[str]:
-    import scipy.linalg  # noqa: F401 (loads SciPy's own)
+    import scipy.linalg  # noqa: F401 (loads SciPy's BLAS)
 
-    loaded = [each for each in threadpool_info() if each["user_api"] == "blas"]
-    return [f"{each['prefix']} {each['version']} {each.get('architecture', '')}".rstrip() for each in loaded]
+    libraries = [library for library in threadpool_info() if library["user_api"] == "blas"]
+    return [f"{item['prefix']} {item['version']} {item.get('architecture', '')}".rstrip() for item in libraries]

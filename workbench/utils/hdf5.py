@@ -1,4 +1,4 @@
-"""Read HDF5 files, those of users in the sandbox: damage can crash the library or keep it in a loop."""
+"""Read HDF5 files; untrusted ones in the sandbox, as damage can crash the library or cause an endless loop."""
 
 import json
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS, check_file, check_number
+from workbench.utils.input_limits import DEEPEST, MAX_NUMBERS, check_file, check_number
 from workbench.utils.sandbox import parse_limited
 
 MOST_BYTES = 1 << 40  # of a file
@@ -22,8 +22,10 @@ _ATTRIBUTES = "attributes"
 
 
 class Hdf5(NamedTuple):
-    """Content of a file. arrays: data sets of numbers and texts by path, such as /motions/0/poses. attributes: texts
-    and numbers by path of the group, then by name."""
+    """Content of a file.
+
+    arrays: data sets of numbers and texts by path, such as /motions/0/poses. attributes: by path of the group and name.
+    """
 
     arrays: Mapping[str, AnyArray]
     attributes: Mapping[str, Mapping[str, Any]]
@@ -32,9 +34,15 @@ class Hdf5(NamedTuple):
 def read_hdf5(path: Path, what: str, own: bool = False) -> Hdf5:
     """Return all numbers, texts and attributes of a file; OTHER in place of other data sets.
 
-    what: the expected content, for the message. own: written by the workbench itself, such as a file in its cache, and
-    read without the sandbox. Raises InputError for damage, links, data sets that lie in other files, and more numbers
-    than the bounds.
+    Parameters
+    ----------
+    path : the file.
+    what : the expected content, for the message.
+    own : whether the workbench wrote the file, such as in its cache; it is then read without the sandbox.
+
+    Raises
+    ------
+    InputError : damage, links, data sets in other files, or more numbers than the bounds.
     """
     check_file(path, MOST_BYTES)
     try:
@@ -59,26 +67,28 @@ def contents(path: Path) -> dict[str, AnyArray]:
                 place = f"{group.name.rstrip('/')}/{name}"
                 check_number(path, "groups and data sets", n_objects := n_objects + 1, _MOST_OBJECTS)
                 if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                    raise InputError(f"{path}: {place}: expected data in the file itself, found a link")
-                if isinstance(each := group[name], h5py.Group):
-                    check_number(path, "groups in one another", place.count("/"), DEEPEST)
+                    raise InputError(f"{path}: {place}: expected a data set, found a link")
+                if isinstance(item := group[name], h5py.Group):
+                    check_number(path, "nested groups", place.count("/"), DEEPEST)
                     pending.append(place)
-                elif isinstance(each, h5py.Dataset):
-                    n_bytes += _size(f"{path}: {place}", each)
-                    most = max(_SMALL_BYTES, _MOST_PACKED * path.stat().st_size)
-                    check_number(path, "bytes of numbers in a file of this size", n_bytes, most)
-                    numbers = each.dtype.kind in "biuf" and each.shape is not None
-                    text = h5py.check_string_dtype(each.dtype) and each.shape == ()
-                    arrays[place] = np.asarray(each[()] if numbers else each.asstr()[()] if text else OTHER)
-    packed = json.dumps(attributes, default=lambda value: getattr(value, "tolist", lambda: None)())  # None: neither
+                elif isinstance(item, h5py.Dataset):
+                    n_bytes += _size(f"{path}: {place}", item)
+                    limit = max(_SMALL_BYTES, _MOST_PACKED * path.stat().st_size)
+                    check_number(path, "bytes of numbers in a file of this size", n_bytes, limit)
+                    numbers = item.dtype.kind in "biuf" and item.shape is not None
+                    text = h5py.check_string_dtype(item.dtype) and item.shape == ()
+                    arrays[place] = np.asarray(item[()] if numbers else item.asstr()[()] if text else OTHER)
+    packed = json.dumps(
+        attributes, default=lambda value: getattr(value, "tolist", lambda: None)()
+    )  # None: no number or text
     return arrays | {_ATTRIBUTES: np.array(packed)}
 
 
-def _size(place: str, found: h5py.Dataset) -> int:
-    """Return the bytes of a data set in memory; raises InputError for one that is not stored in the file."""
-    if found.external or found.is_virtual:
-        raise InputError(f"{place}: expected numbers in the file itself, found those of another")
-    check_number(place, "numbers", size := int(found.size or 0), MOST_NUMBERS)
-    if size and not found.id.get_storage_size():
+def _size(place: str, dataset: h5py.Dataset) -> int:
+    """Return the bytes of a data set in memory; InputError if it is not stored in the file."""
+    if dataset.external or dataset.is_virtual:
+        raise InputError(f"{place}: expected numbers in this file, found a reference to another file")
+    check_number(place, "numbers", size := int(dataset.size or 0), MAX_NUMBERS)
+    if size and not dataset.id.get_storage_size():
         raise InputError(f"{place}: expected {size} numbers, found none stored")
-    return size * int(found.dtype.itemsize)
+    return size * int(dataset.dtype.itemsize)

@@ -1,4 +1,4 @@
-"""Bounds on what a file or a configuration may ask for, checked before arrays of that size are made."""
+"""Bounds on files and configurations, checked before arrays of their size are allocated."""
 
 import json
 import math
@@ -17,17 +17,17 @@ from workbench.utils.errors import InputError
 if TYPE_CHECKING:  # the command line reads this module before it needs arrays
     from workbench.utils.arrays import FloatArray
 
-MOST_JOINTS, MOST_FRAMES = 1_000, 1_000_000  # of a motion file
-MOST_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-_MOST_TEXT, MOST_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
-DEEPEST = 50  # levels of lists and mappings in one another
-MOST_COUNT, LARGEST, _MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
-MOST_JOBS = 100_000  # of a sweep
+MAX_JOINTS, MAX_FRAMES = 1_000, 1_000_000  # of a motion file
+MAX_NUMBERS = 50_000_000  # of one array: 400 MB of float64
+_MAX_TEXT, MAX_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
+DEEPEST = 50  # levels of nested lists and mappings
+MAX_COUNT, LARGEST, _MAX_SEED = 1_000_000, 1e9, 2**63 - 1  # integers and other numbers of a configuration
+MAX_JOBS = 100_000  # of a sweep
 
 RATES_HZ = (0.1, 1e5)
 LARGEST_M, LARGEST_PX = 1e7, 1e7  # of positions
 LONGEST_LIMB_M = 1.5
-MOST_LEFT_MM = 200.0  # mean distance between a joint and its retargeted position
+MAX_RESIDUAL_MM = 200.0  # mean distance between a joint and its retargeted position
 
 _MEMORY: Mapping[tuple[str, ...], int] = {
     ("dataset.n_frames", "dataset.width", "dataset.height"): 1,
@@ -36,7 +36,7 @@ _MEMORY: Mapping[tuple[str, ...], int] = {
     ("inference.n_particles", "inference.lag"): 4_000,
     ("inference.n_paths", "dataset.n_frames"): 4_000,
 }
-"""Keys whose numbers multiply in memory, and bytes per unit of their product: pixels, and states of particles."""
+"""Keys whose product determines memory, and bytes per unit of the product (pixels, particle states)."""
 
 _YAML = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _LONG_NUMBER = re.compile(r"[-+]?[0-9][0-9a-fA-FxXoObB_:.]{100,}")
@@ -44,50 +44,50 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}
 
 
 def check_rate(place: object, rate_hz: float) -> float:
-    """Return a rate in Hz within RATES_HZ; raises InputError, naming the place, for any other."""
+    """Return a rate, Hz, within RATES_HZ; InputError, with the place, for any other."""
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise InputError(f"{place}: expected a rate of {RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz, found {rate_hz:g}")
     return rate_hz
 
 
 def check_places(place: object, positions: "FloatArray") -> None:
-    """Raise InputError where a position (..., 3), m, is farther out than LARGEST_M; NaN is allowed."""
+    """Raise InputError if a coordinate of positions (..., 3), m, exceeds LARGEST_M; NaN is allowed."""
     sizes = abs(positions)
     if (far := sizes > LARGEST_M).any():
         raise InputError(f"{place}: expected positions up to {LARGEST_M:g} m, found {sizes[far][0]:g} m")
 
 
-def check_number(place: object, what: str, found: int, most: int) -> None:
-    """Raise InputError, naming the place, where there are more than `most` of something."""
-    if found > most:
-        raise InputError(f"{place}: expected at most {most} {what}, found {found}")
+def check_number(place: object, what: str, number: int, maximum: int) -> None:
+    """Raise InputError, with the place, if there are more than `maximum` of `what`."""
+    if number > maximum:
+        raise InputError(f"{place}: expected at most {maximum} {what}, found {number}")
 
 
 def check_sizes(value: object, place: str = "") -> None:
-    """Raise InputError for a number in a configuration that is not finite or larger than any run needs."""
+    """Raise InputError for a number in a configuration that is not finite or out of bounds."""
     if isinstance(value, dict | list):
         for key, item in value.items() if isinstance(value, dict) else (("", item) for item in value):
             check_sizes(item, ".".join(filter(None, (place, str(key)))))
     elif isinstance(value, int | float):
         key = place.rpartition(".")[2]
         counts = isinstance(value, int) and not key.startswith(("most_", "max_"))
-        most = _MOST_SEED if key == "seed" else MOST_COUNT if counts else LARGEST
-        least = 1 if key in ("n_frames", "n_particles") else -most
-        if not least <= value <= most:
-            shown = "a longer one" if isinstance(value, int) and abs(value) >= 2**64 else value
-            raise InputError(f"config: {place}: expected a number of {least:.9g} to {most:.9g}, found {shown}")
+        upper = _MAX_SEED if key == "seed" else MAX_COUNT if counts else LARGEST
+        lower = 1 if key in ("n_frames", "n_particles") else -upper
+        if not lower <= value <= upper:
+            text = "a longer one" if isinstance(value, int) and abs(value) >= 2**64 else value
+            raise InputError(f"config: {place}: expected a number of {lower:.9g} to {upper:.9g}, found {text}")
 
 
 def check_products(config: Mapping[str, Any]) -> None:
-    """Raise InputError where a configuration needs more than half of the memory, by the products of _MEMORY."""
-    most_gb = _memory_bytes() / 2e9
-    groups = {group: part for group, part in config.items() if isinstance(part, Mapping)}
-    values = {f"{group}.{key}": value for group, part in groups.items() for key, value in part.items()}
+    """Raise InputError if a configuration requires more than half of the memory, by the products of _MEMORY."""
+    max_gb = _memory_bytes() / 2e9
+    groups = {group: node for group, node in config.items() if isinstance(node, Mapping)}
+    values = {f"{group}.{key}": value for group, node in groups.items() for key, value in node.items()}
     for keys, bytes_each in _MEMORY.items():
         numbers = {key: values[key] for key in keys if isinstance(values.get(key), int | float)}
-        if len(numbers) == len(keys) and not (gb := math.prod(numbers.values()) * bytes_each / 1e9) <= most_gb:
-            shown = ", ".join(f"{key}={number:.6g}" for key, number in numbers.items())
-            raise InputError(f"config: {shown}: needs about {gb:.3g} GB, expected at most {most_gb:.3g} GB")
+        if len(numbers) == len(keys) and not (gb := math.prod(numbers.values()) * bytes_each / 1e9) <= max_gb:
+            keys_and_values = ", ".join(f"{key}={number:.6g}" for key, number in numbers.items())
+            raise InputError(f"config: {keys_and_values}: requires about {gb:.3g} GB, expected at most {max_gb:.3g} GB")
 
 
 def _memory_bytes() -> int:
@@ -95,44 +95,44 @@ def _memory_bytes() -> int:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def check_file(path: Path, most: int = _MOST_TEXT) -> None:
-    """Raise InputError for anything but a regular file of at most `most` bytes; a pipe would block."""
+def check_file(path: Path, max_bytes: int = _MAX_TEXT) -> None:
+    """Raise InputError for anything but a regular file of at most `max_bytes` bytes; a pipe would block."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError) as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else getattr(error, "strerror", None) or error
         raise InputError(f"{path}: {reason}") from None
-    if not stat.S_ISREG(found.st_mode):
-        raise InputError(f"{path}: expected a file, found {'a folder' if stat.S_ISDIR(found.st_mode) else 'none'}")
-    check_number(path, "bytes", found.st_size, most)
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{path}: expected a file, found {'a folder' if stat.S_ISDIR(status.st_mode) else 'none'}")
+    check_number(path, "bytes", status.st_size, max_bytes)
 
 
 def parse_json(place: object, text: str | bytes | bytearray) -> Any:
-    """Parse JSON; raises InputError, naming the place, for anything else."""
+    """Return parsed JSON; InputError, with the place, for any other text."""
     return _parsed(place, "JSON", json.loads, text)
 
 
 def parse_toml(place: object, text: str) -> dict[str, Any]:
-    """Parse TOML; raises InputError, naming the place, for anything else and for very long dotted keys."""
-    check_number(place, "characters", len(text), MOST_CONFIG)
-    if _LONG_KEY.search(text):  # the parser's time grows with the square of their length
+    """Return parsed TOML; InputError, with the place, for any other text and for very long dotted keys."""
+    check_number(place, "characters", len(text), MAX_CONFIG)
+    if _LONG_KEY.search(text):  # the parsing time is quadratic in their length
         raise InputError(f"{place}: expected at most {DEEPEST} names in a dotted key, found more")
     return _parsed(place, "TOML", tomllib.loads, text)
 
 
 def parse_yaml(place: object, text: str) -> Any:
-    """Parse plain YAML without references; raises InputError, naming the place, for anything else."""
-    check_number(place, "characters", len(text), MOST_CONFIG)
+    """Return parsed plain YAML without references; InputError, with the place, for any other text."""
+    check_number(place, "characters", len(text), MAX_CONFIG)
     return _parsed(place, "YAML", _load_yaml, text)
 
 
 def _load_yaml(text: str) -> Any:
-    """Load YAML whose events are harmless: deep levels crash the loader, and long numbers in base 60 take minutes."""
+    """Load YAML without deep nesting, which crashes the loader, and long base-60 numbers, which take minutes."""
     depth = 0
     for event in yaml.parse(text, _YAML):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
-            raise ValueError(f"found references or more than {DEEPEST} levels in one another")
+            raise ValueError(f"found references or more than {DEEPEST} nested levels")
         if isinstance(event, yaml.ScalarEvent) and _LONG_NUMBER.fullmatch(event.value):
             raise ValueError("found a number of more than 100 digits")
     return yaml.load(text, _YAML)

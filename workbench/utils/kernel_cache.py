@@ -1,11 +1,10 @@
-"""Compiled kernels, cached on disk in one folder and recompiled when any source they depend on changes.
+"""Cache of compiled kernels on disk; a kernel is recompiled when any source that it depends on changes.
 
-Numba's own cache notices edits of the file that a kernel is written in, but not of the functions and constants that it
-takes from other files. Here the stamp of a cached kernel is a hash of its module and of everything that this imports
-from the workbench, so an edit replaces the cached kernel.
+Numba's cache detects edits of a kernel's file, but not of functions and constants from other files. Here the stamp of a
+cached kernel is a hash of its module and of all modules that this imports from the workbench.
 
-Numba has no public way to choose the folder or the stamp for one kernel. This file therefore gives its own kernels
-(no others) a cache of the class below; it was tested with numba 0.61 to 0.68.
+Numba has no public interface for the folder and the stamp of one kernel. The kernels of the workbench (no others)
+therefore use the cache class below, which works with numba 0.61 to 0.68.
 """
 
 import os
@@ -27,12 +26,11 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def kernel(**options: Any) -> Callable[[_Function], _Function]:
-    """Return a decorator that compiles a function with `numba.njit` and its options, without the interpreter's lock,
-    and caches it."""
+    """Return a decorator that compiles a function with `numba.njit`, without the GIL, and caches it on disk."""
 
     def decorate(function: _Function) -> _Function:
         compiled: Any = numba.njit(nogil=True, **options)(function)
-        compiled._cache = _KernelCache(function)  # type: ignore[no-untyped-call] # as `enable_caching()` does with a cache of numba's own kind
+        compiled._cache = _KernelCache(function)  # type: ignore[no-untyped-call] # as `enable_caching()` does
         return compiled
 
     return decorate
@@ -42,18 +40,18 @@ def kernel(**options: Any) -> Callable[[_Function], _Function]:
 def _kernel_folder() -> Path:
     """Return the folder of cached kernels.
 
-    Where the user set numba's own NUMBA_CACHE_DIR, below that; else with the package's byte code, or in ~/.cache where
-    that is read-only.
+    It is below NUMBA_CACHE_DIR if that is set, else next to the package's byte code, or in ~/.cache if that is
+    read-only.
     """
     if chosen := numba.config.CACHE_DIR:  # type: ignore[attr-defined]
         return Path(chosen) / "workbench"
-    own = _PACKAGE / "__pycache__"
-    writable = os.access(own if own.is_dir() else _PACKAGE, os.W_OK)
-    return own / "kernels" if writable else Path("~/.cache/workbench/kernels").expanduser()
+    bytecode = _PACKAGE / "__pycache__"
+    writable = os.access(bytecode if bytecode.is_dir() else _PACKAGE, os.W_OK)
+    return bytecode / "kernels" if writable else Path("~/.cache/workbench/kernels").expanduser()
 
 
 class _Locator:
-    """The place of a cached kernel, and the hash of its sources, for numba."""
+    """Location and source hash of a cached kernel, for numba."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._module, self._line = function.__module__, function.__code__.co_firstlineno
@@ -80,7 +78,7 @@ class _KernelFiles(CompileResultCacheImpl):
 
 
 class _KernelCache(FunctionCache):
-    """Numba's cache of a function. Where it cannot be used, as on a full disk, kernels stay in memory only."""
+    """Numba's cache of a function. If it is unusable, as on a full disk, kernels stay in memory only."""
 
     _impl_class = _KernelFiles
 

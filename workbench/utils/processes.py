@@ -1,4 +1,4 @@
-"""Start other processes: wait for one, let one go on, or share tasks among several."""
+"""Start processes: wait for one, run one in the background, or distribute tasks over a pool."""
 
 import subprocess
 import sys
@@ -11,28 +11,28 @@ CAPTURED = subprocess.PIPE
 
 
 def module(name: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module by this Python, without the current folder among its imports."""
+    """Return the command that runs a module with this Python, without the current folder in the import path."""
     return [sys.executable, "-P", "-m", name, *arguments]
 
 
 def run(
     command: Sequence[str], *, timeout_s: float | None = None, **options: Any
 ) -> subprocess.CompletedProcess[bytes]:
-    """Run a command to its end; after `timeout_s` it is killed.
+    """Run a command to its end and return the completed process; after `timeout_s` it is killed.
 
     options: of `subprocess.run`, such as stdout and stderr (CAPTURED: in the result), cwd and env.
-    Raises OSError where it cannot be started, or (TimeoutError) was killed.
+    Raises OSError if it cannot be started, TimeoutError if it was killed.
     """
     try:
         return subprocess.run(command, timeout=timeout_s, check=False, **options)
     except subprocess.TimeoutExpired:
-        raise TimeoutError(f"{command[0]}: ended, as it took longer than {timeout_s:g} s") from None
+        raise TimeoutError(f"{command[0]}: killed after the time limit of {timeout_s:g} s") from None
 
 
 def start(command: Sequence[str], *, background: bool = False, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
-    """Start a command that reads its standard input from a pipe, and do not wait for it.
+    """Start a command with a pipe as standard input, and return the process without waiting.
 
-    background: discard its outputs, and keep a terminal's signals from it. pass_fds: open files that it inherits.
+    background: discard its outputs, and shield it from the terminal's signals. pass_fds: open files that it inherits.
     """
     output = subprocess.DEVNULL if background else None
     return subprocess.Popen(
@@ -41,7 +41,7 @@ def start(command: Sequence[str], *, background: bool = False, pass_fds: Sequenc
 
 
 def end(process: subprocess.Popen[bytes], timeout_s: float) -> int:
-    """Close a started process's standard input and return its exit code; it is killed after the time."""
+    """Close a started process's standard input and return its exit code; after `timeout_s` it is killed."""
     assert process.stdin is not None
     process.stdin.close()
     try:
@@ -52,5 +52,5 @@ def end(process: subprocess.Popen[bytes], timeout_s: float) -> int:
 
 
 def pool(n: int, prepare: Callable[..., None], *arguments: Any) -> ProcessPoolExecutor:
-    """Return an executor of n new processes, each of which calls `prepare` with the arguments first."""
+    """Return an executor of n new processes that first call `prepare` with the arguments."""
     return ProcessPoolExecutor(n, get_context("spawn"), prepare, arguments)

@@ -1,4 +1,4 @@
-"""Random streams: a generator of its own for every purpose, so that no two of a run are equal, whatever their seeds."""
+"""Random streams: an independent generator for every purpose of a run, also at equal seeds."""
 
 import zlib
 
@@ -11,16 +11,16 @@ STREAMS = ("start", "resampling", "prior", "study")
 
 
 def stream(seed: int, purpose: str, *indices: int) -> np.random.Generator:
-    """Return the generator of this seed for this purpose, and of a frame or part where indices number them.
+    """Return the generator of a seed for a purpose, and optionally for a frame or component by index.
 
-    purpose: names what is drawn, such as "clothes"; streams of two purposes are independent at equal seeds.
+    purpose: name of the sampled quantity, such as "clothes"; streams of different purposes are independent.
     """
     key = zlib.crc32(purpose.encode())
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, *indices)))
 
 
 def rng_streams(seed: int) -> dict[str, np.random.Generator]:
-    """The run's named random streams; raises InputError for a negative seed."""
+    """Return the named random streams of a run; InputError for a negative seed."""
     if seed < 0:
-        raise InputError(f"seed must be zero or a positive whole number, found {seed}")
+        raise InputError(f"seed: expected a non-negative integer, found {seed}")
     return {name: stream(seed, f"run: {name}") for name in STREAMS}

@@ -6,21 +6,21 @@ from typing import Any
 
 RECORDING = "run.rrd"
 PART = "run.rrd.part"
-"""The recording while the run is at work, and what is kept of one that was interrupted or failed."""
+"""Recording of a running, interrupted or failed run."""
 
 RECORDING_SUFFIXES = (".rrd", ".rrd.part")
-"""Of recordings of whatever name, complete or not."""
+"""Suffixes of complete and partial recordings."""
 
 SUMMARY = "summary.json"
 LOCK = ".lock"
-"""Locked by the process at work in the folder; see `run_lock`."""
+"""File locked by the process that uses the folder; see `run_lock`."""
 
 EARLIER = ".earlier"
-"""Folder of the runs and attempts that the folder held before, hidden from readers of recordings."""
+"""Folder of earlier runs and attempts, hidden from readers of recordings."""
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Read summary.json in a folder; None where there is none or it cannot be read."""
+    """Return the content of summary.json in a folder; None if it is missing or unreadable."""
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -1,7 +1,7 @@
-"""One lock for each folder of a run or sweep, held by the process at work in it.
+"""Lock on the folder of a run or sweep, held by the process that uses it.
 
-The operating system releases the lock when the process ends, however that happens, so a folder that is not locked has
-no process at work. On a network file system this needs locks that all machines share, as NFS has by default.
+The operating system releases the lock when the process ends in any way, so no process uses an unlocked folder. Network
+file systems must share locks between machines, as NFS does by default.
 """
 
 import fcntl
@@ -16,22 +16,22 @@ from time import monotonic, sleep
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import LOCK
 
-_PATIENCE_S = 0.1  # as a process that only tests the lock holds it for a moment
+_RETRY_S = 0.1  # a process that tests the lock holds it briefly
 
 
 @contextmanager
 def locked(folder: Path, wait: bool = False) -> Iterator[None]:
-    """Hold the lock of an existing folder until the block ends; wait: while another process holds it.
+    """Hold the lock of an existing folder during the block; wait: until other processes release it.
 
-    Raises InputError, which names the process that holds the lock, or why the folder cannot be locked.
+    Raises InputError, with the process that holds the lock, or if the folder cannot be locked.
     """
-    with ExitStack() as held:
+    with ExitStack() as stack:
         try:
-            file = held.enter_context(FileIO(folder / LOCK, "a+"))  # unbuffered: a full disk leaves nothing to write
+            file = stack.enter_context(FileIO(folder / LOCK, "a+"))  # unbuffered: no write is pending on a full disk
             _acquire(file, wait)
         except BlockingIOError:
             holder = (folder / LOCK).read_text() or "another process"
-            raise InputError(f"{folder}: {holder} is at work in this folder; wait for it or choose another") from None
+            raise InputError(f"{folder}: {holder} uses this folder; wait for it or choose another folder") from None
         except OSError as error:
             raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
         with suppress(OSError):
@@ -42,14 +42,14 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
 
 @contextmanager
 def run_folder(folder: Path) -> Iterator[None]:
-    """Make the folder where there is none, and hold its lock until the block ends.
+    """Create the folder if needed, and hold its lock during the block.
 
-    Raises InputError where another process is at work in it, or where it cannot be the folder of a run.
+    Raises InputError if another process uses it, or if it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be the folder of a run: {error.strerror}") from None
+        raise InputError(f"{folder}: the folder cannot be created: {error.strerror}") from None
     with locked(folder):
         yield
 
@@ -65,9 +65,9 @@ def is_locked(folder: Path) -> bool:
 
 
 def _acquire(file: FileIO, wait: bool) -> None:
-    end = monotonic() + _PATIENCE_S
+    end = monotonic() + _RETRY_S
     while not wait and monotonic() < end:
         with suppress(BlockingIOError):
             return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        sleep(_PATIENCE_S / 10)
+        sleep(_RETRY_S / 10)
     fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -1,6 +1,6 @@
 """Parse untrusted files in a child process with limits on time, memory and output.
 
-Some damaged files make C libraries crash, loop or exhaust the memory. Results come back as NPZ, read without pickle.
+Some damaged files make C libraries crash, loop or exhaust the memory. The child returns NPZ, read without pickle.
 """
 
 import os
@@ -22,13 +22,13 @@ from workbench.utils.processes import module, run
 _CPU_S, _BYTES_PER_S = 5, 5_000_000  # processor time of the child: 5 s, and 1 s for every 5 MB
 MEMORY_BYTES = 4_000_000_000  # of the child, and of its output, plus ten times the size of the files
 _WALL = 20  # wall time over processor time
-_REFUSED = 3  # exit code of the child after an InputError
+_INPUT_ERROR = 3  # exit code of the child after an InputError
 
 
 def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, what: str) -> dict[str, AnyArray]:
-    """Return the arrays of numbers or texts that a module-level function, called with paths in a child, returns.
+    """Return the arrays of numbers or texts that a module-level function returns for the paths in a child process.
 
-    Raises InputError where it raises any error, crashes or exceeds a limit. what: the expected kind of file.
+    Raises InputError if it raises any error, crashes or exceeds a limit. what: the expected kind of file.
     """
     place, size = f"{paths[0]}: expected {what}", sum(path.stat().st_size for path in paths if path.exists())
     call, wall_s = (f"{parse.__module__}:{parse.__qualname__}", str(size)), _WALL * (_CPU_S + size // _BYTES_PER_S)
@@ -37,40 +37,40 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
         try:
             code = run(command, stdout=output, stderr=errors, timeout_s=wall_s).returncode
         except TimeoutError:
-            raise InputError(f"{place}, found one that takes more than {wall_s} s to read") from None
+            raise InputError(f"{place}, found a file that takes more than {wall_s} s to read") from None
         if code < 0:
             raise InputError(f"{place}, found damage that crashes the reader or takes too much time or memory")
         if code:
             errors.seek(max(0, errors.seek(0, os.SEEK_END) - 10_000))
             last = (errors.read().decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
-            raise InputError(last if code == _REFUSED else f"{place}: {last}")
+            raise InputError(last if code == _INPUT_ERROR else f"{place}: {last}")
         try:
             with zipfile.ZipFile(output) as packed:
-                if sum(each.file_size for each in packed.infolist()) > os.fstat(output.fileno()).st_size:
+                if sum(entry.file_size for entry in packed.infolist()) > os.fstat(output.fileno()).st_size:
                     raise ValueError("compressed data")
             with np.load(output, allow_pickle=False) as arrays:
                 return dict(arrays)
-        except Exception as error:  # noqa: BLE001 (a file that took over its reader can make it write anything)
-            raise InputError(f"{place}, found one whose reader returned no arrays: {error}") from None
+        except Exception as error:  # noqa: BLE001 (a malicious file can make its reader write anything)
+            raise InputError(f"{place}, found a file whose reader returned no arrays: {error}") from None
 
 
 def main(name: str, size: str, *paths: str) -> None:
     """Call package.module:function within the limits for `size` bytes, and write its arrays to standard output."""
     parse, memory = resolve_name(name), MEMORY_BYTES + 10 * int(size)
     cpu_s = _CPU_S + int(size) // _BYTES_PER_S + int(time.process_time()) + 1
-    for limit, most in {"DATA": memory, "FSIZE": memory, "CPU": cpu_s, "CORE": 0}.items():
+    for limit, maximum in {"DATA": memory, "FSIZE": memory, "CPU": cpu_s, "CORE": 0}.items():
         number = getattr(resource, f"RLIMIT_{limit}")
         hard = resource.getrlimit(number)[1]
-        resource.setrlimit(number, (hard if 0 <= hard < most else most,) * 2)
+        resource.setrlimit(number, (hard if 0 <= hard < maximum else maximum,) * 2)
     with os.fdopen(os.dup(1), "wb") as output:
-        os.dup2(2, 1)  # what a library prints is no result
+        os.dup2(2, 1)  # output of libraries is no result
         try:
             np.savez(output, **parse(*map(Path, paths)))
         except Exception as error:  # noqa: BLE001 (damage leads to any error; the parent reports it)
-            known = isinstance(error, InputError)
-            sentence = f"{error}" if known else f"{type(error).__name__}: {error}"
-            print("\n" + " ".join(sentence.split()), file=sys.stderr)
-            sys.exit(_REFUSED if known else 1)
+            is_input_error = isinstance(error, InputError)
+            message = f"{error}" if is_input_error else f"{type(error).__name__}: {error}"
+            print("\n" + " ".join(message.split()), file=sys.stderr)
+            sys.exit(_INPUT_ERROR if is_input_error else 1)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""SIGINT, SIGTERM and SIGHUP end a run as interrupted: they raise `Interrupted` in the main thread.
+"""Interrupt a run by SIGINT, SIGTERM or SIGHUP: they raise `Interrupted` in the main thread.
 
-What may be lost is what was computed since the recording was last flushed. Blocks that must not be left half done,
-such as publishing a recording, defer the exception to their end.
+Frames since the last flush of the recording may be lost. Blocks that must be completed, such as publishing a recording,
+defer the exception to their end.
 """
 
 import signal
@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Sent by a person, by a cluster or a service manager, and by a terminal that closes."""
+"""Sent by the user, by a cluster or service manager, and by a closing terminal."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asked the process to end. number: of the signal."""
+    """A signal interrupts the process. number: of the signal."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -23,7 +23,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Request:
-    """received: the last signal; pending: the same until the deferred blocks, `depth` of them, have ended."""
+    """received: the last signal. pending: the same until all `depth` deferred blocks have ended."""
 
     received: int | None = None
     pending: int | None = None
@@ -34,16 +34,16 @@ class _Request:
 def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
     """Raise Interrupted when one of _SIGNALS arrives in the block; `first` is called before that.
 
-    Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
-    (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
+    Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Ignored signals
+    (SIGHUP under nohup) and signals with a handler of the caller keep it. Outside the main thread nothing changes.
     """
     usual, before = (signal.SIG_DFL, signal.default_int_handler), {}
     if threading.current_thread() is threading.main_thread():
         before = {number: handler for number in _SIGNALS if (handler := signal.getsignal(number)) in usual}
 
     def handle(number: int, _: FrameType | None) -> None:
-        for each in before:
-            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else _ignored)
+        for other in before:
+            signal.signal(other, signal.default_int_handler if other == signal.SIGINT else _ignored)
         if first is not None:
             first()
         _Request.received = number
@@ -64,12 +64,12 @@ def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
 
 
 def _ignored(*_: object) -> None:
-    """Do nothing; with SIG_IGN instead, Python prints a traceback for a signal that has arrived already."""
+    """Do nothing. With SIG_IGN Python would print a traceback for a signal that has already arrived."""
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Let an interruption wait until the outermost of such blocks ends; a second SIGINT does not wait."""
+    """Defer an interruption to the end of the outermost such block; a second SIGINT is not deferred."""
     in_main = threading.current_thread() is threading.main_thread()
     _Request.depth += in_main
     try:
@@ -82,6 +82,6 @@ def deferred() -> Iterator[None]:
 
 
 def check_interrupted() -> None:
-    """Raise an interruption again that was lost: Python drops exceptions in callbacks from C and in finalizers."""
+    """Raise a lost interruption again, as Python drops exceptions in callbacks from C and in finalizers."""
     if _Request.received is not None and threading.current_thread() is threading.main_thread():
         raise Interrupted(_Request.received)

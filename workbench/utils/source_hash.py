@@ -1,4 +1,4 @@
-"""Hashes of source code: whether a cache was made by the code that reads it."""
+"""Hashes of source code, which detect that a cache was written by other code."""
 
 import hashlib
 import re
@@ -14,22 +14,22 @@ _PACKAGE = Path(__file__).parents[1]
 
 @cache
 def code_digest(*modules: ModuleType) -> str:
-    """Return the SHA-256 of the sources of modules and of all that they import from the workbench, directly or not."""
+    """Return the SHA-256 of the sources of modules and of their direct and indirect imports from the workbench."""
     sources = read_sources(_PACKAGE)
     files = {module.__name__: getattr(module, "__file__", None) for module in modules}
-    own = {name: Path(file).read_bytes() if file else b"" for name, file in files.items() if name not in sources}
-    return digest_of(sources | own, files)
+    others = {name: Path(file).read_bytes() if file else b"" for name, file in files.items() if name not in sources}
+    return digest_of(sources | others, files)
 
 
 @cache
 def read_sources(package: Path) -> dict[str, bytes]:
-    """Read the source of every module of a package, by its dotted name."""
+    """Return the source of every module of a package, by dotted name."""
     places = {path: path.relative_to(package.parent).with_suffix("") for path in package.rglob("*.py")}
     return {".".join(place.parts).removesuffix(".__init__"): path.read_bytes() for path, place in places.items()}
 
 
 def digest_of(sources: Mapping[str, bytes], modules: Iterable[str]) -> str:
-    """Return the SHA-256 of the sources of modules and of all that they import, directly or not."""
+    """Return the SHA-256 of the sources of modules and of their direct and indirect imports."""
     reached: set[str] = set()
     pending = set(modules)
     while pending:
@@ -42,9 +42,9 @@ def digest_of(sources: Mapping[str, bytes], modules: Iterable[str]) -> str:
 
 
 def _imports(sources: Mapping[str, bytes], module: str) -> set[str]:
-    """Name the modules of `sources` that a module takes names from, and what it takes, which may be modules too."""
+    """Return the modules of `sources` that a module imports, including imported names that are modules."""
     names = set()
-    for source, taken, whole in _IMPORT.findall(sources[module]):
-        parent = (source or whole).decode()
-        names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(taken))}
+    for source, names_text, module_name in _IMPORT.findall(sources[module]):
+        parent = (source or module_name).decode()
+        names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(names_text))}
     return names & sources.keys()

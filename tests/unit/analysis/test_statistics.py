@@ -89,7 +89,7 @@ def test_every_row_of_a_table_can_be_run():
     for row, (experiment, overrides) in held_out_calibration.ROWS.items():
         config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
         assert first_conflict(config, {}) is None
-        assert "02" in config.learn.leave_out
+        assert "02" in config.training.exclude
         assert config.dataset.perturb == (not row.endswith("exact"))
     for overrides in sensitivity.ROWS.values():
         for key, value in (override.split("=", 1) for override in overrides):

@@ -39,7 +39,7 @@ def test_two_cameras_are_written_with_residuals_by_image(films, tmp_path, capsys
     assert np.linalg.norm(left.position - right.position) == pytest.approx(0.1, abs=0.005)
     assert left.position[2] > 0.3
     assert left.matrix[0, 0] == pytest.approx(700.0, rel=0.02)
-    for words in ("left: px by image: 0: ", "right with left: px by image", "floor is image 3's board"):
+    for words in ("left: px by image: 0: ", "right with left: px by image", "the floor is the board of image 3"):
         assert words in said
 
 
@@ -73,8 +73,8 @@ def test_a_camera_by_height_says_how_sure_it_is(films, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("words", "said"), [
-        (["--corners", "9"], "9x6"), (["--square-mm", "0"], "squares of"), (["-o", "c.csv"], "ends in .toml"),
-        (["left"], "NAME=SOURCE"), (["left=a"], "named twice"), (["le ft=a"], "letters"),
+        (["--corners", "9"], "9x6"), (["--square-mm", "0"], "squares of"), (["-o", "c.csv"], "suffix .toml"),
+        (["left"], "NAME=SOURCE"), (["left=a"], "occurs twice"), (["le ft=a"], "letters"),
         (["x=none.mp4"], "no such video"), (["--floor", "99"], "image 99"),
     ],
 )  # fmt: skip

@@ -94,7 +94,7 @@ def test_what_can_be_meant_in_one_way_only_is_quoted(value):
 
 @pytest.mark.parametrize(
     "argument",
-    ["sweep.stop_when='times_lost>0'", "seed=1,2", "seed=range(5)", "seed=[1", "x={a: ü}", "prior=a,ü", "x=a b", "x=",
+    ["sweep.stop_if='times_lost>0'", "seed=1,2", "seed=range(5)", "seed=[1", "x={a: ü}", "prior=a,ü", "x=a b", "x=",
      "hydra.run.dir='Läufe'", "hydra.run.dir=${now:%Y}", "-m", "--cfg=job", "from"],
 )  # fmt: skip
 def test_the_rest_stays_as_it_is(argument):

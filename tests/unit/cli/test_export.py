@@ -114,7 +114,7 @@ def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(run,
 def test_frames_without_truth_are_left_out_and_counted(run, tmp_path, capsys):
     partly = record(tmp_path / "run.rrd", [*run[:7], *map(without_truth, run[7:])])
     assert exported(partly, tmp_path / "out.trc", "--truth") == 0
-    assert "5 frames have no truth and are left out" in capsys.readouterr().err
+    assert "5 frames without ground truth are omitted" in capsys.readouterr().err
     assert len(np.loadtxt(tmp_path / "out.trc", skiprows=6)) == 7
 
 

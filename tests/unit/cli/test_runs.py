@@ -68,7 +68,7 @@ def test_the_difference_is_of_configuration_and_result(root, capsys):
 def test_nothing_is_removed_unless_it_is_confirmed(called, root):
     code, lines, _ = called("rm", "prior=smooth")
     assert code == 0
-    assert lines[-1] == "6 runs, 0.0 MB: would be removed; nothing was done, --yes does it"
+    assert lines[-1] == "6 runs, 0.0 MB: would be removed; --yes removes them"
     assert (root / "sweep" / "0").is_dir()
     assert called("rm", "prior=smooth", "--yes")[0] == 0
     assert not (root / "sweep" / "0").exists()

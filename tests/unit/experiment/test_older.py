@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.recording.migrations import in_todays_words
+from workbench.recording.migrations import in_todays_words, provenance_in_todays_words
 from workbench.utils.errors import InputError
 
 PATH = Path("run.rrd")
@@ -100,3 +100,18 @@ def test_a_key_that_is_fixed_today_is_removed_or_refused(found):
     else:
         with pytest.raises(InputError, match=r"prior\.start_velocity: expected 3\.0, which is fixed today, found 5\.0"):
             in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}})
+
+
+def test_keys_outside_of_components_and_experiments_get_todays_names():
+    recorded = {
+        "seed": 1, "threads": 2, "parts": [], "learn": {"motions": "cmu", "leave_out": ["35"]},
+        "clips": {"half": "choose", "report": ["02_01"]}, "protocol": {"half": "report", "shown": "a board passing"},
+    }  # fmt: skip
+    today = {
+        "seed": 1, "n_threads": 2, "component_packages": [], "training": {"motions": "cmu", "exclude": ["35"]},
+        "clips": {"split": "validation", "test": ["02_01"]}, "protocol": {"split": "test", "occlusion": "moving board"},
+    }  # fmt: skip
+    assert in_todays_words(PATH, recorded) == in_todays_words(PATH, today) == today
+    words = {"experiment": "walk_best", "choices": ["experiment=walk_best", "prior=track"], "seed": 3}
+    renamed = {"experiment": "walk_multi_cue", "choices": ["experiment=walk_multi_cue", "prior=track"], "seed": 3}
+    assert provenance_in_todays_words(words) == renamed

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from workbench.core.keys import constructor_arguments, records_arguments
 from workbench.experiment import provenance as module
-from workbench.experiment.provenance import code_state, described, has_commit, identity
+from workbench.experiment.provenance import code_state, has_commit, identity, object_config
 from workbench.likelihoods.keypoints import Keypoints
 from workbench.priors.smooth import Smooth
 
@@ -65,7 +65,7 @@ def config(**changes):
     made = OmegaConf.create(
         {
             "seed": 0,
-            "threads": None,
+            "n_threads": None,
             "paths": {"data": None, "cache": "/somewhere/cache"},
             "check": {"default": {"absolute": 0.0}},
             "recorder": {"live": False},
@@ -91,7 +91,7 @@ def data(tmp_path):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"threads": 2},
+        {"n_threads": 2},
         {"paths__cache": "/elsewhere"},
         {"paths__data": "/nothing/there"},
         {"recorder__live": True},
@@ -168,14 +168,14 @@ class Forgetful:
 
 def test_keys_are_those_that_the_object_has_now():
     prior = Smooth(damping=2.0)
-    found = described(prior)
+    found = object_config(prior)
     assert found["_target_"] == "workbench.priors.smooth.Smooth"
     assert (found["damping"], found["start_pose"], found["lowest"]) == (2.0, 2.0, None)
     assert "not_kept" not in found
 
 
 def test_a_key_that_is_not_kept_is_not_made_up():
-    assert described(Forgetful(kept=3.0)) == {
+    assert object_config(Forgetful(kept=3.0)) == {
         "_target_": f"{__name__}.Forgetful", "kept": 3.0, "not_kept": ["spent"],
     }  # fmt: skip
 
@@ -187,14 +187,14 @@ def test_arrays_are_written_out_or_identified():
         many: np.ndarray
 
     many = np.arange(200.0).reshape(20, 10)
-    found = described(Model(np.arange(3), many))
+    found = object_config(Model(np.arange(3), many))
     assert found["few"] == [0, 1, 2]
     assert found["many"] == f"20×10, sha256 {hashlib.sha256(many.tobytes()).hexdigest()}"
-    assert described(Model(np.arange(3), many + 1.0))["many"] != found["many"]
+    assert object_config(Model(np.arange(3), many + 1.0))["many"] != found["many"]
 
 
 def test_a_decorated_class_keeps_what_it_was_built_with():
     part = records_arguments(type("Own", (Forgetful,), {}))(spent=5.0)
     assert constructor_arguments(part) == {"kept": 1.0, "spent": 5.0}
-    assert described(part)["spent"] == 5.0
+    assert object_config(part)["spent"] == 5.0
     assert constructor_arguments(Keypoints) == {}

@@ -3,7 +3,7 @@
 import pytest
 from compositions import composed
 
-from workbench.experiment.config.requirements import SOURCES, first_conflict, first_missing, no_evidence
+from workbench.experiment.config.requirements import SOURCES, evidence_problem, first_conflict, first_missing
 
 NAMES = {"dataset": "video", "body": "height"}
 
@@ -13,7 +13,7 @@ NAMES = {"dataset": "video", "body": "height"}
     [
         (["experiment=walk_straight"], "likelihood=ImageMotion is not a density of the data"),
         (["experiment=walk_straight", "likelihood.exponent=sum"], "likelihood=ImageMotion is not"),
-        (["experiment=walk_best"], "likelihood=Product is not"),
+        (["experiment=walk_multi_cue"], "likelihood=Product is not"),
         (["experiment=walk_keypoints_synthetic", "inference=particle_filter"], "likelihood=KeypointLikelihood is not"),
         (["experiment=walk_keypoints_synthetic", "inference=particle_filter", "likelihood.temper=1.0"], None),
         (["experiment=synthesize_run"], "there is no likelihood"),
@@ -21,17 +21,20 @@ NAMES = {"dataset": "video", "body": "height"}
     ids=str,
 )
 def test_evidence_is_that_of_a_density_of_the_data(words, reason):
-    found = no_evidence(composed(*words, "paths.data=null"), {})
+    found = evidence_problem(composed(*words, "paths.data=null"), {})
     assert found is None if reason is None else found.startswith(reason)
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["experiment=synthesize_run", "prior=smooth"], "inference=Synthesis needs recorded windows to look ahead in"),
-        (["experiment=points_full", "prior=smooth"], "dataset=Points needs every joint of a motion file's skeleton"),
-        (["experiment=points_walk_steady", "prior.skeleton=full"], "prior=activity needs every joint"),
-        (["experiment=points_full", "inference=synthesis"], "inference=Synthesis is not for every joint"),
+        (
+            ["experiment=synthesize_run", "prior=smooth"],
+            "inference=Synthesis requires recorded windows to look ahead in",
+        ),
+        (["experiment=points_full", "prior=smooth"], "dataset=Points requires every joint of a motion file's skeleton"),
+        (["experiment=points_walk_steady", "prior.skeleton=full"], "prior=activity requires every joint"),
+        (["experiment=points_full", "inference=synthesis"], "inference=Synthesis does not work with every joint"),
         (["experiment=synthesize_run", "prior=smooth", "inference.look_ahead=0"], None),
     ],
     ids=str,
@@ -46,20 +49,20 @@ def test_a_conflict_is_one_sentence(words, sentence):
     [
         (
             ["dataset=video"], {"dataset": "video"},
-            "config: dataset=video needs source, calibration_file: say dataset.source=… "
+            "config: dataset=video requires source, calibration_file: add dataset.source=… "
             "dataset.calibration_file=… (calibration_file: TOML of the "
             "Pose2Sim and Sports2D form)",
         ),
         (
             ["dataset=video", "dataset.source=x.mp4"], {},
-            "config: workbench.datasets.video.Video needs calibration_file: say dataset.calibration_file=…",
+            "config: workbench.datasets.video.Video requires calibration_file: add dataset.calibration_file=…",
         ),
         (
             ["dataset=multi_view", "dataset.calibration_file=c.toml"], {"dataset": "multi_view"},
-            "config: dataset=multi_view needs sources: say dataset.sources=…",
+            "config: dataset=multi_view requires sources: add dataset.sources=…",
         ),
         (["dataset=multi_view", "dataset.calibration_file=c.toml", "dataset.sources.a=a.mp4"], {}, None),
-        (["dataset=video", "body=height"], NAMES, "config: body=height needs height_m: say body.height_m=…"),
+        (["dataset=video", "body=height"], NAMES, "config: body=height requires height_m: add body.height_m=…"),
         (
             ["dataset=video", "body=height", "body.height_m=1.7", "dataset.source=x", "dataset.calibration_file=y"],
             NAMES, None,
@@ -78,10 +81,10 @@ def test_the_first_key_without_a_value_is_named_with_what_it_is(words, names, se
 )
 def test_absent_recordings_are_named_with_where_they_come_from(experiment, folder, tmp_path):
     found = first_missing(composed(f"experiment={experiment}", "paths.data=null"), {})
-    assert "paths.data is not set: say paths.data=FOLDER or set WORKBENCH_DATA=FOLDER" in found
-    assert f"in which {folder}/ lies, {SOURCES[folder]}" in found
+    assert "paths.data is not set: add paths.data=FOLDER or set WORKBENCH_DATA=FOLDER" in found
+    assert f"the folder must contain {folder}/, {SOURCES[folder]}" in found
     found = first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {})
     assert found.startswith("config: dataset.")
-    assert found.endswith(f"paths.data should hold {folder}/: {SOURCES[folder]}")
+    assert found.endswith(f"paths.data must contain {folder}/: {SOURCES[folder]}")
     (tmp_path / folder).mkdir()
     assert first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {}) is None

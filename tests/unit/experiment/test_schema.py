@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import build, check_targets, keys_of, resolved
+from workbench.experiment.config.instantiate import build, check_targets, config_keys, import_target
 from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra, typed
 from workbench.utils.errors import InputError
@@ -26,14 +26,14 @@ def hydra_is_ready():
 def test_every_option_names_its_class_on_line_1_and_notes_keys_of_it():
     for option in [options(group)[choice] for group, choice in CHOICES]:
         assert option.about
-        assert set(option.notes) <= set(keys_of(resolved(option.target))), option
+        assert set(option.notes) <= set(config_keys(import_target(option.target))), option
 
 
 def test_no_default_stands_twice():
     """A YAML file repeats no default of its classes."""
     for option in [options(group)[choice] for group, choice in CHOICES] + list(options("experiment").values()):
         for node in _with_target(yaml.safe_load(option.text)):
-            keys = keys_of(resolved(node["_target_"]))
+            keys = config_keys(import_target(node["_target_"]))
             own = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
             assert [key for key, value in own.items() if value == _plain(keys[key][1])] == [], option
 
@@ -65,14 +65,14 @@ def test_a_typo_in_any_group_names_the_key(group):
         ("likelihood.terms.background.no_such_key=1", "no_such_key"),
         ("likelihood.terms.background.k=many", "many"),
         ("prior.base.no_such_key=1", "no_such_key"),
-        ("learn.no_such_key=1", "no_such_key"),
-        ("when=walk_best", "when"),
+        ("training.no_such_key=1", "no_such_key"),
+        ("if_chosen=walk_multi_cue", "if_chosen"),
         ("prior=no_such_prior", "no_such_prior"),
     ],
 )
 def test_typos_within_parts_and_at_the_top_are_named_too(override, match):
     with pytest.raises(HydraException) as caught:
-        compose("config", overrides=["experiment=walk_best", override])
+        compose("config", overrides=["experiment=walk_multi_cue", override])
     assert match in f"{caught.value} {caught.value.__cause__}"
 
 
@@ -127,12 +127,12 @@ def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
     """Though an option names it."""
     target = "workbench.experiment.config.instantiate.import_module"
     monkeypatch.setattr("workbench.experiment.config.instantiate.targets", lambda: {target})
-    with pytest.raises(InputError, match="must name a part"):
-        resolved(target)
+    with pytest.raises(InputError, match="expected a component of the workbench"):
+        import_target(target)
 
 
 def literal_of(option):
-    return ((yaml.safe_load(option.text) or {}).get("when") or {}).get("paper.literal")
+    return ((yaml.safe_load(option.text) or {}).get("if_chosen") or {}).get("paper.literal")
 
 
 EXPERIMENTS = options("experiment")
@@ -167,7 +167,7 @@ def test_an_experiment_of_a_paper_composes_as_it_is_written(experiment):
         assert ours == literal
 
 
-@pytest.mark.parametrize("experiment", ["walk_best", "coverage", "custom"])
+@pytest.mark.parametrize("experiment", ["walk_multi_cue", "coverage", "custom"])
 def test_an_experiment_of_no_paper_is_refused_in_one_sentence(experiment):
     with pytest.raises(HydraException, match=f"paper=literal: experiment={experiment} is in none of the papers"):
         composed(f"experiment={experiment}", "paper=literal")

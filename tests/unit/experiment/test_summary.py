@@ -74,7 +74,7 @@ def test_a_folder_is_made_and_locked_for_one_run(tmp_path):
     folder = tmp_path / "new" / "run"
     with run_folder(folder):
         assert is_locked(folder)
-        with pytest.raises(InputError, match="is at work in this folder"), run_folder(folder):
+        with pytest.raises(InputError, match="uses this folder"), run_folder(folder):
             pass
     assert not is_locked(folder)
 
@@ -88,7 +88,7 @@ def test_a_complete_run_is_set_aside_and_reported(tmp_path, caplog):
         assert not (tmp_path / "run.rrd").exists()
         assert not (tmp_path / "summary.json").exists()
         aside = tmp_path / EARLIER / str(k)
-        assert caplog.messages[-1] == f"{tmp_path}: held a complete run, which is now in {aside}"
+        assert caplog.messages[-1] == f"{tmp_path}: the complete run in it was moved to {aside}"
         assert [(aside / name).read_text() for name in ("run.rrd", "summary.json")] == [f"run {k}", f"summary {k}"]
 
 
@@ -102,7 +102,7 @@ def test_what_a_killed_run_left_is_not_set_aside(tmp_path, caplog):
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / ("x" * 300)):
-        with pytest.raises(InputError, match="cannot be the folder of a run: "), run_folder(place):
+        with pytest.raises(InputError, match="the folder cannot be created: "), run_folder(place):
             pass
 
 

@@ -61,8 +61,9 @@ def test_a_sound_one_passes(tmp_path):
 
 
 SETTINGS = {
-    "seed": 3, "threads": None, "prior": {"_target_": "workbench.priors.smooth.Smooth", "sigma": 1.0e-3, "held": True},
-    "dataset": {"motion": "35_02", "view": [1, 2.5]}, "clips": {"choose": ["35_02"]}, "paths": {"data": "/my/own"},
+    "seed": 3, "n_threads": None,
+    "prior": {"_target_": "workbench.priors.smooth.Smooth", "sigma": 1.0e-3, "held": True},
+    "dataset": {"motion": "35_02", "view": [1, 2.5]}, "clips": {"validation": ["35_02"]}, "paths": {"data": "/my/own"},
 }  # fmt: skip
 
 

@@ -104,7 +104,7 @@ def test_what_must_not_be_removed_is_refused(root, made, place, words):
 
 
 def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folder):
-    with locked(folder), pytest.raises(InputError, match="is at work in this folder"):
+    with locked(folder), pytest.raises(InputError, match="uses this folder"):
         remove(folder, STARTED)
     with pytest.raises(InputError, match=r"sweep/1: another run came there since it was listed"):
         remove(folder, "2026-11-01T15:00:00")

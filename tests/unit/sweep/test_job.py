@@ -10,8 +10,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import resume, run
-from workbench.sweep.early_stop import stop_when
-from workbench.sweep.job import ASIDE, FAILED, run_job, take_over
+from workbench.sweep.early_stop import parse_stop_condition
+from workbench.sweep.job import ASIDE, FAILED, reuse_run, run_job
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import is_locked, locked
@@ -30,18 +30,26 @@ def runs(monkeypatch):
     def run_checked(config, summary, *_):
         runs.acts.pop(0)(summary)
 
-    def resumed(config, attempts):
+    def find_resumable(config, attempts):
         runs.found.append(sorted(each.read_text() for each in attempts))
 
     monkeypatch.setattr(run, "run_checked", run_checked)
-    monkeypatch.setattr(resume, "resumed", resumed)
+    monkeypatch.setattr(resume, "find_resumable", find_resumable)
     return runs
 
 
 def act(sweep, number=0, launcher=BASIC, **keys):
     """Run a job in its folder, as Hydra's launcher does."""
     (folder := sweep / str(number)).mkdir(exist_ok=True)
-    said = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "stop_when": None, **keys}
+    said = {
+        "job_ids": None,
+        "resume": None,
+        "reuse": None,
+        "objective": None,
+        "fail_fast": False,
+        "stop_if": None,
+        **keys,
+    }
     settings = {
         "runtime": {"output_dir": str(folder), "choices": {"prior": "smooth"}}, "job": {"num": number},
         "overrides": {"task": ["seed=3"]}, "launcher": {"_target_": launcher}, "sweeper": {"direction": "minimize"},
@@ -117,7 +125,7 @@ def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
     runs.acts = [is_interrupted, completes]
     with locked(tmp_path):
         for _ in range(2):
-            act(tmp_path, launcher=JOBLIB, stop_when="times_lost>0")
+            act(tmp_path, launcher=JOBLIB, stop_if="times_lost>0")
     assert runs.found == []
 
 
@@ -139,7 +147,7 @@ def test_a_run_removed_meanwhile_is_not_taken_over(aside, monkeypatch, links):
         raise FileNotFoundError(2, "No such file or directory") if links else OSError(95, "Operation not supported")
 
     monkeypatch.setattr(os, "link", removed)
-    assert not take_over("same", aside / "0", [aside])
+    assert not reuse_run("same", aside / "0", [aside])
     assert os.listdir(aside / "0") == []
 
 
@@ -152,10 +160,10 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
         shutil.rmtree(folder, **options)
 
     monkeypatch.setattr(shutil, "rmtree", other)
-    assert take_over("same", aside / "0", [aside])
+    assert reuse_run("same", aside / "0", [aside])
     assert (aside / "0" / "run.rrd").read_text() == "recorded"
     assert json.loads((aside / "0" / "summary.json").read_text())["taken_from"] == str(aside / ASIDE / "same")
-    assert not take_over("same", aside / "1", [aside / "1"])
+    assert not reuse_run("same", aside / "1", [aside / "1"])
 
 
 @pytest.mark.parametrize(
@@ -172,12 +180,12 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
     ],
 )
 def test_it_compares_a_number_of_the_run(text, metrics, holds):
-    assert stop_when(text)(metrics) is holds
+    assert parse_stop_condition(text)(metrics) is holds
 
 
 @pytest.mark.parametrize(
     "text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"]
 )
 def test_anything_else_is_a_sentence(text):
-    with pytest.raises(InputError, match=r"sweep\.stop_when"):
-        stop_when(text)
+    with pytest.raises(InputError, match=r"sweep\.stop_if"):
+        parse_stop_condition(text)

@@ -9,7 +9,7 @@ from run_folders import leave, summary
 
 from workbench.sweep import table as module
 from workbench.sweep.plan import Plan, read_plan
-from workbench.sweep.table import Progress, close, rest_of, watch
+from workbench.sweep.table import Progress, close, remaining_overrides, watch
 from workbench.utils.errors import InputError
 from workbench.utils.run_lock import locked
 
@@ -51,7 +51,7 @@ def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
     with locked(tmp_path / "0"):
         assert progress.not_complete()[0] == "still running"
-    assert rest_of(progress) == [f"sweep.resume='{tmp_path}'", "sweep.jobs=[1]"]
+    assert remaining_overrides(progress) == [f"sweep.resume='{tmp_path}'", "sweep.job_ids=[1]"]
 
 
 def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_path, capsys):
@@ -62,16 +62,16 @@ def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_pa
     (tmp_path / "0" / "summary.json").touch()
     assert close(progress, ["-m", "seed=0,1", "hydra.sweep.dir=there"]) == 1
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1].split()[:2] == ["0", "kept"]
+    assert out.splitlines()[-1].split()[:2] == ["0", "reused"]
     assert err.splitlines()[1:] == [
         f"  {tmp_path / '1'}: never begun",
-        f"run them again: workbench run -m seed=0,1 sweep.resume={tmp_path}",
+        f"repeat them: workbench run -m seed=0,1 sweep.resume={tmp_path}",
     ]
 
 
 PLAN = """
 hydra: {sweeper: {params: {prior: "smooth,walking"}}, overrides: {task: ["seed=range(2)", "dataset.n_frames=5"]}}
-sweep: {jobs: null}
+sweep: {job_ids: null}
 """
 
 
@@ -88,7 +88,7 @@ def test_the_jobs_are_those_of_all_combinations(sweep):
     assert found.jobs == (0, 1, 2, 3)
     (sweep / "0" / ".hydra").mkdir()
     (sweep / "0" / ".hydra" / "overrides.yaml").write_text("[dataset.n_frames=5, prior=smooth, seed=0]")
-    assert found.of(0) == "prior=smooth seed=0"
+    assert found.overrides_of(0) == "prior=smooth seed=0"
     (sweep / "multirun.yaml").write_text(PLAN.replace("null", "[1, 3]"))
     assert read_plan(sweep).jobs == (1, 3)
 
@@ -120,7 +120,7 @@ def test_a_sweep_is_followed_as_long_as_its_launcher_or_a_job_is_at_work(sweep, 
         f"{sweep / '1'}: killed",
         f"{sweep / '2'}: never begun",
         f"{sweep / '3'}: never begun",
-        f"no process is at work in the sweep; sweep.resume={sweep} resumes it",
+        f"no process runs the sweep; sweep.resume={sweep} resumes it",
     ]
 
 
@@ -129,7 +129,7 @@ def test_what_is_no_sweep_is_a_sentence(tmp_path, plan):
     with pytest.raises(InputError, match="expected the folder of a sweep"):
         watch(tmp_path)
     (tmp_path / "multirun.yaml").write_text(plan)
-    with pytest.raises(InputError, match="expected what Hydra leaves"):
+    with pytest.raises(InputError, match="expected the configuration of a sweep"):
         watch(tmp_path)
 
 

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from workbench.utils.atomic_write import NotWrittenError, kept_for_later, replace_text, whole_file
+from workbench.utils.atomic_write import NotWrittenError, optional_cache, replace_text, whole_file
 from workbench.utils.errors import InputError
 
 
@@ -70,9 +70,9 @@ def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
 )
 def test_what_cannot_be_kept_in_a_cache_is_told_once(error, caplog):
     for _ in range(2):
-        with kept_for_later():
+        with optional_cache():
             raise error
     (told,) = caplog.messages
-    assert told.endswith("the run goes on, and the next one makes it again")
-    with pytest.raises(InputError, match="expected"), kept_for_later():
+    assert told.endswith("the run continues without the cache")
+    with pytest.raises(InputError, match="expected"), optional_cache():
         raise InputError("expected something else")

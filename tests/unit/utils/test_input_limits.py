@@ -11,7 +11,7 @@ from workbench.motion.synthetic.gait import subjects, walker
 from workbench.utils.errors import LONGEST, InputError
 from workbench.utils.input_limits import (
     LONGEST_LIMB_M,
-    MOST_COUNT,
+    MAX_COUNT,
     check_file,
     check_products,
     check_rate,
@@ -52,14 +52,14 @@ def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
     (subject,) = subjects(1, np.random.default_rng(0))
     write_bandai_like(tmp_path / "a.bvh", walker(subject, 0.2, 30.0))
     sources.load_motion(tmp_path / "a.bvh")
-    monkeypatch.setattr("workbench.motion.retarget.MOST_LEFT_MM", 1e-3)
+    monkeypatch.setattr("workbench.motion.retarget.MAX_RESIDUAL_MM", 1e-3)
     assert "expected at most 0.001 mm" in refusal(sources.load_motion, tmp_path / "a.bvh")
 
 
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        ("inference.n_particles", MOST_COUNT + 1), ("dataset.n_frames", 10**9), ("seed", 10**400),
+        ("inference.n_particles", MAX_COUNT + 1), ("dataset.n_frames", 10**9), ("seed", 10**400),
         ("a.n_points", 10**8), ("dataset.focal_px", 1e308), ("dataset.focal_px", -1e308), ("dataset.person_px", np.inf),
         ("likelihood.sigma", np.nan), ("prior.sigma", 1e10), ("inference.max_points", 10**10),
         ("dataset.n_frames", 0), ("inference.n_particles", -3), ("likelihood.terms.a.n_particles", 0),

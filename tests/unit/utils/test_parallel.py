@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from workbench.utils import parallel as threads
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
@@ -34,7 +34,7 @@ def test_every_item_is_worked_on_once_in_parts_that_begin_at_the_step(n, step):
         assert first % step == 0
         counts[first:last] += 1
 
-    over_threads(work, n, step)
+    parallel_for(work, n, step)
     assert (counts == 1).all()
 
 
@@ -50,7 +50,7 @@ def test_what_a_part_raises_reaches_the_caller_once_no_part_is_at_work_any_more(
             at_work.discard(first)
 
     with pytest.raises(ValueError, match="part 3"):
-        over_threads(work, 8, 1)
+        parallel_for(work, 8, 1)
     assert not at_work
 
 
@@ -63,12 +63,12 @@ def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
 
     def outer(first, last):
         if first == 0:
-            over_threads(inner, 4, 1)
+            parallel_for(inner, 4, 1)
             others_done.set()
         assert others_done.wait(60.0)
 
     with ThreadPoolExecutor(2) as pool:
-        for done in [pool.submit(over_threads, outer, 3, 1) for _ in range(2)]:
+        for done in [pool.submit(parallel_for, outer, 3, 1) for _ in range(2)]:
             done.result(60.0)
     assert (counts == 2).all()
 
@@ -84,10 +84,10 @@ def test_an_interruption_while_threads_start_leaves_none_that_python_would_wait_
     monkeypatch.setattr(Thread, "start", start_and_interrupt)
     before = set(all_threads())
     with pytest.raises(Interrupted), interruptible():
-        over_threads(lambda first, last: None, 100, 1)
+        parallel_for(lambda first, last: None, 100, 1)
     assert all(each in pools._threads_queues for each in set(all_threads()) - before)
     monkeypatch.undo()
-    over_threads(lambda first, last: None, 100, 1)
+    parallel_for(lambda first, last: None, 100, 1)
 
 
 def test_compiling_takes_no_time_on_this_clock():

@@ -35,7 +35,7 @@ def test_a_second_process_is_refused_by_name_until_the_first_is_killed(tmp_path)
     with holder(tmp_path) as process:
         assert is_locked(tmp_path)
         with (
-            pytest.raises(InputError, match=f"process {process.pid} on .* is at work in this folder"),
+            pytest.raises(InputError, match=f"process {process.pid} on .* uses this folder"),
             locked(tmp_path),
         ):
             pass

@@ -20,7 +20,7 @@ from workbench.motion.formats.text import fail
 from workbench.utils import hdf5
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_NUMBERS, check_file, check_number
+from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number
 
 AXES = ("x", "y", "z")
 _PLY_TYPES = {
@@ -73,7 +73,7 @@ def read_npz(path: Path) -> FloatArray:
     _bytes(path, 1)
     try:
         with zipfile.ZipFile(path) as packed:
-            check_number(path, "bytes of arrays", sum(each.file_size for each in packed.infolist()), 8 * MOST_NUMBERS)
+            check_number(path, "bytes of arrays", sum(each.file_size for each in packed.infolist()), 8 * MAX_NUMBERS)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of old headers
             with np.load(path, allow_pickle=False) as stored:

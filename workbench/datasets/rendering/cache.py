@@ -15,7 +15,7 @@ from workbench.datasets.rendering.perturbations import VISIBLE
 from workbench.datasets.rendering.sequence import Scene
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, ByteArray
-from workbench.utils.atomic_write import kept_for_later, whole_file
+from workbench.utils.atomic_write import optional_cache, whole_file
 
 
 def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *arrays: AnyArray) -> str:
@@ -42,7 +42,7 @@ def cached_images(
     images = _read(file, shape)
     if images is None:
         images = render()
-        with kept_for_later(), whole_file(file, parents=True) as part, part.open("wb") as out:
+        with optional_cache(), whole_file(file, parents=True) as part, part.open("wb") as out:
             np.savez_compressed(out, images=images)
     return images
 

@@ -1,4 +1,4 @@
-"""From a configuration to live objects, for targets of the workbench and of packages that the user named only."""
+"""Build live objects from a configuration; targets of the workbench and of allowed packages only."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.options import OURS, how_to_allow, is_allowed, targets
+from workbench.experiment.config.options import OURS, hint_to_allow, is_allowed, targets
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
@@ -18,88 +18,93 @@ from workbench.utils.signals import deferred
 _LIVE = frozenset(
     {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
 )
-"""Parameters that the run fills with live objects, so that they are no keys of a configuration; as are those whose type
-says so: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
+"""Parameters that the run fills with live objects and that are no configuration keys.
+
+So are parameters of these types: functions, arrays, paths, and the classes of `body` and `core`."""
 
 
 def check_targets(config: DictConfig) -> None:
-    """Raise InputError, naming the place, for a `_target_` that no option of the workbench or a named package builds.
+    """Raise InputError, with the key, for a `_target_` that is not in the options of the allowed packages.
 
-    A configuration may come from an untrusted recording, so all names are checked before anything is imported, and all
-    are imported before anything is built.
+    A configuration may come from an untrusted recording. All names are checked before anything is imported, and all
+    targets are imported before anything is built.
     """
     places = leaves(OmegaConf.to_container(config, resolve=True), lists=True)
-    found = {place: value for place, value in places if "_target_" in place}
-    known = targets()
-    for place, target in found.items():
-        if not (place.endswith("_target_") and isinstance(target, str) and target in known):
+    named = {place: value for place, value in places if "_target_" in place}
+    allowed = targets()
+    for place, target in named.items():
+        if not (place.endswith("_target_") and isinstance(target, str) and target in allowed):
             raise _refusal(target, f"{place} ")
-    for place, target in found.items():
-        resolved(target, f"{place} ")
+    for place, target in named.items():
+        import_target(target, f"{place} ")
 
 
 def _refusal(target: object, place: str) -> InputError:
-    return InputError(f"config: {place}must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+    return InputError(f"config: {place}expected a component of the {OURS}, found {target!r}{hint_to_allow(target)}")
 
 
 def build(node: DictConfig, **live: object) -> Any:
-    """Call the node's target with its keys and those of the live objects that it has parameters for.
+    """Return the object of a node: its target called with its keys and with the live objects it has parameters for.
 
-    Nodes below it that have a target are built in the same way, with the same live objects.
-    Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
-    through unchanged.
+    Nested nodes with a target are built in the same way. Exceptions of the target are not changed.
+
+    Raises
+    ------
+    InputError : a target that is not allowed, or a key that is no parameter of the target.
     """
     if not isinstance(node, DictConfig):
-        raise InputError(f"config: expected a part with the keys of its class, found {node!r}")
-    component = resolved(node["_target_"])
-    known = inspect.signature(component).parameters
+        raise InputError(f"config: expected a component with its keys, found {node!r}")
+    component = import_target(node["_target_"])
+    parameters = inspect.signature(component).parameters
     keys = [str(key) for key in node if key != "_target_"]
-    if unknown := sorted(key for key in keys if key not in known):
+    if unknown := sorted(key for key in keys if key not in parameters):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
     plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     built = {key: _built(node[key], live) for key in keys if _has_target(node[key])}
-    given = {name: value for name, value in live.items() if name in known}
-    return component(**given | {key: plain[key] for key in keys} | built)
+    matching = {name: value for name, value in live.items() if name in parameters}
+    return component(**matching | {key: plain[key] for key in keys} | built)
 
 
-def resolved(target: str, place: str = "") -> Callable[..., object]:
-    """Import the class or function of a dotted name.
+def import_target(target: str, place: str = "") -> Callable[..., object]:
+    """Return the class or function of a dotted name.
 
-    Raises InputError for what no option names, does not exist or is defined outside the packages that may be built
-    from.
+    Raises
+    ------
+    InputError : a target in no option, that does not exist, or that is defined outside the allowed packages.
     """
     if target in targets():
         module, _, name = target.rpartition(".")
         try:
             with deferred():  # an exception within an import can be lost in C code
-                found = getattr(import_module(module), name, None)
+                component = getattr(import_module(module), name, None)
         except ModuleNotFoundError as error:
             if not is_allowed(f"{error.name}."):
-                raise  # the part is there, what it needs is not
-            found = None
-        if callable(found) and is_allowed(f"{getattr(found, '__module__', '')}."):
-            return found
+                raise  # a dependency of the component is missing
+            component = None
+        if callable(component) and is_allowed(f"{getattr(component, '__module__', '')}."):
+            return component
     raise _refusal(target, place)
 
 
-def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
-    """Type and default, `inspect.Parameter.empty` for none, of every parameter of `target` that is not live."""
-    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
+def config_keys(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
+    """Return type and default (`inspect.Parameter.empty` for none) of every parameter that is a configuration key."""
+    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields have the types
     types = get_type_hints(target.__init__ if constructed else target)
-    found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
-    return {name: each for name, each in found.items() if name not in _LIVE and not _is_live(each[0])}
+    parameters = inspect.signature(target).parameters
+    keys = {name: (types.get(name, Any), parameter.default) for name, parameter in parameters.items()}
+    return {name: key for name, key in keys.items() if name not in _LIVE and not _is_live(key[0])}
 
 
 def _is_live(hint: Any) -> bool:
     if get_origin(hint) in (Union, UnionType):
         return any(map(_is_live, get_args(hint)))
     of_run = getattr(hint, "__module__", "").startswith(("workbench.body.", "workbench.core."))
-    made = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
-    return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
+    is_built = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
+    return is_built or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
 def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
-    """Build the node, or every node under a name in it."""
+    """Return the object of the node, or the objects of the nodes in it by name."""
     return build(node, **live) if "_target_" in node else {str(key): _built(node[key], live) for key in node}
 
 

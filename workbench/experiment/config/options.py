@@ -1,6 +1,6 @@
-"""The packages whose parts may be chosen and built, and what their folders `conf/` offer.
+"""Packages whose components may be chosen and built, and the options in their folders `conf/`.
 
-Nothing is imported here but the names: a part's module is read when the part is chosen, not before.
+Options are read as text. The module of a component is imported only when the component is chosen.
 """
 
 import os
@@ -19,23 +19,23 @@ from workbench.utils.errors import InputError
 
 OURS = "workbench"
 GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
-"""What a run is made of, in the order in which it is built."""
+"""Groups of components of a run, in the order in which they are built."""
 
-_ENTRY_POINTS = OURS + ".parts"
-"""Group of entry points by which an installed package says that it has parts; the value is the package's name."""
+_ENTRY_POINTS = OURS + ".components"
+"""Group of entry points by which an installed package registers; the value is the package's name."""
 
-VARIABLE = "WORKBENCH_PARTS"
-"""Environment variable with names of packages, separated by commas."""
+VARIABLE = "WORKBENCH_COMPONENTS"
+"""Environment variable with package names, separated by commas."""
 
 _TARGET = re.compile(r"""_target_["']?:\s*["']?([\w.]+)""")
 _NOTE = re.compile(r"#   (\w+): (.+)")
-_named: list[str] = []
+_allowed: list[str] = []
 _config_dirs: list[Path] = []
 
 
 @dataclass(frozen=True)
 class Option:
-    """A file of a group. package: or folder given by --config-dir. text: its YAML."""
+    """One option of a group. package: its package, or the folder of --config-dir. text: its YAML."""
 
     package: str
     group: str
@@ -44,13 +44,13 @@ class Option:
 
     @property
     def target(self) -> str | None:
-        """The class or function that line 1 names."""
-        found = _TARGET.match(self.text)
-        return found[1] if found else None
+        """Dotted name of the class or function on line 1; None if there is none."""
+        match = _TARGET.match(self.text)
+        return match[1] if match else None
 
     @property
     def about(self) -> str:
-        """Return the first sentence of the comment that begins on line 2."""
+        """First sentence of the comment that begins on line 2."""
         lines: list[str] = []
         for line in self.text.splitlines()[1:]:
             if not line.startswith("#") or _NOTE.fullmatch(line):
@@ -60,50 +60,58 @@ class Option:
 
     @property
     def notes(self) -> dict[str, str]:
-        """Return the notes on keys in its comments, by their names: `#   key: note`, or `key: value # note`."""
-        found: dict[str, str] = {}
+        """Notes on keys, by key: `#   key: note`, or `key: value # note`."""
+        notes: dict[str, str] = {}
         for line in self.text.splitlines():
-            if noted := _NOTE.fullmatch(line) or re.match(r"(\w+):.*? # (.+)", line):
-                found[noted[1]] = noted[2]
-        return found
+            if match := _NOTE.fullmatch(line) or re.match(r"(\w+):.*? # (.+)", line):
+                notes[match[1]] = match[2]
+        return notes
 
 
-def name_parts(packages: Iterable[str]) -> None:
-    """Let this process import and build parts of these packages; raises InputError for one that is not found.
+def allow_packages(packages: Iterable[str]) -> None:
+    """Allow this process to import and build components of these packages.
 
-    Only what a person said may come here: words of a command line, never those of a file.
+    The names must come from the command line or from Python code, never from a file.
+
+    Raises
+    ------
+    InputError : a package that is not found or has no options.
     """
     for package in packages:
         folder(package)
-        if package not in _named:
-            _named.append(package)
+        if package not in _allowed:
+            _allowed.append(package)
 
 
-def parts_in(arguments: Sequence[str]) -> list[str]:
-    """The packages that overrides `parts=[…]` among a command's arguments name.
+def packages_in(arguments: Sequence[str]) -> list[str]:
+    """Return the packages of the override `component_packages=[…]` among a command's arguments.
 
-    Raises InputError for anything but a list of names.
+    Raises
+    ------
+    InputError : the value is not a list of package names.
     """
-    found = [text.partition("=")[2] for text in arguments if re.match(r"\+{0,2}parts=", text)]
-    if not found:
+    values = [text.partition("=")[2] for text in arguments if re.match(r"\+{0,2}component_packages=", text)]
+    if not values:
         return []
-    names = found[-1].strip("'\"").replace(" ", "")
+    names = values[-1].strip("'\"").replace(" ", "")
     if not re.fullmatch(r"\[([\w.]+(,[\w.]+)*)?\]", names):
-        raise InputError(f"parts: expected a list of packages, such as parts=[my_parts], found {found[-1]!r}")
+        raise InputError(
+            f"component_packages: expected a list of packages, such as [my_components], found {values[-1]!r}"
+        )
     return [name for name in names[1:-1].split(",") if name]
 
 
-def name_config_dir(arguments: Sequence[str]) -> None:
-    """Let this process choose the options in the folder given by `--config-dir` among a command's arguments."""
-    found = [text.partition("=")[2] for text in arguments if text.startswith(("--config-dir=", "-cd="))]
-    found += [folder for name, folder in pairwise(arguments) if name in ("--config-dir", "-cd")]
-    _config_dirs[:] = [Path(each).absolute() for each in found]
+def set_config_dirs(arguments: Sequence[str]) -> None:
+    """Add the options in the folder of `--config-dir` among a command's arguments."""
+    folders = [text.partition("=")[2] for text in arguments if text.startswith(("--config-dir=", "-cd="))]
+    folders += [folder for name, folder in pairwise(arguments) if name in ("--config-dir", "-cd")]
+    _config_dirs[:] = [Path(folder).absolute() for folder in folders]
 
 
 def packages() -> tuple[str, ...]:
-    """The workbench and every package named on the command line, in $WORKBENCH_PARTS or by an entry point."""
-    said = [name.strip() for name in os.environ.get(VARIABLE, "").split(",") if name.strip()]
-    return tuple(dict.fromkeys((OURS, *_named, *said, *_installed())))
+    """Return the workbench and the packages of the command line, $WORKBENCH_COMPONENTS and entry points."""
+    from_environment = [name.strip() for name in os.environ.get(VARIABLE, "").split(",") if name.strip()]
+    return tuple(dict.fromkeys((OURS, *_allowed, *from_environment, *_installed())))
 
 
 @cache
@@ -112,75 +120,80 @@ def _installed() -> tuple[str, ...]:
 
 
 def is_allowed(target: str) -> bool:
-    """Return whether a dotted name lies in one of the packages, by the name alone: nothing is imported."""
+    """Return whether a dotted name lies in one of the packages; nothing is imported."""
     return any(target.startswith(f"{package}.") for package in packages())
 
 
-def how_to_allow(target: object) -> str:
-    """What to say on the command line for a target of a package that nobody has named; empty where nothing helps."""
+def hint_to_allow(target: object) -> str:
+    """Return how to allow a target's package, for an error message; empty if it cannot be allowed."""
     package, _, name = str(target).partition(".")
     foreign = package.isidentifier() and name and package not in sys.stdlib_module_names
-    return f"; if you trust it, say parts=[{package}]" if foreign and not is_allowed(f"{package}.") else ""
+    allowable = foreign and not is_allowed(f"{package}.")
+    return f"; if you trust its package, add component_packages=[{package}]" if allowable else ""
 
 
 @cache
 def folder_of(package: str) -> Path:
-    """Find where a package lies; raises InputError for one that is not found. Nothing of it is run."""
+    """Return the folder of a package without running its code; InputError if it is not found."""
     try:
         spec = find_spec(package)
     except ImportError:
         spec = None
     if spec is None or not spec.submodule_search_locations:
-        raise InputError(f"parts: found no package {package!r}; install it, or put the folder it is in on PYTHONPATH")
+        raise InputError(
+            f"component_packages: found no package {package!r}; install it, or add its parent folder to PYTHONPATH"
+        )
     return Path(spec.submodule_search_locations[0])
 
 
 @cache
 def folder(package: str) -> Path:
-    """Find where its options lie, `conf/` of the package. Raises InputError where there is none."""
+    """Return the folder `conf/` of a package; InputError if there is none."""
     if package == OURS:
         return Path(import_module(f"{OURS}.conf").__path__[0])
-    found = folder_of(package) / "conf"
-    if not found.is_dir():
-        raise InputError(f"parts: expected options in {found}, such as {found / 'prior' / 'my_prior.yaml'}, found none")
-    return found
+    conf = folder_of(package) / "conf"
+    if not conf.is_dir():
+        raise InputError(
+            f"component_packages: expected options in {conf}, such as {conf / 'prior' / 'my_prior.yaml'}, found none"
+        )
+    return conf
 
 
 def folders() -> dict[str, Path]:
-    """Return the folders with options by package, then the one given by --config-dir by its path."""
+    """Return the folders with options: those of packages by name, then those of --config-dir by path."""
     return {package: folder(package) for package in packages()} | {str(path): path for path in _config_dirs}
 
 
 def find(places: Iterable[Path], name: str) -> Path | None:
-    """Return the file of an option in folders, such as prior/smooth.yaml; None where there is none.
+    """Return the file of an option, such as prior/smooth.yaml, in the folders; None if there is none.
 
-    Raises InputError where two folders have files of this name that differ.
+    Raises
+    ------
+    InputError : two folders have different files of this name.
     """
-    found = [path for place in places if (path := place / name).is_file()]
-    if "/" in name and len({path.read_bytes() for path in found}) > 1:
-        raise InputError(
-            f"expected one {name}, found {' and '.join(map(str, found))}, which differ; rename one of them"
-        )
-    return found[0] if found else None
+    files = [path for place in places if (path := place / name).is_file()]
+    if "/" in name and len({path.read_bytes() for path in files}) > 1:
+        raise InputError(f"{name}: expected one file, found {' and '.join(map(str, files))}; rename one of them")
+    return files[0] if files else None
 
 
 def options(group: str) -> dict[str, Option]:
-    """Return the options of a group in all folders by name; raises InputError as `find`."""
-    found, places = {}, folders()
+    """Return the options of a group in all folders, by name; InputError as `find`."""
+    chosen, places = {}, folders()
     for package, place in places.items():
         for path in sorted((place / group).glob("[!_]*.yaml")):
             if find(places.values(), f"{group}/{path.name}") == path:
-                found[path.stem] = Option(package, group, path.stem, path.read_text("utf-8", errors="replace"))
-    return found
+                chosen[path.stem] = Option(package, group, path.stem, path.read_text("utf-8", errors="replace"))
+    return chosen
 
 
 def targets() -> set[str]:
-    """Return what the options of all packages build, parts within parts included: nothing else is ever called."""
-    files = ((path, path.stat()) for each in packages() for path in folder(each).glob("**/*.yaml"))
+    """Return all targets in the options of all packages, nested ones included; no other target is ever called."""
+    files = ((path, path.stat()) for package in packages() for path in folder(package).glob("**/*.yaml"))
     return {target for path, stat in files for target in _targets_of(path, stat.st_mtime_ns, stat.st_size)}
 
 
 @lru_cache(maxsize=1024)
 def _targets_of(path: Path, changed_ns: int, size: int) -> list[str]:
-    """Find what a file that was last changed then names."""
+    """Return the targets in a file of this version."""
     return _TARGET.findall(path.read_text(encoding="utf-8"))

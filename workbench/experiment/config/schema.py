@@ -1,7 +1,7 @@
-"""The configuration: its top level, and the keys of every component, read off the signature of its class.
+"""The schema of a configuration: its top level, and the keys of every component from the signature of its class.
 
-A constructor's keyword-only or defaulted parameters are the component's keys, with their types and defaults, so that
-neither is written twice and a typo or a wrong type in an override is an error that names the key.
+The parameters of a constructor are the component's keys, with their types and defaults. A typo or a wrong type in an
+override is therefore an error that names the key.
 """
 
 import inspect
@@ -26,39 +26,39 @@ from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from workbench.experiment.config import options as parts
-from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config import options
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
 
 _PLAIN = (str, int, float, bool)
-WHEN = "when"
-"""Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
+IF_CHOSEN = "if_chosen"
+"""Key of an experiment's file with settings of particular components; group of the options generated from it."""
 
 LITERAL = "paper.literal"
-"""Place under `when` of what an experiment sets where it is to be as its paper writes it."""
+"""Key under `if_chosen` with an experiment's settings exactly as published."""
 
 
 @dataclass
 class _Paths:
-    """data: folder with recorded motion and video. cache: folder for what can be made again."""
+    """data: folder with recorded motion and video. cache: folder of files that can be computed again."""
 
     data: str | None = None
     cache: str = MISSING
 
 
 def _section(*keys: str, lists: Sequence[str] = ()) -> type:
-    """Return the type of a section with these keys, of any value, and these of lists, to which resolvers may lead."""
+    """Return the type of a section with these keys; those in `lists` have lists or resolvers of lists as values."""
     columns = [(key, Any, MISSING) for key in keys] + [(key, list[Any], MISSING) for key in lists]
     return make_dataclass("Section", columns)
 
 
-_CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half")
+_CLIPS = _section("validation", "test", "test_run", "test_walk_run", "test_full", "held_out", "split")
 
 
 @dataclass
 class _Tolerance:
-    """What a metric may move by: absolute, in its unit, or relative to what it was."""
+    """Tolerance of a metric: absolute, in its unit, and relative to the recorded value."""
 
     absolute: float = 0.0
     relative: float = 0.0
@@ -66,26 +66,28 @@ class _Tolerance:
 
 @dataclass
 class _Sweep:
-    """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
+    """resume, reuse: folders of earlier sweeps. job_ids: jobs to run. objective: the metric that a tuner minimises.
 
-    fail_fast: begin no job after one has failed. stop_when: ends a run early.
+    fail_fast: start no job after a failed one. stop_if: condition that ends a run early.
     """
 
     resume: str | None = None
     reuse: str | None = None
     fail_fast: bool = False
-    stop_when: str | None = None
-    jobs: list[int] | None = None
-    metric: str | None = None
+    stop_if: str | None = None
+    job_ids: list[int] | None = None
+    objective: str | None = None
 
 
 @dataclass
 class RunSchema:
-    """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track.
+    """Top level of a configuration.
 
-    parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
-    assumptions: side information that the experiment uses; a run lists what it really used.
-    paper: "literal" where an experiment does what its paper writes, else "ours".
+    A study's experiment sets unused groups to null. Without a study the run tracks.
+
+    component_packages: further packages with options. Only the command line may set it.
+    assumptions: side information that the experiment uses. A run records what it actually used.
+    paper: "literal" for an experiment exactly as published, else "ours".
     """
 
     body: Any = None
@@ -96,21 +98,21 @@ class RunSchema:
     recorder: Any = None
     study: Any = None
     seed: int = 0
-    threads: int | None = None
-    parts: list[str] = field(default_factory=list)
+    n_threads: int | None = None
+    component_packages: list[str] = field(default_factory=list)
     assumptions: list[str] = field(default_factory=list)
     paper: str = "ours"
-    learn: Any = field(default_factory=_section("motions", lists=["leave_out"]))
-    people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
+    training: Any = field(default_factory=_section("motions", lists=["exclude"]))
+    default_motions: Any = field(default_factory=_section("walk", "run", "walks", "library"))
     clips: Any = field(default_factory=_CLIPS)
-    protocol: Any = field(default_factory=_section("half", "activity", "shown"))
+    protocol: Any = field(default_factory=_section("split", "activity", "occlusion"))
     paths: _Paths = field(default_factory=_Paths)
     check: dict[str, _Tolerance] = field(default_factory=dict)
     sweep: _Sweep = field(default_factory=_Sweep)
 
 
 def prepare_hydra() -> None:
-    """Register with Hydra the options, the schema of the top level, and the resolvers of `conf/`."""
+    """Register the options, the schema of the top level and the resolvers of `conf/` with Hydra."""
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
     for plugin in (ComponentSource, _ComponentSearchPath):
         Plugins.instance().register(plugin)
@@ -119,9 +121,9 @@ def prepare_hydra() -> None:
 
 
 def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
-    """Compose the configuration as the command `workbench` does, also within another Hydra application.
+    """Return the composed configuration, as the command `workbench` composes it; works within a Hydra application.
 
-    with_hydra: keep Hydra's own settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra.
+    with_hydra: include Hydra's settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra.
     """
     prepare_hydra()
     application, base = GlobalHydra.instance().hydra, version.getbase()
@@ -137,15 +139,15 @@ def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
 
 @lru_cache(maxsize=256)
 def _schema_of(target: str) -> type:
-    """Return a dataclass with `_target_` and a typed field for each key of a component; InputError as `resolved`."""
-    component = resolved(target)
+    """Return a dataclass with `_target_` and a typed field for each key of a component; InputError: `import_target`."""
+    component = import_target(target)
     columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{component.__module__}.{component.__qualname__}")]
-    columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
+    columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in config_keys(component).items()]
     return make_dataclass(f"{component.__name__}_keys", columns)
 
 
 def _field(default: object) -> Any:
-    """Return the dataclass field of a parameter with this default; of a component, which the class makes, None."""
+    """Return the dataclass field of a parameter with this default; None for a default that is an object."""
     if default is inspect.Parameter.empty:
         return MISSING
     if isinstance(default, Mapping):
@@ -156,12 +158,12 @@ def _field(default: object) -> Any:
 
 
 def _schema_type(hint: Any) -> Any:
-    """What OmegaConf calls the type: sequences are lists, mappings are dicts, and parts of any class are anything."""
+    """Return OmegaConf's type: sequences are lists, mappings are dicts, and objects of any class are Any."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        others = [part for part in inner if part is not NoneType]
+        others = [component for component in inner if component is not NoneType]
         one = _schema_type(others[0]) if len(others) == 1 else Any
-        if one is Any or get_origin(one) is dict:  # of which OmegaConf does not take null for something to add to
+        if one is Any or get_origin(one) is dict:  # OmegaConf cannot add keys to an optional dict that is null
             return Any
         return one | None
     if hint in _PLAIN:
@@ -169,40 +171,41 @@ def _schema_type(hint: Any) -> Any:
     if origin in (tuple, list, Sequence):
         return list[inner[0] if inner[0] in _PLAIN else Any]  # type: ignore[misc]
     if origin is Literal:
-        return str  # the part itself names the choices it knows
+        return str  # the component checks the choice
     if origin in (dict, Mapping):
         return dict[str, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
     return Any
 
 
 class ComponentSource(ConfigSource):
-    """The folders with options that `parts` has when Hydra starts, looked through in this order.
+    """Hydra's source of the options in the folders of all packages.
 
-    An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
+    An option `if_chosen/EXPERIMENT,group.option,group.option,…` contains the experiment's settings of the chosen
+    components. Its file, or that of an experiment in its defaults list, defines them:
 
-        when:
+        if_chosen:
           prior.ar_offsets: {sigma: 0.01}
 
-    in its own file, or in that of an experiment it begins with, holds where the prior is ar_offsets, and only there.
-    Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
+    This setting applies only if prior=jitter is chosen. The settings under `if_chosen: {paper.literal: …}` reproduce
+    the published experiment.
     """
 
     def __init__(self, provider: str, path: str) -> None:
         super().__init__(provider, path)
-        self._packages, self._folders = parts.packages(), list(parts.folders().values())
+        self._packages, self._folders = options.packages(), list(options.folders().values())
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Let a launcher's worker, which has not seen the command line, choose and build the same components."""
+        """Allow the same packages in a launcher's worker, which has no command line."""
         self.__dict__.update(state)
-        parts.name_parts(self._packages)
+        options.allow_packages(self._packages)
 
     @staticmethod
     def scheme() -> str:
-        """Return what its places begin with."""
-        return "parts"
+        """Return the scheme of its paths."""
+        return "components"
 
     def available(self) -> bool:
-        """Return whether it leads anywhere; names are looked up when they are given."""
+        """Return True: options are looked up on demand."""
         return True
 
     def is_group(self, config_path: str) -> bool:
@@ -210,20 +213,20 @@ class ComponentSource(ConfigSource):
         return any((folder / config_path).is_dir() for folder in self._folders)
 
     def is_config(self, config_path: str) -> bool:
-        """Return whether a package has this file, or it is one of those made up here."""
-        return config_path.startswith(f"{WHEN}/") or self._find(config_path) is not None
+        """Return whether a package has this file, or the option is generated here."""
+        return config_path.startswith(f"{IF_CHOSEN}/") or self._find(config_path) is not None
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
-        """Names of the groups and options in a folder; those that begin with an underscore are not for choosing."""
-        found = [path for folder in self._folders for path in (folder / config_path).glob("[!_]*")]
-        groups = {path.name for path in found if path.is_dir() and results_filter is not ObjectType.CONFIG}
-        files = {path.stem for path in found if path.suffix == ".yaml" and results_filter is not ObjectType.GROUP}
+        """Return the groups and options in a folder, except those whose names begin with an underscore."""
+        paths = [path for folder in self._folders for path in (folder / config_path).glob("[!_]*")]
+        groups = {path.name for path in paths if path.is_dir() and results_filter is not ObjectType.CONFIG}
+        files = {path.stem for path in paths if path.suffix == ".yaml" and results_filter is not ObjectType.GROUP}
         return sorted(groups | files)
 
     def load_config(self, config_path: str) -> ConfigResult:
-        """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
-        if config_path.startswith(f"{WHEN}/"):
-            experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
+        """Return the typed option; ConfigCompositionException, with both names, for a key that is not its class's."""
+        if config_path.startswith(f"{IF_CHOSEN}/"):
+            experiment, *chosen = config_path.removeprefix(f"{IF_CHOSEN}/").removesuffix(".yaml").split(",")
             config: Any = self._chosen_settings(experiment, set(chosen))
             header: dict[str, str | None] = {"package": "_global_"}
         else:
@@ -231,64 +234,66 @@ class ComponentSource(ConfigSource):
             assert path is not None
             text = _text(path)
             self._check_options(config_path, _parsed(text, str(path)))
-            config = deepcopy(_typed_text(text, str(path), parts.packages()))
+            config = deepcopy(_typed_text(text, str(path), options.packages()))
             header = ConfigSource._get_header_dict(text)
         return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
 
     def _find(self, config_path: str) -> Path | None:
-        return parts.find(self._folders, self._normalize_file_name(config_path))
+        return options.find(self._folders, self._normalize_file_name(config_path))
 
     def _check_options(self, config_path: str, config: DictConfig) -> None:
-        """Raise ConfigCompositionException, naming the file, where its defaults list chooses an option that is none."""
+        """Raise ConfigCompositionException, with the file, for an unknown option in its defaults list."""
         entries: Any = OmegaConf.to_container(config["defaults"], resolve=False) if "defaults" in config else []
         for group, option in (item for entry in entries if isinstance(entry, dict) for item in entry.items()):
             name = f"{group.split()[-1].partition('@')[0].lstrip('/')}/{option}"
-            fixed = isinstance(option, str) and "$" not in option and name.partition("/")[0] in parts.GROUPS
+            fixed = isinstance(option, str) and "$" not in option and name.partition("/")[0] in options.GROUPS
             if fixed and self._find(name) is None:
                 raise ConfigCompositionException(f"In '{config_path}': Could not find '{name}'")
 
     def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
-        """Collect what an experiment and those it begins with set of the parts chosen, each `group.option`.
+        """Return the settings of the chosen components, each `group.option`, of an experiment and its base experiments.
 
-        An experiment's own settings follow those of the ones it begins with, and its paper's words follow all. Raises
-        ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
+        An experiment's settings override those of its bases, and those of paper.literal override all. Raises
+        ConfigCompositionException for paper=literal and an experiment that is in none of the papers.
         """
-        settings, found = dict(self._settings(experiment)), OmegaConf.create({})
+        settings, merged = dict(self._settings(experiment)), OmegaConf.create({})
         if LITERAL in chosen and LITERAL not in settings.get(experiment, {}):
             raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
-        every = list(settings.items())
-        every += [(name, own.get(LITERAL, {})) for name, own in every] if LITERAL in chosen else []
-        for name, own in every:
-            for place, keys in ((str(place), keys) for place, keys in own.items()):
+        layers = list(settings.items())
+        layers += [(name, layer.get(LITERAL, {})) for name, layer in layers] if LITERAL in chosen else []
+        for name, layer in layers:
+            for place, keys in ((str(place), keys) for place, keys in layer.items()):
                 group, _, option = place.partition(".")
-                if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
-                    raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
+                if place != LITERAL and (group not in options.GROUPS or self._find(f"{group}/{option}") is None):
+                    raise ConfigCompositionException(
+                        f"In 'experiment/{name}': {IF_CHOSEN}: there is no component {place}"
+                    )
                 if not isinstance(keys, DictConfig):
                     raise ConfigCompositionException(
-                        f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
+                        f"In 'experiment/{name}': {IF_CHOSEN}: {place}: expected keys and values, found {keys}"
                     )
                 if place != LITERAL and place in chosen:
-                    found.merge_with({group: keys})
-        return found
+                    merged.merge_with({group: keys})
+        return merged
 
     def _settings(self, experiment: str) -> Iterator[tuple[str, DictConfig]]:
-        """Yield what an experiment and those it begins with have under WHEN, by their names; its own last."""
-        if path := self._find(f"experiment/{experiment}"):  # where there is none, Hydra itself refuses
-            own = _parsed(_text(path), str(path))
-            for base in own.get("defaults", ()):
+        """Yield the names and IF_CHOSEN settings of an experiment's base experiments, then its own."""
+        if path := self._find(f"experiment/{experiment}"):  # else Hydra raises the error
+            content = _parsed(_text(path), str(path))
+            for base in content.get("defaults", ()):
                 if isinstance(base, str) and base != "_self_":
                     yield from self._settings(base)
-            yield experiment, own.get(WHEN) or OmegaConf.create({})
+            yield experiment, content.get(IF_CHOSEN) or OmegaConf.create({})
 
 
 class _ComponentSearchPath(SearchPathPlugin):
-    """Puts the options of all packages and folders where Hydra would look for ours alone."""
+    """Replaces the workbench's folder of options by those of all packages in Hydra's search path."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Called by Hydra whenever it is started, so that packages named since then are found too."""
+        """Add packages that were allowed since Hydra last started; called by Hydra."""
         for element in search_path.get_path():
-            if element.path == f"pkg://{parts.OURS}.conf":
-                element.path = f"{ComponentSource.scheme()}://{','.join(parts.folders())}"
+            if element.path == f"pkg://{options.OURS}.conf":
+                element.path = f"{ComponentSource.scheme()}://{','.join(options.folders())}"
 
 
 def _text(path: Path) -> str:
@@ -300,15 +305,15 @@ def _text(path: Path) -> str:
 
 @lru_cache(maxsize=512)
 def _parsed(text: str, file: str) -> DictConfig:
-    """Parse YAML, once for all configurations that a process composes; the result is to be left as it is.
+    """Return parsed YAML, cached for all configurations of a process; callers must not change the result.
 
-    Raises ConfigCompositionException, naming the file, for anything but a mapping, and for a list that is none.
+    Raises ConfigCompositionException, with the file, for anything but a mapping, and for wrong types of its keys.
     """
     try:
         config = OmegaConf.create(text)
     except (YAMLError, OmegaConfBaseException) as error:
         raise ConfigCompositionException(f"{file}: expected YAML: {' '.join(str(error).split())}") from None
-    kinds = {"defaults": (ListConfig, "a list"), WHEN: (DictConfig | NoneType, "a mapping")}
+    kinds = {"defaults": (ListConfig, "a list"), IF_CHOSEN: (DictConfig | NoneType, "a mapping")}
     if not isinstance(config, DictConfig):
         raise ConfigCompositionException(f"{file}: expected a mapping of keys to values")
     for key, (kind, name) in kinds.items():
@@ -319,20 +324,20 @@ def _parsed(text: str, file: str) -> DictConfig:
 
 @lru_cache(maxsize=512)
 def _typed_text(text: str, file: str, _packages: tuple[str, ...]) -> DictConfig:
-    """Parse and type a file's text, without what an experiment sets of particular parts; to be left as it is.
+    """Return a file's typed content without its IF_CHOSEN settings, cached; callers must not change the result.
 
-    _packages: those whose classes may be named, on which it depends, too.
+    _packages: the allowed packages, on which the result depends.
     """
     plain: Any = OmegaConf.to_container(_parsed(text, file))
-    plain.pop(WHEN, None)
+    plain.pop(IF_CHOSEN, None)
     return OmegaConf.create(typed(plain, file))
 
 
 def typed(value: Any, file: str) -> Any:
-    """Merge every mapping that names a class over the schema of that class, so that its keys are checked.
+    """Return the value with every mapping that has a `_target_` merged over the schema of that class.
 
-    value: of plain mappings and lists. Raises ConfigCompositionException, naming the file, for a key that is none or a
-    value of another type.
+    value: plain mappings and lists. Raises ConfigCompositionException, with the file, for an unknown key or a value of
+    a wrong type.
     """
     if isinstance(value, list):
         return [typed(item, file) for item in value]
@@ -348,9 +353,9 @@ def typed(value: Any, file: str) -> Any:
             node = schema._get_node(key)
             if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
                 OmegaConf.set_struct(node, False)
-        known = [str(key) for key in schema]  # which `in` would not find where they have no default
-        if unknown := [str(key) for key in config if key not in known]:
-            keys = ", ".join(key for key in known if key != "_target_") or "none"
+        allowed = [str(key) for key in schema]  # `in` would not find keys without a default
+        if unknown := [str(key) for key in config if key not in allowed]:
+            keys = ", ".join(key for key in allowed if key != "_target_") or "none"
             raise InputError(f"{config['_target_']} has no key {unknown[0]!r}; it has {keys}")
         merged: Any = OmegaConf.merge(schema, config)
         with open_dict(merged):

@@ -1,7 +1,8 @@
-"""From the configuration stored in a recording to one that is safe to run here.
+"""Turn the configuration stored in a recording into one that is safe to run here.
 
-A recording may come from a stranger. Its configuration may build components that the workbench, or a package that the
-user has named, offers as options, read below the user's `paths.data`, and write to the cache and the run's folder.
+A recording may come from an untrusted source. Its configuration may build components that are options of the workbench
+or of a package that the user has allowed, read below the user's `paths.data`, and write to the cache and the run's
+folder.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +13,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.options import GROUPS, OURS, how_to_allow, targets
+from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, targets
 from workbench.experiment.config.schema import composed
 from workbench.experiment.provenance import PYTHON
 from workbench.recording.migrations import in_todays_words
@@ -21,77 +22,91 @@ from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 
 
-def own_defaults(overrides: Sequence[str]) -> DictConfig:
-    """Compose today's top level, with this person's paths and today's tolerances; overrides of paths are followed."""
+def current_defaults(overrides: Sequence[str]) -> DictConfig:
+    """Return today's top level with the user's paths and today's tolerances; overrides of paths apply."""
     paths = [text for text in overrides if text.startswith("paths.")]
     return composed(["experiment=custom", *paths])
 
 
-def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping[str, Any] | None = None) -> DictConfig:
-    """Return the stored configuration with our paths in place of its own, and with `overrides`, key=value.
+def runnable_config(
+    run: Run, overrides: Sequence[str], current: DictConfig, components: Mapping[str, Any] | None = None
+) -> DictConfig:
+    """Return the stored configuration with the user's paths and the overrides.
 
-    parts: what to put in place of its own by group, before the overrides.
+    Paths below the stored paths.data or paths.cache move below the user's. n_threads gets its default; no viewer opens.
 
-    Every path that began with the stored paths.data or paths.cache begins with ours; threads are ours, and no viewer is
-    called. Raises InputError, naming the recording and the key, for an interpolation, a target that is no option's, an
-    override of a key that is not there, a removed key, or a path that leads out of paths.data and was not given as an
-    override.
+    Parameters
+    ----------
+    run : the recorded run.
+    overrides : texts "key=value".
+    current : today's defaults, see `current_defaults`.
+    components : replacements of the recorded components by group, applied before the overrides.
+
+    Raises
+    ------
+    InputError : with the recording and the key, for an interpolation, a target that is no option, an override of a
+        missing key, a removed key, or a path outside paths.data that is no override.
     """
     settings = run.settings
     if settings.get("experiment") == PYTHON:
-        raise InputError(
-            f"{run.path}: its parts were built in Python, which no configuration does: run that code again"
-        )
+        raise InputError(f"{run.path}: its components were built in Python; run that code again")
     settings = in_todays_words(run.path, settings)
-    _refuse_foreign(run, settings)
-    ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
-    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
-    moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}
+    _check_untrusted(run, settings)
+    folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
+    moved = {
+        **dict.fromkeys(GROUPS),
+        "seed": 0,
+        **_relocated(settings, settings.get("paths"), folders),
+        "n_threads": None,
+    }
+    moved["paths"] = {"data": folders.get("data"), "cache": folders.get("cache")}
     if isinstance(moved["recorder"], dict):
         moved["recorder"]["live"] = False
-    moved.setdefault("check", OmegaConf.to_container(own.check))
-    moved |= parts or {}
+    moved.setdefault("check", OmegaConf.to_container(current.check))
+    moved |= components or {}
     config = OmegaConf.create(moved)
-    given = [_apply(run, config, text) for text in overrides]
+    overridden = [_apply(run, config, text) for text in overrides]
     for place, value in leaves(moved, lists=True):
-        trusted = any(f"{place}.".startswith((f"{key}.", f"{key}[")) for key in ("paths", *given))
-        if isinstance(value, str) and not trusted and _leads_out(value, ours.values()):
-            raise InputError(f"{run.path}: {place}: {value!r} lies outside paths.data; if it is meant, say {place}=…")
+        trusted = any(f"{place}.".startswith((f"{key}.", f"{key}[")) for key in ("paths", *overridden))
+        if isinstance(value, str) and not trusted and _is_outside(value, folders.values()):
+            raise InputError(f"{run.path}: {place}: {value!r} is outside paths.data; if you trust it, add {place}=…")
     return config
 
 
-def _refuse_foreign(run: Run, settings: Mapping[str, Any]) -> None:
-    """Refuse by the words alone: nothing that a recording names is imported to find out what it is."""
-    known = targets()
+def _check_untrusted(run: Run, settings: Mapping[str, Any]) -> None:
+    """Raise InputError for interpolations and for targets that are no options, without importing anything."""
+    allowed = targets()
     for place, value in leaves(settings, lists=True):
         if isinstance(value, str) and "${" in value:
             raise InputError(f"{run.path}: {place}: expected a resolved configuration, found {value!r}")
         special = [key for key in place.split(".") if key.startswith("_")]
-        if special == ["_target_"] and value not in known and str(value).startswith(f"{OURS}."):
+        if special == ["_target_"] and value not in allowed and str(value).startswith(f"{OURS}."):
             raise InputError(
-                f"{run.path}: {place}: {value!r} is no part of the {OURS}; if an earlier version recorded it, compare "
-                "it with another recording or run its experiment anew"
+                f"{run.path}: {place}: {value!r} is no component of the {OURS}; if an earlier version recorded it, "
+                "compare it with another recording or repeat its experiment"
             )
-        if special and (special != ["_target_"] or value not in known):
-            raise InputError(f"{run.path}: {place}: {value!r} is no part of the {OURS}{how_to_allow(value)}")
+        if special and (special != ["_target_"] or value not in allowed):
+            raise InputError(f"{run.path}: {place}: {value!r} is no component of the {OURS}{hint_to_allow(value)}")
 
 
-def _moved(value: Any, theirs: object, ours: Mapping[str, str]) -> Any:
-    """Put in our folders where texts begin with theirs; without paths.data of our own, theirs stays."""
+def _relocated(value: Any, recorded: object, folders: Mapping[str, str]) -> Any:
+    """Return the value with the user's folders in place of the recorded ones, as far as the user has set them."""
     if isinstance(value, Mapping):
-        moved = {key: _moved(item, theirs, ours) for key, item in value.items()}
-        return moved | ({"cache": ours["cache"]} if "cache" in moved else {})  # the one folder that parts write to
+        moved = {key: _relocated(item, recorded, folders) for key, item in value.items()}
+        return moved | (
+            {"cache": folders["cache"]} if "cache" in moved else {}
+        )  # the only folder that components write to
     if isinstance(value, list):
-        return [_moved(item, theirs, ours) for item in value]
-    for name, folder in ours.items():
-        old = theirs.get(name) if isinstance(theirs, Mapping) else None
+        return [_relocated(item, recorded, folders) for item in value]
+    for name, folder in folders.items():
+        old = recorded.get(name) if isinstance(recorded, Mapping) else None
         if isinstance(value, str) and isinstance(old, str) and old and (value + "/").startswith(old.rstrip("/") + "/"):
             return folder + value[len(old.rstrip("/")) :]
     return value
 
 
 def _apply(run: Run, config: DictConfig, text: str) -> str:
-    """Set the key that an override key=value names, and return it."""
+    """Apply an override key=value and return its key."""
     try:
         override = OverridesParser.create().parse_override(text)
     except (HydraException, RecursionError, ValueError) as error:
@@ -105,15 +120,15 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
         raise InputError(f"{run.path}: {text}: its configuration has no key {key!r}")
     if isinstance(node[name], DictConfig) and not isinstance(override.value(), dict):
         raise InputError(
-            f"{text}: {key} of a recording has keys of its own, which can be changed, such as {key}.KEY=VALUE; another "
-            f"part runs as workbench run from={run.path} {text}"
+            f"{text}: {key} of a recording is a component; override its keys, such as {key}.KEY=VALUE, or choose "
+            f"another component by workbench run from={run.path} {text}"
         )
     OmegaConf.update(config, key, override.value())
     return key
 
 
-def _leads_out(text: str, allowed: Iterable[str]) -> bool:
-    """Return whether a text could be a path or an address outside the allowed folders and the current one."""
+def _is_outside(text: str, allowed: Iterable[str]) -> bool:
+    """Return whether a text could be a path or address outside the allowed and the current folder."""
     path, other = PurePosixPath(text), PureWindowsPath(text)
     if ".." in other.parts or "://" in text:
         return True

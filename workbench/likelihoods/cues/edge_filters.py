@@ -17,7 +17,7 @@ from workbench.likelihoods.cues.image_levels import bilinear
 from workbench.likelihoods.cues.limb_points import Box, LimbPoints, patch_grid
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 EDGE_SCALE_PX = 1.0
 RIDGE_SCALES_PX = (2.0, 4.0, 8.0)  # standard deviations of the Gaussians whose derivatives the filters are
@@ -96,7 +96,7 @@ def _smoothed(grey: Float32Array, part: Box) -> Smoothed:
             else:
                 levels[-1 - k] = cv2.GaussianBlur(pixels, (0, 0), scales[-1 - k])[within]  # the widest first
 
-    over_threads(smooth, len(scales) + 1, 1)
+    parallel_for(smooth, len(scales) + 1, 1)
     return Smoothed(levels, contrast, part)
 
 
@@ -125,7 +125,7 @@ def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
     gradient, ridges = np.empty((*shape, 2), np.float32), np.empty((len(RIDGE_SCALES_PX), *shape, 3), np.float32)
     squares = np.square(np.array(RIDGE_SCALES_PX, dtype=np.float32))
     arguments = (images.levels, images.contrast, squares, left - images.box[0], top - images.box[1], gradient, ridges)
-    over_threads(lambda first, last: _differentiate(first, last, *arguments), shape[0], _ROWS)
+    parallel_for(lambda first, last: _differentiate(first, last, *arguments), shape[0], _ROWS)
     return Filtered(gradient, ridges, (left, top))
 
 

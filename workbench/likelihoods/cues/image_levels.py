@@ -13,7 +13,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.utils.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 DIFFERENT = 3.5
 """Deviations of noise by which a pixel must change to show something else."""
@@ -166,7 +166,7 @@ def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: floa
             about = levels[rows], scene.median[rows], scene.sigma[rows], scene.log_peak[rows]
             ratio[rows] = _log_ratio(*about, epsilon)
 
-    over_threads(fill, len(levels), _STRIP)
+    parallel_for(fill, len(levels), _STRIP)
     return ratio
 
 

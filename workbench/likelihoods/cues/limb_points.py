@@ -18,7 +18,7 @@ from workbench.likelihoods.base import among_finite, finite_rows, those
 from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 Box: TypeAlias = tuple[int, int, int, int]  # of an image: its first column and row, and those after its last, px
 
@@ -55,7 +55,7 @@ def limb_points_of_all(
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(np.concatenate(samples)), ends, camera.row),
         *(frames.rotations, frames.positions, beside, pixels, counts, turns),
     )
-    over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
+    parallel_for(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
     return [
         LimbPoints(pixels[first:last].reshape(*shape, n, 2), counts[first:last].reshape(*shape, n), turns)
         for n, (first, last) in zip(map(len, samples), pairwise(rows), strict=True)

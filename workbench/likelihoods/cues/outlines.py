@@ -10,7 +10,7 @@ import numpy as np
 from workbench.body.simd_kinematics import FAST, inlined
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
@@ -21,7 +21,7 @@ _ROWS = 64  # of an image at least that one thread takes
 def running_sums(image: Float32Array) -> FloatArray:
     """Sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
     reached = np.empty((image.shape[0], image.shape[1] + 1))
-    over_threads(lambda first, last: _add_up(image[first:last], reached[first:last]), len(image), _ROWS)
+    parallel_for(lambda first, last: _add_up(image[first:last], reached[first:last]), len(image), _ROWS)
     return reached
 
 

@@ -10,7 +10,7 @@ from workbench.likelihoods.cues.image_levels import AGREE, DIFFERENT, LEFT, MAD_
 from workbench.likelihoods.dense.kernels import learn_scene, ratio_to_scene
 from workbench.likelihoods.dense.view_likelihood import TEXTURE_BEND, interpolated
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 START_BESIDE_PX, BESIDE_PX = 17, 9
 """By half of this the outline of a start and that of a tracked pose may be off."""
@@ -41,14 +41,14 @@ class BackgroundModel:
         """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown."""
         found = np.empty(image.shape, dtype=np.float32)
         arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), epsilon, found
-        over_threads(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
+        parallel_for(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
         return found
 
     def seen(self, image: Float32Array, covered: BoolArray) -> "BackgroundModel":
         """Learn from an image, but near what is `covered` (height, width), and where it shows something else."""
         near, level, n = grown(covered, BESIDE_PX), self.level.copy(), self.n.copy()
         arguments = image, near, float(KEPT), 4.0 * max(self.noise, LEAST_NOISE), level, n
-        over_threads(lambda first, last: learn_scene(first, last, *arguments), len(image), _ROWS)
+        parallel_for(lambda first, last: learn_scene(first, last, *arguments), len(image), _ROWS)
         return replace(self, level=level, n=n)
 
 
@@ -85,7 +85,7 @@ def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) 
         alike = np.abs(stack[:, first:last] - level[first:last]) < apart
         n[first:last] = np.minimum((alike & free[:, first:last]).sum(axis=0), KEPT)
 
-    over_threads(count, len(n), _ROWS)
+    parallel_for(count, len(n), _ROWS)
     n[~near] = np.maximum(n[~near], UNCOVERED)
     n[near & ~about] = 0.0
     return BackgroundModel(level, n, noise)
@@ -123,7 +123,7 @@ def _lasting(stack: Float32Array, wanted: BoolArray, apart: float) -> FloatArray
         for rows in (slice(k, k + _ROWS) for k in range(first, last, _ROWS)):
             found[rows][wanted[rows]] = _lasting_of(stack[:, rows][:, wanted[rows]].astype(np.float64), apart)
 
-    over_threads(look, len(found), _ROWS)
+    parallel_for(look, len(found), _ROWS)
     return found
 
 

@@ -15,7 +15,7 @@ from workbench.body.simd_kinematics import inlined_exactly
 from workbench.likelihoods.dense.surface_elements import ALONG, AROUND, Cells
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 ODD = 0.2
 """Share of a cell's pixels that show something else than the cell did before."""
@@ -117,7 +117,7 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     judged: tuple[Any, ...] = (behind[0], *values, before)
     _judge(*judged)  # on one thread: others take as long to wake
     arguments: tuple[Any, ...] = (behind[1], *facets.table, *placed, *values, before, found)
-    over_threads(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
+    parallel_for(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
     return found
 
 

@@ -15,7 +15,7 @@ from workbench.likelihoods.cues.outlines import CORNERS, covered
 from workbench.likelihoods.dense.kernels import add_normal, sample
 from workbench.likelihoods.dense.surface_elements import Placed, PointMotion, beside, inside
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 
 def interpolated(image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -39,7 +39,7 @@ def pictures(images: Sequence[Float32Array], blurs_px: Sequence[float]) -> list[
     def smooth(first: int, last: int) -> None:
         found.update({k: picture(*wanted[k]) for k in range(first, last)})
 
-    over_threads(smooth, len(wanted), 1)
+    parallel_for(smooth, len(wanted), 1)
     return [tuple(found[k * len(blurs_px) + level] for level in range(len(blurs_px))) for k in range(len(images))]
 
 

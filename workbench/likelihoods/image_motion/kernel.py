@@ -49,7 +49,7 @@ from workbench.likelihoods.image_motion.patches import (
 )  # fmt: skip
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
-from workbench.utils.parallel import over_threads
+from workbench.utils.parallel import parallel_for
 
 Exponent = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]
@@ -126,7 +126,7 @@ def view_log_prob(
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
     )
-    over_threads(lambda first, last: _run(first, last, *arguments), n, LANES)
+    parallel_for(lambda first, last: _run(first, last, *arguments), n, LANES)
     return log_prob, outside
 
 

@@ -12,7 +12,7 @@ import scipy
 from workbench.motion.clip import MotionClip, clip_of_file
 from workbench.motion.formats.text import Statement, fail, numbers, read_lines, statements
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.input_limits import MOST_FRAMES, MOST_JOINTS, check_number, check_rate
+from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, check_rate
 
 _INCH_M = 0.0254
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
@@ -77,7 +77,7 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
         if not name or name in bones:
             fail(path, line, f"expected a bone with a unique name, found {name!r}")
         bones[name] = _bone(path, name, block, metres, degrees)
-    check_number(path, "bones", len(bones), MOST_JOINTS)
+    check_number(path, "bones", len(bones), MAX_JOINTS)
     joints, parents = _tree(path, sections.get(":hierarchy", ()), bones, len(lines))
     end = _Bone(np.zeros(3), np.eye(3))
     return _AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), metres, degrees)
@@ -140,7 +140,7 @@ def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> tup
             first = first if frames else index
             frames.append({})
             lines.append(line)
-            check_number(path, "frames", len(frames), MOST_FRAMES)
+            check_number(path, "frames", len(frames), MAX_FRAMES)
             continue
         bone = words[0]
         if bone not in sizes:

@@ -16,7 +16,7 @@ from workbench.motion.clip import FILE_FROM_WORLD, MotionClip, clip_of_file
 from workbench.motion.formats.text import Statement, fail, numbers, read_lines
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_FRAMES, MOST_JOINTS, check_number
+from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
 
 _METRES = {"cm": 0.01, "m": 1.0}
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
@@ -121,7 +121,7 @@ def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str
         name = f"{joints[parent].name}_end" if name.lower() == "site" else ""
     if not name or any(joint.name == name for joint in joints):
         fail(path, line, f"expected a new joint's name, found {name!r}")
-    check_number(path, "joints", len(joints) + 1, MOST_JOINTS)
+    check_number(path, "joints", len(joints) + 1, MAX_JOINTS)
     return _Joint(name, parent, kind == "End")
 
 
@@ -143,7 +143,7 @@ def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> t
         rows.pop()
     if len(rows) != n_frames:
         fail(path, start + 2 + len(rows), f"expected {n_frames} lines of frames after the header, found {len(rows)}")
-    check_number(path, "frames", n_frames, MOST_FRAMES)
+    check_number(path, "frames", n_frames, MAX_FRAMES)
     values = [numbers(path, start + 3 + k, row.split(), n_channels, f"frame {k + 1}") for k, row in enumerate(rows)]
     return rate_hz, np.array(values)
 

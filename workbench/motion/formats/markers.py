@@ -16,7 +16,7 @@ from workbench.motion.formats.text import fail, numbers, read_lines
 from workbench.utils import input_limits
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_NUMBERS, check_file, check_number, check_places, check_rate
+from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number, check_places, check_rate
 from workbench.utils.sandbox import parse_limited
 
 log = logging.getLogger(__name__)
@@ -75,9 +75,9 @@ def _read_trc(path: Path) -> Markers:
     if not names or len(set(names)) < len(names):
         fail(path, 4, f"expected the names of markers, all different, found {', '.join(names)!r}")
     table = [(line, text) for line, text in enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1) if text.strip()]
-    check_number(path, "markers", len(names), input_limits.MOST_JOINTS)
-    check_number(path, "frames", len(table), input_limits.MOST_FRAMES)
-    check_number(path, "coordinates", 3 * len(table) * len(names), MOST_NUMBERS)
+    check_number(path, "markers", len(names), input_limits.MAX_JOINTS)
+    check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
+    check_number(path, "coordinates", 3 * len(table) * len(names), MAX_NUMBERS)
     if not table:
         fail(path, len(lines), "expected a frame, found none")
     positions = np.array([_row(path, line, text, 3 * len(names)) for line, text in table])
@@ -107,7 +107,7 @@ def _read_c3d(path: Path) -> Markers:
         raise InputError(f"{path}: expected a C3D file, found no C3D header")
     points, analog, first, last = struct.unpack("<HHHH", header[2:10])
     n_numbers = max(0, last - first + 1) * (4 * points + analog)
-    check_number(path, "numbers", n_numbers, min(MOST_NUMBERS, path.stat().st_size // 2))
+    check_number(path, "numbers", n_numbers, min(MAX_NUMBERS, path.stat().st_size // 2))
     content = parse_limited(_c3d_points, path, what="a C3D file")
     names, rate_hz, positions = content["names"].tolist(), float(content["rate_hz"]), content["positions"]
     if not names or not rate_hz > 0.0 or positions.shape[1:] != (len(names), 3):

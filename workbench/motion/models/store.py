@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from workbench import __version__
-from workbench.utils.atomic_write import kept_for_later, whole_file
+from workbench.utils.atomic_write import optional_cache, whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.hdf5 import Hdf5, read_hdf5
 
@@ -65,7 +65,7 @@ def as_stored(model: Stored) -> Stored:
 
 def cache_model(path: Path, model: Stored, provenance: Provenance) -> Stored:
     """Write a model to a cache, if that is writable, and return it `as_stored`."""
-    with kept_for_later():
+    with optional_cache():
         save(path, model, provenance)
     return as_stored(model)
 

@@ -25,7 +25,7 @@ from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
-from workbench.utils.atomic_write import kept_for_later
+from workbench.utils.atomic_write import optional_cache
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
@@ -249,7 +249,7 @@ def _imported(clips: Sequence[Path], cache: Path, name: str) -> tuple[Motion, ..
     motions, errors = import_sources(clips)
     for error in errors:
         log.warning("excluded from the training set: %s", error)
-    with kept_for_later():
+    with optional_cache():
         library.parent.mkdir(parents=True, exist_ok=True)
         write_library(library, motions)
     return tuple(motions)

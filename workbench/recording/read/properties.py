@@ -9,7 +9,7 @@ from workbench.utils.errors import InputError
 Properties = dict[str, dict[str, Any]]
 
 _GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
-_MAPPINGS = ("paths", "check", "learn", "people", "clips", "protocol", "sweep")
+_MAPPINGS = ("paths", "check", "training", "default_motions", "clips", "protocol", "sweep")
 _MOST_WHOLE = 2**63 - 1
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from workbench.experiment.config.stored import runnable
+from workbench.experiment.config.stored import runnable_config
 from workbench.experiment.run import execute
 from workbench.recording.condense import condense, is_condensed
 from workbench.recording.read.crash_probe import open_sound_runs
@@ -44,8 +44,8 @@ class Request:
     exact: bool = False
 
     def config(self, run: Run) -> DictConfig:
-        """Return the configuration of a recording as it is to run; InputError as `runnable`."""
-        return runnable(run, self.overrides, self.own)
+        """Return the configuration of a recording as it is to run; InputError as `runnable_config`."""
+        return runnable_config(run, self.overrides, self.own)
 
 
 class _RunError(Exception):

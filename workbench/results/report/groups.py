@@ -20,7 +20,7 @@ from workbench.utils.errors import InputError
 LEVEL = 0.95
 STATUS = {
     "complete": "complete", "failed": "failed", "interrupted": "interrupted", "running": "cut off or still running",
-    "stopped": "ended early by sweep.stop_when", "unreadable": "unreadable",
+    "stopped": "ended early by sweep.stop_if", "unreadable": "unreadable",
 }  # fmt: skip
 _STATISTICS = ("n", "people", "mean", "sd_people", "sd", "low_95", "high_95")
 

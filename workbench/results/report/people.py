@@ -6,14 +6,20 @@ from typing import Any
 from workbench.motion.formats.names import GENERATED, excluded_subjects, performer
 
 MOTION = "dataset.motion"
-_HALF = "protocol.half"
-_DRAWN = ("dataset.view_azimuth_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.shown")
+_HALF = "protocol.split"
+_DRAWN = (
+    "dataset.view_azimuth_deg",
+    "dataset.first_frame",
+    "dataset.occluder",
+    "protocol.activity",
+    "protocol.occlusion",
+)
 """Keys that a protocol draws for every clip and seed, so that they do not tell groups of runs apart."""
 
 
 def half_of(settings: Mapping[str, Any]) -> str | None:
     """Return the half of its protocol's clips that a run belongs to; None where there is no protocol."""
-    half = (settings.get("protocol") or {}).get("half")
+    half = (settings.get("protocol") or {}).get("split")
     return None if half is None else str(half)
 
 

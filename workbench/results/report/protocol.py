@@ -14,7 +14,7 @@ from workbench.utils.arrays import FloatArray
 _METRICS = ["held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "ms_per_frame"]
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
-    "shown with": lambda settings: settings["protocol"].get("shown"),
+    "occlusion": lambda settings: settings["protocol"].get("occlusion"),
     "camera at": lambda settings: f"{settings['dataset'].get('view_azimuth_deg', 0.0):g}°",
 }
 

@@ -145,8 +145,8 @@ def test_everything_that_does_not_count_is_named():
 
 
 CLIPS = {
-    "02_01": ("report", "walk"), "dataset-1_bow_tired_001": ("report", "bow"),
-    "05_01": ("choose", "walk"), "dataset-1_bow_happy_001": ("choose", "bow"),
+    "02_01": ("test", "walk"), "dataset-1_bow_tired_001": ("test", "bow"),
+    "05_01": ("validation", "walk"), "dataset-1_bow_happy_001": ("validation", "bow"),
 }  # fmt: skip
 
 
@@ -156,7 +156,7 @@ def run(motion, seed, view_azimuth_deg, error):
     made = made_up(seed=seed, motion=motion, error_abs_mm=error, held=float(error < 100.0))
     settings = made.settings
     settings["dataset"] |= {"view_azimuth_deg": view_azimuth_deg, "occluder": seed == 1, "first_frame": seed}
-    settings["protocol"] = {"half": half, "activity": activity, "shown": "a board" if seed == 1 else "nothing"}
+    settings["protocol"] = {"split": half, "activity": activity, "occlusion": "a board" if seed == 1 else "nothing"}
     properties = {**made.properties, "config": {"TextDocument:text": yaml.safe_dump(settings)}}
     series = {"doubt_arms_mm": [0.0, *[1.0 + seed] * 3], "missed_arms_mm": [500.0, error, error, error]}
     curves = {name: Curve(np.arange(4), np.array(values)[:, None]) for name, values in series.items()}
@@ -171,18 +171,18 @@ def protocol_runs():
 
 def test_halves_are_groups_and_what_a_protocol_drew_is_not(protocol_runs):
     grouping = group_runs(protocol_runs)
-    assert list(grouping.labels["group"]) == ["half=choose", "half=report"]
+    assert list(grouping.labels["group"]) == ["split=test", "split=validation"]
     assert list(grouping.runs["group"]) == [0] * 4 + [1] * 4
     assert grouping.problems == ()
     problems = group_runs([*protocol_runs[1:], run("02_01", 2, 0.0, 30.0)]).problems
-    assert not any("choose" in problem and "02_01" in problem for problem in problems)  # missing in its own half only
+    assert not any("validation" in problem and "02_01" in problem for problem in problems)  # of the test split only
 
 
 def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
     title, table = next(each for each in contents(group_runs(protocol_runs)).tables.items() if "doubt" in each[0])
     assert title.endswith("those over 50 mm")
-    row = table.iloc[0]
-    assert tuple(row[["group", "joints", "frames"]]) == ("half=choose", "arms", 12)
+    row = table[table["group"] == "split=validation"].iloc[0]
+    assert tuple(row[["group", "joints", "frames"]]) == ("split=validation", "arms", 12)
     errors, doubts = np.array([100.0, 120.0, 140.0, 160.0]).repeat(3), np.array([1.0, 2.0, 1.0, 2.0]).repeat(3)
     expected = np.corrcoef(np.argsort(np.argsort(errors)) // 3, doubts)[0, 1]
     assert row["Spearman"] == pytest.approx(expected)
@@ -195,7 +195,7 @@ def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
         ({"dataset": {"motion": "35_02", "seed": 3}}, "35"),
         ({"dataset": {"motion": ["35_02", "32_02", "35_15"]}}, "35 and 32"),
         ({"dataset": {"motion": "dataset-1_bow_tired_001"}}, "bandai-1"),
-        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"half": "report"}}, "bandai-tired"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"split": "test"}}, "bandai-tired"),
         ({"dataset": {"motion": "builtin", "seed": 3}}, "generated 3"),
         ({"dataset": {"source": "demo.mp4"}}, ""),
         ({"dataset": None}, ""),
@@ -233,7 +233,13 @@ def test_a_key_of_one_choice_only_is_left_out_of_the_others_label():
 def test_what_cannot_change_the_numbers_is_no_difference():
     def places(name):
         paths = {"data": f"/{name}", "cache": f"/{name}"}
-        return {"paths": paths, "threads": len(name), "recorder": {"live": name == "a"}, "dataset": paths, "seed": name}
+        return {
+            "paths": paths,
+            "n_threads": len(name),
+            "recorder": {"live": name == "a"},
+            "dataset": paths,
+            "seed": name,
+        }
 
     assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
     assert flat({"recorder.live": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table

@@ -1,4 +1,4 @@
-"""The protocol of strangers: its halves, and what every run of it is shown with."""
+"""The protocol of held-out subjects: its splits, and the view and occlusion of every run."""
 
 from collections import Counter
 
@@ -9,42 +9,42 @@ from omegaconf import OmegaConf
 from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
 
-activity_of, clips_of, first_frame, half_of, hashed = (
-    RESOLVERS[name] for name in ("activity_of", "clips_of", "first_frame", "half_of", "hashed")
+activity_of, clips_of, first_frame, split_of = (
+    RESOLVERS[name] for name in ("activity_of", "clips_of", "first_frame", "split_of")
 )
-REPORT = {
+TEST = {
     "02_01", "dataset-1_walk_old_001", "dataset-2_walk_elderly_002", "03_04", "32_02", "dataset-1_run_old_001",
     "dataset-2_run_elderly_026", "dataset-1_byebye_active_001", "dataset-1_byebye_masculinity_001",
     "dataset-1_bye_musical_001", "dataset-1_respond_normal_001", "dataset-1_dance-short_normal_001",
     "dataset-1_bow_normal_001", "dataset-1_bow_tired_001", "02_05", "dataset-1_kick_normal_001",
 }  # fmt: skip
-"""By which no parameter may be chosen: a clip that changes sides would be one that was looked at."""
+"""No parameter may be tuned on these, so a clip must never change its split."""
 
 
 @pytest.fixture(scope="module")
 def listed():
-    return OmegaConf.to_container(composed("experiment=strangers").clips.strangers)
+    return OmegaConf.to_container(composed("experiment=held_out_subjects").clips.held_out)
 
 
 def run(clip, seed=0):
-    return composed("experiment=strangers", f"dataset.motion='{clip}'", f"seed={seed}")
+    return composed("experiment=held_out_subjects", f"dataset.motion='{clip}'", f"seed={seed}")
 
 
 def test_the_split_is_as_it_was_first_made(listed):
-    assert set(clips_of(listed, "report")) == REPORT
-    assert set(clips_of(listed, "choose")) == set(clips_of(listed)) - REPORT
+    assert set(clips_of(listed, "test")) == TEST
+    assert set(clips_of(listed, "validation")) == set(clips_of(listed)) - TEST
     assert len(clips_of(listed)) == len(set(clips_of(listed))) >= 24
 
 
 def test_the_split_follows_from_a_clips_name_alone():
-    assert (half_of("35_02"), half_of("02_01")) == ("choose", "report")
-    with pytest.raises(InputError, match="half must be one of report, choose or null, found 'best'"):
+    assert (split_of("35_02"), split_of("02_01")) == ("validation", "test")
+    with pytest.raises(InputError, match="expected one of test, validation or null, found 'best'"):
         clips_of({}, "best")
 
 
-def test_every_activity_but_the_kick_that_is_one_clip_is_in_both_halves(listed):
+def test_every_activity_but_the_kick_that_is_one_clip_is_in_both_splits(listed):
     for activity, clips in listed.items():
-        assert {half_of(clip) for clip in clips} == {"choose", "report"}, activity
+        assert {split_of(clip) for clip in clips} == {"validation", "test"}, activity
         assert all(activity_of(listed, clip) == activity for clip in clips)
         assert all(first_frame(listed, clip) == frame for clip, frame in clips.items())
     assert (activity_of(listed, "35_02"), first_frame(listed, "35_02")) == (None, 0)
@@ -52,12 +52,12 @@ def test_every_activity_but_the_kick_that_is_one_clip_is_in_both_halves(listed):
 
 def test_what_a_run_shows_is_drawn_for_every_clip_and_seed(listed):
     shown = Counter()
-    for clip in clips_of(listed, "report")[::4]:
+    for clip in clips_of(listed, "test")[::4]:
         for seed in range(3):
             config = run(clip, seed)
-            assert config.protocol.half == "report"
+            assert config.protocol.split == "test"
             assert config.dataset.seed == seed
-            assert (config.protocol.shown == "a board passing") == config.dataset.occluder
+            assert (config.protocol.occlusion == "moving board") == config.dataset.occluder
             shown.update([config.dataset.view_azimuth_deg, config.dataset.occluder])
     assert set(shown) == {0.0, 90.0, 180.0, 270.0, True}
 
@@ -71,5 +71,5 @@ def test_a_sweep_goes_through_one_half_where_it_is_told_to(listed):
     from hydra import compose, initialize_config_module
 
     with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", ["experiment=strangers", "clips.half=report", "paths.data=D"], True)
-    assert config.hydra.sweeper.params["dataset.motion"] == ",".join(f"'{clip}'" for clip in clips_of(listed, "report"))
+        config = compose("config", ["experiment=held_out_subjects", "clips.split=test", "paths.data=D"], True)
+    assert config.hydra.sweeper.params["dataset.motion"] == ",".join(f"'{clip}'" for clip in clips_of(listed, "test"))

@@ -16,7 +16,7 @@ SMALL = (
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
 def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
     code, told, folder = run(  # so long that the board comes and is gone again, so large that there is much to see
-        "out", "experiment=strangers", "dataset.motion=dataset-1_respond_normal_001", f"paths.data={data}",
+        "out", "experiment=held_out_subjects", "dataset.motion=dataset-1_respond_normal_001", f"paths.data={data}",
         "dataset.occluder=true", "dataset.n_frames=30",
     )  # fmt: skip
     assert code == 0, told
@@ -31,7 +31,7 @@ def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
 def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capfd):
     code, told, _ = run(
-        "sweep", "-m", "experiment=strangers", "dataset.motion='05_01','02_01'", "dataset.perturb=false", "seed=0",
+        "sweep", "-m", "experiment=held_out_subjects", "dataset.motion='05_01','02_01'", "dataset.perturb=false", "seed=0",
         f"paths.data={data}", f"hydra.sweep.dir={tmp_path / 'jobs'}", *SMALL,
     )  # fmt: skip
     assert code == 0, told

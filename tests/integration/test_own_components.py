@@ -16,9 +16,9 @@ SMALL = (
 )  # fmt: skip
 
 
-TARGETS = ("my_parts.still.Still", "my_parts.upright.Upright")
+TARGETS = ("my_components.still.Still", "my_components.upright.Upright")
 SCENES = Path(__file__).parents[1] / "scenes"
-"""Where the package `my_parts` lies: a prior, a likelihood and a dataset, forty lines each at most."""
+"""Where the package `my_components` lies: a prior, a likelihood and a dataset, forty lines each at most."""
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def command(tmp_path_factory):
     """Run a command of the workbench with the package on PYTHONPATH, as a process of its own."""
     folder = tmp_path_factory.mktemp("own")
     environment = {**os.environ, "PYTHONPATH": str(SCENES), "WORKBENCH_CACHE": str(folder / "cache")}
-    for name in ("WORKBENCH_DATA", "WORKBENCH_PARTS", "PYTEST_ADDOPTS"):
+    for name in ("WORKBENCH_DATA", "WORKBENCH_COMPONENTS", "PYTEST_ADDOPTS"):
         environment.pop(name, None)
 
     def call(module, *arguments, **other):
@@ -41,14 +41,19 @@ def command(tmp_path_factory):
 @pytest.mark.slow
 def test_a_run_its_check_and_a_sweep(command):
     folder, call = command
-    done = call("workbench", "run", "parts=[my_parts]", *SMALL, "hydra.run.dir=out")
+    done = call("workbench", "run", "component_packages=[my_components]", *SMALL, "hydra.run.dir=out")
     assert done.returncode == 0, done.stderr
-    done = call("workbench", "check", "out/run.rrd", "parts=[my_parts]")
+    done = call("workbench", "check", "out/run.rrd", "component_packages=[my_components]")
     assert done.returncode == 0, done.stdout + done.stderr
     done = call("workbench", "check", "out/run.rrd")
     assert done.returncode == 2
-    assert "my_parts.nodding.Nodding' is no part of the workbench; if you trust it, say parts=[my_parts]" in done.stdout
-    done = call("workbench", "run", "-m", "parts=[my_parts]", *SMALL, "seed=0,1", "hydra.sweep.dir=sweep")
+    assert (
+        "my_components.nodding.Nodding' is no component of the workbench; if you trust its package, add "
+        "component_packages=[my_components]" in done.stdout
+    )
+    done = call(
+        "workbench", "run", "-m", "component_packages=[my_components]", *SMALL, "seed=0,1", "hydra.sweep.dir=sweep"
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     for job in "01":
         assert json.loads((folder / "sweep" / job / "summary.json").read_text())["status"] == "complete"
@@ -62,7 +67,7 @@ def test_the_workers_of_a_launcher_build_the_components_of_a_named_package(comma
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     folder, call = command
     words = ["seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=workers"]
-    done = call("workbench", "run", "-m", "parts=[my_parts]", *SMALL, *words)
+    done = call("workbench", "run", "-m", "component_packages=[my_components]", *SMALL, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert json.loads((folder / "workers" / "1" / "summary.json").read_text())["status"] == "complete"
 
@@ -72,9 +77,9 @@ def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp
     """With nothing but what the page shows: its code, its YAML and its first command, made small."""
     page = (SCENES.parents[1] / ".docs" / "howto" / "own_components.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```yaml\n(.+?)```", page, re.DOTALL)
-    for code in re.findall(r"literalinclude\} \.\./\.\./tests/scenes/(my_parts/\w+\.py)", page):
+    for code in re.findall(r"literalinclude\} \.\./\.\./tests/scenes/(my_components/\w+\.py)", page):
         name, group = Path(code).stem, {"still": "prior", "upright": "likelihood"}[Path(code).stem]
-        option = tmp_path / "my_parts" / "conf" / group / f"{name}.yaml"
+        option = tmp_path / "my_components" / "conf" / group / f"{name}.yaml"
         option.parent.mkdir(parents=True)
         option.write_text(text.replace("still.Still", f"{name}.{name.title()}"))
         (tmp_path / code).write_text((SCENES / code).read_text(encoding="utf-8"))
@@ -90,7 +95,9 @@ def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp
 @pytest.mark.slow
 def test_its_parts_keep_the_contracts(command):
     _, call = command
-    done = call("pytest", "--pyargs", "workbench.contracts", "--parts", "my_parts", "-q", "-p", "no:xdist")
+    done = call(
+        "pytest", "--pyargs", "workbench.contracts", "--component-package", "my_components", "-q", "-p", "no:xdist"
+    )
     assert done.returncode == 0, done.stdout
     assert "12 passed" in done.stdout
 

@@ -13,7 +13,7 @@ from workbench.cli.components import listing
 from workbench.experiment.config import options as parts
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import runnable
+from workbench.experiment.config.stored import runnable_config
 from workbench.utils.errors import InputError
 
 MODULE = '''
@@ -48,11 +48,11 @@ class Still:
     def pose(self, state):
         return state
 '''
-OPTION = "_target_: my_parts.mine.Still\n# A person who holds still.\n#   sigma: per second\nsigma: 0.25\n"
+OPTION = "_target_: my_components.mine.Still\n# A person who holds still.\n#   sigma: per second\nsigma: 0.25\n"
 EXPERIMENT = """# @package _global_
 # Holding still.
 defaults: [walk_straight, override /prior: still]
-when:
+if_chosen:
   prior.still: {sigma: 0.125}
   inference.particle_filter: {n_particles: 7}
 """
@@ -60,8 +60,8 @@ when:
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """The folder of a package my_parts that can be imported and that nobody has named."""
-    folder = tmp_path / "my_parts"
+    """The folder of a package my_components that can be imported and that nobody has named."""
+    folder = tmp_path / "my_components"
     for name, text in {
         "__init__.py": "",
         "mine.py": MODULE,
@@ -71,13 +71,13 @@ def package(tmp_path, monkeypatch):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(parts, "_named", [])
+    monkeypatch.setattr(parts, "_allowed", [])
     monkeypatch.delenv(parts.VARIABLE, raising=False)
     importlib.invalidate_caches()
     yield folder
     for known in (parts.folder, parts.folder_of):
         known.cache_clear()
-    for name in [name for name in sys.modules if name.startswith("my_parts")]:
+    for name in [name for name in sys.modules if name.startswith("my_components")]:
         del sys.modules[name]
 
 
@@ -92,12 +92,12 @@ def imported(package):
 
 
 def test_a_named_package_joins_the_groups_and_is_imported_when_chosen(package):
-    parts.name_parts(["my_parts"])
+    parts.allow_packages(["my_components"])
     assert "still" in parts.options("prior")
-    assert "A person who holds still [my_parts]" in listing()
-    composed("prior=smooth", "parts=[my_parts]")
+    assert "A person who holds still [my_components]" in listing()
+    composed("prior=smooth", "component_packages=[my_components]")
     assert not imported(package)
-    config = composed("experiment=custom", "prior=still", "parts=[my_parts]").prior
+    config = composed("experiment=custom", "prior=still", "component_packages=[my_components]").prior
     assert imported(package)
     assert (config.sigma, config.names) == (0.25, [])
     check_targets(config)
@@ -108,7 +108,7 @@ def test_a_named_package_joins_the_groups_and_is_imported_when_chosen(package):
 
 
 def test_own_parts_go_within_ours_and_own_experiments_begin_with_ours(package):
-    parts.name_parts(["my_parts"])
+    parts.allow_packages(["my_components"])
     assert composed("experiment=holding").prior.sigma == 0.125
     assert composed("experiment=holding").inference.n_particles == 7
     assert "sigma" not in composed("experiment=holding", "prior=implicit").prior
@@ -116,12 +116,12 @@ def test_own_parts_go_within_ours_and_own_experiments_begin_with_ours(package):
 
 
 def test_an_option_of_ones_own_is_checked_like_ours(package):
-    parts.name_parts(["my_parts"])
+    parts.allow_packages(["my_components"])
     (package / "conf/prior/still.yaml").write_text(OPTION + "sigmas: 1\n")
-    with pytest.raises(HydraException, match=r"still\.yaml: my_parts\.mine\.Still has no key 'sigmas'"):
+    with pytest.raises(HydraException, match=r"still\.yaml: my_components\.mine\.Still has no key 'sigmas'"):
         composed("prior=still")
     (package / "conf/prior/smooth.yaml").write_text(OPTION)
-    with pytest.raises(InputError, match=r"expected one prior/smooth\.yaml, found .*, which differ"):
+    with pytest.raises(InputError, match=r"prior/smooth\.yaml: expected one file, found"):
         parts.options("prior")
 
 
@@ -129,39 +129,45 @@ def test_what_nobody_named_is_not_found_and_not_imported(package):
     assert "still" not in parts.options("prior")
     with pytest.raises(HydraException, match="still"):
         composed("prior=still")
-    with pytest.raises(InputError, match=r"prior\._target_ .* refused 'my_parts\.mine\.Still'"):
-        check_targets(OmegaConf.create({"prior": {"_target_": "my_parts.mine.Still"}}))
+    with pytest.raises(InputError, match=r"prior\._target_ .* found 'my_components\.mine\.Still'"):
+        check_targets(OmegaConf.create({"prior": {"_target_": "my_components.mine.Still"}}))
     # a key that says so in a file, or in a configuration that is stored, names nothing
-    with pytest.raises(InputError, match=r"if you trust it, say parts=\[my_parts\]"):
-        check_targets(OmegaConf.create({"parts": ["my_parts"], "prior": {"_target_": "my_parts.mine.Still"}}))
+    with pytest.raises(InputError, match=r"if you trust its package, add component_packages=\[my_components\]"):
+        check_targets(
+            OmegaConf.create(
+                {"component_packages": ["my_components"], "prior": {"_target_": "my_components.mine.Still"}}
+            )
+        )
     assert not imported(package)
 
 
 def test_all_names_are_looked_at_before_any_is_imported(package):
-    parts.name_parts(["my_parts"])
-    both = OmegaConf.create({"prior": {"_target_": "my_parts.mine.Still"}, "study": {"_target_": "os.system"}})
+    parts.allow_packages(["my_components"])
+    both = OmegaConf.create({"prior": {"_target_": "my_components.mine.Still"}, "study": {"_target_": "os.system"}})
     with pytest.raises(InputError, match=r"study\._target_"):
         check_targets(both)
     assert not imported(package)
-    with pytest.raises(InputError, match=r"my_parts\.mine\.Path"):  # which it has, and somebody else wrote
-        check_targets(OmegaConf.create({"prior": {"_target_": "my_parts.mine.Path"}}))
+    with pytest.raises(InputError, match=r"my_components\.mine\.Path"):  # which it has, and somebody else wrote
+        check_targets(OmegaConf.create({"prior": {"_target_": "my_components.mine.Path"}}))
 
 
 def test_a_variable_and_an_entry_point_name_packages_too(package, monkeypatch):
-    monkeypatch.setenv(parts.VARIABLE, "my_parts")
-    assert parts.packages() == ("workbench", "my_parts")
+    monkeypatch.setenv(parts.VARIABLE, "my_components")
+    assert parts.packages() == ("workbench", "my_components")
     monkeypatch.delenv(parts.VARIABLE)
     assert parts.packages() == ("workbench",)
     parts._installed.cache_clear()
     with monkeypatch.context() as patch:
-        patch.setattr(parts, "entry_points", lambda group: [SimpleNamespace(value="my_parts")])
-        assert parts.packages() == ("workbench", "my_parts")
+        patch.setattr(parts, "entry_points", lambda group: [SimpleNamespace(value="my_components")])
+        assert parts.packages() == ("workbench", "my_components")
     parts._installed.cache_clear()
 
 
 def run_of(*, target):
     """As much of a recording as is looked at before it is run again."""
-    return SimpleNamespace(path="some/x.rrd", settings={"parts": ["my_parts"], "prior": {"_target_": target}})
+    return SimpleNamespace(
+        path="some/x.rrd", settings={"component_packages": ["my_components"], "prior": {"_target_": target}}
+    )
 
 
 def own():
@@ -170,35 +176,41 @@ def own():
 
 def test_a_recording_adds_nothing_to_what_may_be_built(package):
     words = (
-        r"some/x\.rrd: prior\._target_: 'my_parts\.mine\.Still' is no part of the workbench; "
-        r"if you trust it, say parts=\[my_parts\]"
+        r"some/x\.rrd: prior\._target_: 'my_components\.mine\.Still' is no component of the workbench; "
+        r"if you trust its package, add component_packages=\[my_components\]"
     )
     with pytest.raises(InputError, match=words):
-        runnable(run_of(target="my_parts.mine.Still"), [], own())
+        runnable_config(run_of(target="my_components.mine.Still"), [], own())
     assert not imported(package)
-    parts.name_parts(["my_parts"])
-    assert runnable(run_of(target="my_parts.mine.Still"), [], own()).prior._target_ == "my_parts.mine.Still"
-    with pytest.raises(InputError, match=r"'my_parts\.mine\.Path' is no part of the workbench$"):
-        runnable(run_of(target="my_parts.mine.Path"), [], own())
+    parts.allow_packages(["my_components"])
+    assert (
+        runnable_config(run_of(target="my_components.mine.Still"), [], own()).prior._target_
+        == "my_components.mine.Still"
+    )
+    with pytest.raises(InputError, match=r"'my_components\.mine\.Path' is no component of the workbench$"):
+        runnable_config(run_of(target="my_components.mine.Path"), [], own())
     assert not imported(package)
 
 
 @pytest.mark.parametrize(
     ("argument", "found"),
-    [("seed=3", []), ("parts=[my_parts]", ["my_parts"]), ("+parts=[a, b.c]", ["a", "b.c"]), ("parts=[]", []),
-     ("parts=my_parts", None), ("parts=[a],[b]", None), ("parts=", None), ("parts=[a;b]", None)],
+    [
+        ("seed=3", []), ("component_packages=[my_components]", ["my_components"]), ("component_packages=[]", []),
+        ("+component_packages=[a, b.c]", ["a", "b.c"]), ("component_packages=my_components", None),
+        ("component_packages=[a],[b]", None), ("component_packages=", None), ("component_packages=[a;b]", None),
+    ],
 )  # fmt: skip
 def test_packages_are_read_off_the_command_line(argument, found):
     if found is None:
         with pytest.raises(InputError, match="expected a list of packages"):
-            parts.parts_in([argument])
+            parts.packages_in([argument])
     else:
-        assert parts.parts_in([argument, "-m"]) == found
+        assert parts.packages_in([argument, "-m"]) == found
 
 
 def test_a_package_that_is_not_there_or_has_no_options_is_refused(package):
     with pytest.raises(InputError, match="no package 'no_such_package'"):
-        parts.name_parts(["no_such_package"])
+        parts.allow_packages(["no_such_package"])
     with pytest.raises(InputError, match=r"expected options in .*conf"):
-        parts.name_parts(["email"])
+        parts.allow_packages(["email"])
     assert parts.packages() == ("workbench",)
