@@ -32,7 +32,7 @@ from workbench.utils.errors import InputError
 EXPERIMENTS = ("walk_straight",)
 READINGS = OURS
 
-PLACES = ("n_samples", "seed", "points", "taper", "occlusion")
+PLACES = ("n_samples", "seed", "sampling", "taper", "occlusion")
 """What of a recorded likelihood decides where its points are and which count."""
 STANDING = {
     "root_z": 0.95, "left_shoulder_abduction": 0.5, "right_shoulder_abduction": 0.5, "left_hip_abduction": 0.15,
@@ -52,7 +52,7 @@ def draw(found: Mapping[str, Reading]) -> Figure:
     (shot,) = pictures(run, [int(run.poses[0][row])])
     known: Mapping[str, Any] = run.settings.get("likelihood") or {}
     ours = ImageMotion(body, **{key: known[key] for key in PLACES if key in known})
-    cues = (ours, replace(ours, points="drawn", taper=False, occlusion="limb"))
+    cues = (ours, replace(ours, sampling="random", taper=False, occlusion="limb"))
     seen = [_placed(shot, _camera(run), cue, run.poses[1][row]) for cue in cues]
     counted = [f"{int(counts.sum())} of {counts.size}" for _, _, counts in seen]
     figure = canvas("Paper A, fig. 1: samples, body, and the points compared", 4.3, _caption(run, shot, ours, counted))

@@ -21,7 +21,7 @@ USUAL = {
     "least_squares": ("experiment=points_walk_variable", *POINTS),
     "hybrid": ("experiment=points_hybrid", *POINTS),
     "synthesis": ("experiment=custom", "dataset=blank", "dataset.n_frames=6"),
-    "kalman": ("experiment=custom", *SCENE[:-2], "prior=linear", "learn.motions=builtin", "likelihood=alignment"),
+    "kalman": ("experiment=custom", *SCENE[:-2], "prior=linear", "learn.motions=builtin", "likelihood=dense_alignment"),
 }
 """What the inferences run on that do not track images, or not with any prior."""
 SOLVING = ("least_squares", "synthesis")

@@ -36,15 +36,16 @@ class Observables:
     """What a likelihood looks at in a frame, and how exactly it takes that.
 
     sigma: standard deviation of a point's residual of this kind, m for "distance"; None where points do not matter.
-    sigma_px: of a keypoint, px of the image used; None where keypoints do not matter. which: names of the cameras whose
-    keypoints matter, None for all. shared_m: by how much points of one part of the body, and all, are off together, m.
+    sigma_px: of a keypoint, px of the image used; None where keypoints do not matter. cameras: names of the cameras
+    whose keypoints matter, None for all. common_bias_std_m: by how much points of one part of the body, and all, are
+    off together, m.
     """
 
     sigma: float | None = None
-    kind: Kind = "distance"
+    residual: Kind = "distance"
     sigma_px: float | None = None
-    which: tuple[str, ...] | None = None
-    shared_m: float = 0.0
+    cameras: tuple[str, ...] | None = None
+    common_bias_std_m: float = 0.0
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -65,12 +66,12 @@ def observe(
     name a camera that no frame has.
     """
     cameras = dict.fromkeys(view.camera.name for frame in frames for view in frame.views)
-    if unknown := set(observables.which or ()) - set(cameras):
-        raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {', '.join(cameras)}")
+    if unknown := set(observables.cameras or ()) - set(cameras):
+        raise InputError(f"keypoints: cameras: no camera {min(unknown)!r}, expected some of {', '.join(cameras)}")
     no_points, seen, warnings = np.empty((0, 3)), [], list[list[str]]()
     for frame in frames:
         points, sentences = (no_points, []) if observables.sigma is None else _points(frame, most_points, rng)
-        keypoints = () if observables.sigma_px is None else frame_keypoints(skeleton, frame, observables.which)
+        keypoints = () if observables.sigma_px is None else frame_keypoints(skeleton, frame, observables.cameras)
         seen.append(Observed(points, keypoints))
         warnings.append(sentences)
     for first, sentence in _gaps(frames, seen):
@@ -92,12 +93,12 @@ def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> K
     return Keypoints(joints, given[rows], camera) if len(rows) else None
 
 
-def frame_keypoints(skeleton: Skeleton, frame: Frame, which: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
-    """Pick the usable keypoints of every view that has some, of the cameras named by `which`, None for all."""
+def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
+    """Pick the usable keypoints of every view that has some, of the cameras named by `cameras`, None for all."""
     usable = (
         usable_keypoints(skeleton, view.keypoints, view.camera)
         for view in frame.views
-        if view.keypoints is not None and (which is None or view.camera.name in which)
+        if view.keypoints is not None and (cameras is None or view.camera.name in cameras)
     )
     return tuple(keypoints for keypoints in usable if keypoints is not None)
 

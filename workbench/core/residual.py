@@ -86,7 +86,7 @@ class ResidualLikelihood(Protocol):
     @property
     def residual_loss(self) -> Loss: ...
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the residuals of one frame; none where it shows nothing that the likelihood looks at."""
 
 

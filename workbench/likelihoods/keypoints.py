@@ -18,7 +18,7 @@ from workbench.likelihoods.base import PoseLook
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
-NU = 4.0
+DEGREES_OF_FREEDOM = 4.0
 """Degrees of freedom of Student's distribution: few have heavy tails, for joints taken for others."""
 
 
@@ -35,38 +35,38 @@ class KeypointLikelihood:
     frame do not matter.
 
     Least squares minimises √w_j (u_j − û_j) / σ instead, under a loss, "squared", "huber" or "geman_mcclure", which
-    bends at `scale` deviations. Raises InputError for numbers out of range and, when it first looks, a camera that is
-    not there.
+    bends at `loss_scale` deviations. Raises InputError for numbers out of range and, when it first looks, a camera that
+    is not there.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare residuals, and a density of the data where nothing flattens it."""
-        return offering(RESIDUALS, *((EVIDENCE,) if keys.get("temper") == 1.0 else ()), dataset=KEYPOINTS)
+        return offering(RESIDUALS, *((EVIDENCE,) if keys.get("likelihood_power") == 1.0 else ()), dataset=KEYPOINTS)
 
     body: Body
     sigma_px: float = 4.0
-    temper: float = 0.3
-    which: Sequence[str] | None = None
+    likelihood_power: float = 0.3
+    cameras: Sequence[str] | None = None
     loss: str = "geman_mcclure"
-    scale: float = 1.5
+    loss_scale: float = 1.5
 
     def __post_init__(self) -> None:
-        check("keypoints", self, sigma_px=POSITIVE, temper=UP_TO_1, loss=one_of(*LOSSES), scale=POSITIVE)
+        check("keypoints", self, sigma_px=POSITIVE, likelihood_power=UP_TO_1, loss=one_of(*LOSSES), loss_scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:
         """Keypoints of some cameras, with the deviation sigma_px."""
-        return Observables(sigma_px=self.sigma_px, which=None if self.which is None else tuple(self.which))
+        return Observables(sigma_px=self.sigma_px, cameras=None if self.cameras is None else tuple(self.cameras))
 
     @property
     def residual_loss(self) -> Loss:
         """The loss of whitened residuals."""
-        return Loss(self.loss, self.scale)
+        return Loss(self.loss, self.loss_scale)
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Measure those of the frame's keypoints in the cameras that count, whitened by sigma_px and their weights."""
-        seen = [one for one in observed.keypoints if self.which is None or one.camera.name in self.which]
+        seen = [one for one in observed.keypoints if self.cameras is None or one.camera.name in self.cameras]
         own = [keypoint_residual(self.body.skeleton, one.camera, one.joints, one.marks, self.sigma_px) for one in seen]
         return stacked(own)
 
@@ -86,15 +86,15 @@ class KeypointLikelihood:
         log_prob, places = np.zeros(len(pose)), joints(self.body.skeleton, pose)
         for view in seen:
             misses = view.camera.project(places[:, view.joints]) - view.marks[:, :2]
-            squares = view.marks[:, 2] * (misses**2).sum(axis=2) / (NU * self.sigma_px**2)
-            seen_log_prob = -self.temper * (0.5 * NU + 1.0) * np.log1p(squares).sum(axis=1)
+            squares = view.marks[:, 2] * (misses**2).sum(axis=2) / (DEGREES_OF_FREEDOM * self.sigma_px**2)
+            seen_log_prob = -self.likelihood_power * (0.5 * DEGREES_OF_FREEDOM + 1.0) * np.log1p(squares).sum(axis=1)
             log_prob += np.nan_to_num(seen_log_prob, nan=-np.inf, neginf=-np.inf)
         return log_prob
 
     def _views(self, frame: Frame) -> tuple[View, ...]:
-        if self.which is None:
+        if self.cameras is None:
             return frame.views
-        if unknown := set(self.which) - {view.camera.name for view in frame.views}:
+        if unknown := set(self.cameras) - {view.camera.name for view in frame.views}:
             there = ", ".join(view.camera.name for view in frame.views)
             raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {there}")
-        return tuple(view for view in frame.views if view.camera.name in self.which)
+        return tuple(view for view in frame.views if view.camera.name in self.cameras)

@@ -26,9 +26,9 @@ class Product:
     Cues of the same pixels err together, so that w = 1 is too sure of itself, and the sharpest cue decides alone;
     weights below 1 temper both.
 
-    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "share_<name>" are
+    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "variance_fraction_<name>" are
 
-        share_k = Cov(w_k log p_k, log p) / Var(log p),
+        variance_fraction_k = Cov(w_k log p_k, log p) / Var(log p),
 
     over the particles whose likelihood is not zero, and sum to one; all are 0 in a run's first frame. Least squares
     minimises the residuals of all terms together, where all have some.
@@ -79,10 +79,10 @@ class Product:
         points = next((each for each in every if each.sigma is not None), Observables())
         keypoints = [each for each in every if each.sigma_px is not None]
         cameras = None
-        if keypoints and all(each.which is not None for each in keypoints):
-            cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.which or ()))
+        if keypoints and all(each.cameras is not None for each in keypoints):
+            cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.cameras or ()))
         sigma_px = keypoints[0].sigma_px if keypoints else None
-        return Observables(points.sigma, points.kind, sigma_px, cameras, points.shared_m)
+        return Observables(points.sigma, points.residual, sigma_px, cameras, points.common_bias_std_m)
 
     @property
     def _common_loss(self) -> Loss | None:
@@ -95,9 +95,9 @@ class Product:
         """The loss of the stacked terms: their common one, or the square where each is made robust first."""
         return self._common_loss or SQUARED
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Stack the terms in order. Without a common loss, half the square of each is its own loss times its weight."""
-        residuals = {name: term.residual(observed) for name, term in self.residual_terms.items()}
+        residuals = {name: term.residual_function(observed) for name, term in self.residual_terms.items()}
         if self._common_loss is None:
             for name, term in self.residual_terms.items():
                 own = robust(residuals[name], term.residual_loss)
@@ -120,14 +120,16 @@ class _ProductLook:
     @property
     def diagnostics(self) -> Mapping[str, float]:
         """Collect those of the terms, and a share of 0 for each."""
-        return _merged(self.frame_likelihoods.values()) | {f"share_{name}": 0.0 for name in self.frame_likelihoods}
+        return _merged(self.frame_likelihoods.values()) | {
+            f"variance_fraction_{name}": 0.0 for name in self.frame_likelihoods
+        }
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
         evaluations = self._evaluations(previous_pose, pose)
         parts = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
         total = sum(parts.values(), np.zeros(len(pose)))
-        diagnostics = {f"share_{name}": share for name, share in shares(parts, total).items()}
+        diagnostics = {f"variance_fraction_{name}": share for name, share in shares(parts, total).items()}
         notes = tuple(note for each in evaluations.values() for note in each.notes)
         return Evaluation(total, notes, _merged(evaluations.values()) | diagnostics)
 

@@ -31,38 +31,38 @@ class SurfacePoints:
 
     Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
     a loss, "squared", "huber" or "geman_mcclure", which bends at `scale`; sigma and scale are then in the kind's unit.
-    shared_m: m, deviation along each axis of what points of one part of the body, and all, are off together, see
-    `systematic_errors.Shared`. Raises InputError when a constant is out of range."""
+    common_bias_std_m: m, deviation along each axis of what points of one part of the body, and all, are off together,
+    see `systematic_errors.Shared`. Raises InputError when a constant is out of range."""
 
     traits: ClassVar[Traits] = offering(RESIDUALS, dataset=POINTS)
 
     body: Body
     sigma: float = 0.02
-    epsilon: float = 0.15
-    temper: float = 0.03
-    kind: Kind = "distance"
+    outlier_fraction: float = 0.15
+    likelihood_power: float = 0.03
+    residual: Kind = "distance"
     loss: str = "geman_mcclure"
-    scale: float = 0.03
-    shared_m: float = 0.012
+    loss_scale: float = 0.03
+    common_bias_std_m: float = 0.012
 
     def __post_init__(self) -> None:
-        check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, temper=UP_TO_1)
-        check("surface points", self, kind=one_of(*KINDS), loss=one_of(*LOSSES), scale=POSITIVE)
-        check("surface points", self, shared_m=at_least(0))
+        check("surface points", self, sigma=POSITIVE, outlier_fraction=INSIDE_UNIT, likelihood_power=UP_TO_1)
+        check("surface points", self, residual=one_of(*KINDS), loss=one_of(*LOSSES), loss_scale=POSITIVE)
+        check("surface points", self, common_bias_std_m=at_least(0))
 
     @property
     def observables(self) -> Observables:
         """Points, with the deviation sigma."""
-        return Observables(sigma=self.sigma, kind=self.kind, shared_m=self.shared_m)
+        return Observables(sigma=self.sigma, residual=self.residual, common_bias_std_m=self.common_bias_std_m)
 
     @property
     def residual_loss(self) -> Loss:
         """The loss of whitened residuals."""
-        return Loss(self.loss, self.scale / self.sigma)
+        return Loss(self.loss, self.loss_scale / self.sigma)
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Measure the residuals of the frame's points, whitened by sigma."""
-        return surface_residual(self.body.skeleton, self.surface, observed.points, self.kind, self.sigma)
+        return surface_residual(self.body.skeleton, self.surface, observed.points, self.residual, self.sigma)
 
     @cached_property
     def surface(self) -> Surface:
@@ -84,7 +84,7 @@ class SurfacePoints:
         for first in range(0, len(pose), together):
             rows = slice(first, first + together)
             z = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
-            near = (1.0 - self.epsilon) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
+            near = (1.0 - self.outlier_fraction) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
             near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
-            log_prob[rows] = self.temper * np.log(near + self.epsilon / RANGE_M).sum(axis=1)
+            log_prob[rows] = self.likelihood_power * np.log(near + self.outlier_fraction / RANGE_M).sum(axis=1)
         return log_prob

@@ -92,7 +92,7 @@ def test_several_frames_tell_what_one_leaves_open():
     times, phases, poses = walk(6, phase=0.3)
     seen = keypoints(poses)
     seen[:, HIDDEN_ANKLES] = np.nan
-    one = KeypointLikelihood(BODY, sigma_px=3.0).residual(observed(frames(times, seen))[0])
+    one = KeypointLikelihood(BODY, sigma_px=3.0).residual_function(observed(frames(times, seen))[0])
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
     twin = decoder.poses(decoder.states(np.array([0.5, -0.5]), -phases[:1], poses[:1, :6]))[0]
     assert np.abs(twin - poses[0]).max() > 0.1

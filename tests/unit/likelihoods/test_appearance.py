@@ -34,7 +34,9 @@ def view(level, index=0):
 
 @pytest.mark.parametrize("difference", [0, 10, 100])
 def test_a_flat_limb_that_changes_its_level(difference):
-    likelihood = scenes.begun(Appearance(ROD, k=2.0, sigma=SIGMA, epsilon=EPSILON), view(100), scenes.root()[0])
+    likelihood = scenes.begun(
+        Appearance(ROD, effective_pixels=2.0, sigma=SIGMA, outlier_fraction=EPSILON), view(100), scenes.root()[0]
+    )
     found = scenes.log_prob(likelihood, view(100), view(100 + difference, 1), scenes.root(), scenes.root())
     np.testing.assert_allclose(found, 2.0 * ratio(difference), rtol=1e-6)
 
@@ -69,7 +71,7 @@ def test_cells_go_around_the_limb():
 def test_a_side_is_learned_when_it_is_seen():
     """A body that turns half around shows its other side: not known, so worth nothing, until it is learned, too."""
     front, back = scenes.root(), scenes.root(heading=np.pi)
-    likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, epsilon=EPSILON), view(100), front[0])
+    likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, outlier_fraction=EPSILON), view(100), front[0])
     assert scenes.log_prob(likelihood, view(100), view(100, 1), back, back)[0] == 0.0
     likelihood = likelihood.prepare(view(100), view(200, 1)).update(back[0])
     both = np.concatenate([front, back])

@@ -58,7 +58,7 @@ def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside(sharp):
     (left, top), (right, bottom) = np.ceil(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
-    likelihood = Background(ROD, still, k=2.0)
+    likelihood = Background(ROD, still, effective_pixels=2.0)
     poses = np.concatenate(
         [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
     )

@@ -119,7 +119,7 @@ def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     kept = load(EdgeModel, tmp_path / "edges.h5")
     np.testing.assert_array_equal(kept.log_ratio(["rod_0"]), model.log_ratio(["rod_0"]))
 
-    likelihood = Edges(ROD, k=2.0)
+    likelihood = Edges(ROD, effective_responses=2.0)
     likelihood.__dict__["log_ratio"] = kept.log_ratio(ROD.limbs.names)  # instead of that of rendered people
     places = np.repeat(scenes.root(), 9, axis=0)
     places[:, 1] = np.linspace(-0.4, 0.4, 9)
@@ -152,8 +152,8 @@ def test_limbs_that_were_not_learned_are_an_error():
     model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
     with pytest.raises(InputError, match="knows thigh, but not the limb 'tail'"):
         model.log_ratio(["left_thigh", "tail"])
-    with pytest.raises(InputError, match="k must be positive"):
-        Edges(ROD, k=0.0)
+    with pytest.raises(InputError, match="effective_responses must be positive"):
+        Edges(ROD, effective_responses=0.0)
 
 
 @pytest.mark.parametrize("size", [(90, 70), (3, 2), (1, 5)])

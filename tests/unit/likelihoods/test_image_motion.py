@@ -55,7 +55,7 @@ def test_turning_in_the_image_plane_leaves_alpha_at_zero():
 @pytest.mark.parametrize("difference", [3, 11, 60])
 @pytest.mark.parametrize(("exponent", "n"), [("mean", 1), ("sum", 50)])
 def test_image_that_brightens_everywhere(alpha, difference, exponent, n):
-    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), exponent=exponent)
+    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), reduction=exponent)
     np.testing.assert_allclose(found, np.log(p_limb(alpha, difference, n=n)), atol=n * difference * GREY / SIGMA**2)
 
 
@@ -63,7 +63,7 @@ def test_image_that_brightens_everywhere(alpha, difference, exponent, n):
 @pytest.mark.parametrize("difference", [0, 11, 60])
 def test_a_still_background_is_paid_for_by_what_it_would_have_said(alpha, difference):
     """log p of the limb less log p of the same points under no motion, which is 0 where nothing changes."""
-    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), background="still")
+    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), background="static")
     unmoved = np.log(p_limb(0.0, difference) / p_limb(0.0))
     atol = 2 * difference * GREY / SIGMA**2
     np.testing.assert_allclose(found, np.log(p_limb(alpha, difference)) - unmoved, atol=max(atol, 1e-12))
@@ -81,14 +81,14 @@ def test_before_a_still_background_the_limb_that_moves_beats_the_one_at_rest():
     previous, poses = np.concatenate([scenes.root(), at_rest]), np.concatenate([moved, at_rest])
     paper, still = (
         scenes.log_prob(ImageMotion(ROD, sigma=SIGMA, background=kind), *frames, previous, poses)
-        for kind in ("none", "still")
+        for kind in ("none", "static")
     )
     assert abs(paper[0] - paper[1]) < 0.1  # the paper's likelihood cannot tell them apart
     assert still[0] - still[1] > 2.0
 
 
 def test_k_multiplies_the_exponent():
-    found = log_prob(ROD, 128 + 5, scenes.root(), k=2.5)
+    found = log_prob(ROD, 128 + 5, scenes.root(), effective_pixels=2.5)
     np.testing.assert_allclose(found, np.log(p_limb(0.0, 5.0 * np.sqrt(2.5))), atol=2.5 * 5.0 * GREY / SIGMA**2)
 
 
@@ -103,7 +103,7 @@ def test_sphere_seen_along_its_own_axis_has_no_upright_patch():
 
 def test_without_outliers_and_occlusion_there_is_no_floor():
     """ε = 0 and q = 1: the logarithm goes on falling where the density itself underflows."""
-    found = log_prob(BALL, 255, scenes.root(), before=0, epsilon=0.0, exponent="sum")
+    found = log_prob(BALL, 255, scenes.root(), before=0, outlier_fraction=0.0, reduction="sum")
     gaussian = -50 * 255.0**2 / (2 * SIGMA**2) - np.log(np.sqrt(2 * np.pi) * SIGMA)
     np.testing.assert_allclose(found, gaussian, atol=50 * 255.0 * GREY / SIGMA**2)
 
@@ -262,7 +262,7 @@ def test_only_the_points_compared_enter_the_exponent(exponent, n):
     """A rod half below the picture while everything brightens: the mean, or sum, is over what is seen of it."""
     pose = scenes.root((0.0, 0.0, -1.5))
     inside = 119.5 + 75.0 * (1.8 - 0.6 * ImageMotion(ROD, n_samples=N).samples[:, 0]) < 239.0
-    found = log_prob(ROD, 128 + 7, pose, exponent=exponent)
+    found = log_prob(ROD, 128 + 7, pose, reduction=exponent)
     expected = np.log(p_limb(0.0, 7.0, visible=inside.mean(), n=n(inside.sum())))
     np.testing.assert_allclose(found, expected, atol=50 * 7.0 * GREY / SIGMA**2)
 

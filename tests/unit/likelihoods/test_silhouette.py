@@ -31,9 +31,9 @@ def test_the_kernel_agrees_with_numpy():
     for k in np.flatnonzero(spheres):
         outlines[:, k] = outlines[:, k].mean(axis=1, keepdims=True) + 9.0 * OUTWARDS
     outlines[3, 1], outlines[4, 2] = 0.0, np.nan  # not seen, and not projected
-    for rim_px in (0.0, 0.4, 3.0):
-        found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, rim_px)
-        expected = oracle.outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
+    for dilation_px in (0.0, 0.4, 3.0):
+        found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, dilation_px)
+        expected = oracle.outline_sums(image, outlines.astype(np.float32), spheres, dilation_px)
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of some 1000 pixels, corners to 1e-6 of 100 px
 
 
@@ -55,7 +55,9 @@ def test_a_rod_gets_the_mean_ratio_of_what_it_covers():
     """k r(80) where all it covers changed, k r(0) on the background, and the even mixture where half of it did."""
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
-    likelihood = scenes.begun(Silhouette(ROD, still, k=2.0, rim_px=0.0), frames[0], scenes.root()[0])
+    likelihood = scenes.begun(
+        Silhouette(ROD, still, effective_pixels=2.0, dilation_px=0.0), frames[0], scenes.root()[0]
+    )
     poses = np.concatenate([scenes.root((0.0, y, 0.0)) for y in (0.8, -0.8, 0.0)])
     found = scenes.log_prob(likelihood, frames[2], frames[3], poses, poses)
     rows = 1 / 40  # of the rod's 46, of which it may cover one more or less than at first
@@ -79,7 +81,7 @@ def test_how_far_away_a_person_is_is_told_without_bias():
         moved[:, :3] += away[:, None] * sight / np.linalg.norm(sight)
         likelihood = likelihood.prepare(frame, frame).update(pose)
         total += scenes.log_prob(likelihood, frame, frame, moved, moved)
-    assert abs(away[np.argmax(total)]) <= 0.01  # rim_px is right to a tenth of a pixel: 4 mm at 4 m
+    assert abs(away[np.argmax(total)]) <= 0.01  # dilation_px is right to a tenth of a pixel: 4 mm at 4 m
     assert total.max() - total[[10, 30]].max() > len(frames) * 0.5  # and 5 cm off costs
 
 
@@ -142,9 +144,9 @@ def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background(
     beside = np.stack([frames[5].truth.pose] * 2)
     beside[1, :3] += 0.1 * person.view_camera.rotation[0]
     told = {}
-    for standing in (False, True):
-        term = Silhouette(person.body, FrameCache(person), standing=standing)
+    for from_first_pose in (False, True):
+        term = Silhouette(person.body, FrameCache(person), background_from_first_pose=from_first_pose)
         frame_likelihood = term.prepare(None, frames[0]).update(pose).prepare(frames[0], frames[5])
-        told[standing] = frame_likelihood.evaluate(beside, beside).log_prob
+        told[from_first_pose] = frame_likelihood.evaluate(beside, beside).log_prob
     assert told[True][0] > told[True][1] + 5.0
     assert told[True][0] > 0.0 > told[False][0]

@@ -31,7 +31,7 @@ def points_on(pose, n=50, seed=1):
 
 def test_it_is_the_mixture_of_every_points_distance():
     some, points = poses(4), points_on(poses(1)[0])
-    likelihood = SurfacePoints(BODY, sigma=0.03, epsilon=0.2, temper=0.4)
+    likelihood = SurfacePoints(BODY, sigma=0.03, outlier_fraction=0.2, likelihood_power=0.4)
     found = log_prob(likelihood, frame(None), frame(points), some, some)
     surface = person_surface(BODY)
     for pose, value in zip(some, found, strict=True):

@@ -123,7 +123,7 @@ class LeastSquares:
         """Time how long F, and F with its Jacobian, take, s, with attachments fixed: paper D's measure of its cost."""
         if not len(points):
             return {}
-        frames, kind = forward(self.skeleton, pose[None]), self.observables.kind
+        frames, kind = forward(self.skeleton, pose[None]), self.observables.residual
         arguments = (self.skeleton, self.surface, pose, points, kind, attach(self.surface, frames, points, kind))
         residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
         began = working_s()
@@ -144,7 +144,7 @@ class LeastSquares:
 
     def _attachment(self, step: Step) -> IntArray | None:
         """Find the part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""
-        points, sigma, kind = step.frame.points, self.observables.sigma, self.observables.kind
+        points, sigma, kind = step.frame.points, self.observables.sigma, self.observables.residual
         if points is None or sigma is None:
             return None
         parts, usable = np.full(len(points), -1), np.isfinite(points).all(axis=1)

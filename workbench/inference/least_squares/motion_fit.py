@@ -88,7 +88,7 @@ class MotionFit:
         return fit
 
     def _shared(self, task: Task) -> Shared | None:
-        sigma_m = task.likelihood.observables.shared_m
+        sigma_m = task.likelihood.observables.common_bias_std_m
         if not self.discrepancy or sigma_m == 0.0 or kinds_seen(task.seen) != ("points",):
             return None
         return Shared.of_points(task.skeleton, task.surface, task.seen, sigma_m)

@@ -53,7 +53,7 @@ class Task:
         upright = upright_residual(self.skeleton, upright_rad)
         alone = kinds_seen(self.seen) == ("keypoints",)
         residuals = [
-            stacked([self.likelihood.residual(frame), *[upright] * (alone or bool(frame.keypoints))])
+            stacked([self.likelihood.residual_function(frame), *[upright] * (alone or bool(frame.keypoints))])
             for frame in self.seen
         ]
         return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)

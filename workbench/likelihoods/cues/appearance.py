@@ -68,14 +68,21 @@ class Appearance:
     traits: ClassVar[Traits] = offering(dataset=IMAGES)
 
     body: Body
-    k: float = 1.0
+    effective_pixels: float = 1.0
     sigma: float = 12.0
-    epsilon: float = 0.1
-    rate: float = 0.1
+    outlier_fraction: float = 0.1
+    learning_rate: float = 0.1
     n_samples: int = 16
 
     def __post_init__(self) -> None:
-        check("appearance", self, k=POSITIVE, sigma=POSITIVE, epsilon=INSIDE_UNIT, rate=UNIT)
+        check(
+            "appearance",
+            self,
+            effective_pixels=POSITIVE,
+            sigma=POSITIVE,
+            outlier_fraction=INSIDE_UNIT,
+            learning_rate=UNIT,
+        )
         check("appearance", self, n_samples=at_least(1))
 
     @cached_property
@@ -108,8 +115,8 @@ class Appearance:
         return LimbLook("appearance", self.body, informative, learn, notes)
 
     def _log_prob(self, image: Float32Array, template: Template, points: LimbPoints) -> FloatArray:
-        ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
-        return self.k * ratios.sum(axis=1)
+        ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.outlier_fraction)
+        return self.effective_pixels * ratios.sum(axis=1)
 
     def _learn(
         self, known: _Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
@@ -122,7 +129,7 @@ class Appearance:
         for view, image in zip(frame.views, images, strict=True):
             points = limbs.limb_points(self.body, self.learned_from, view.camera, frames)
             seen, before = _cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
-            by_camera[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
+            by_camera[view.camera.name] = learned(before, seen, self.sigma, self.outlier_fraction, self.learning_rate)
         return Remembering(_Templates(by_camera), self._look)
 
 
@@ -146,29 +153,36 @@ def _cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -
     return np.where(n > 0.0, total / np.maximum(n, 1.0), np.nan)
 
 
-def learned(before: Template | None, seen: FloatArray, sigma: float, epsilon: float, rate: float) -> Template:
+def learned(
+    before: Template | None, seen: FloatArray, sigma: float, outlier_fraction: float, learning_rate: float
+) -> Template:
     """The template after cells were seen at levels (L, ALONG, AROUND), NaN where they were not; see `Appearance`."""
     mean, n = (np.zeros_like(seen), np.zeros_like(seen)) if before is None else (before.mean, before.n)
     miss = np.where(np.isnan(seen), 0.0, seen - mean)
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(n, 1.0))
-    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * miss**2 / variance) / np.sqrt(2.0 * np.pi * variance)
-    trust = np.where(np.isnan(seen), 0.0, np.where(n > 0.0, ratio / (ratio + epsilon), 1.0))
-    gain = trust * np.maximum(1.0 / (n + 1.0), rate)
+    ratio = (1.0 - outlier_fraction) * 256.0 * np.exp(-0.5 * miss**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    trust = np.where(np.isnan(seen), 0.0, np.where(n > 0.0, ratio / (ratio + outlier_fraction), 1.0))
+    gain = trust * np.maximum(1.0 / (n + 1.0), learning_rate)
     return Template(mean + gain * miss, n + trust)
 
 
 def template_log_ratio(
-    image: Float32Array, points: LimbPoints, samples: FloatArray, template: Template, sigma: float, epsilon: float
+    image: Float32Array,
+    points: LimbPoints,
+    samples: FloatArray,
+    template: Template,
+    sigma: float,
+    outlier_fraction: float,
 ) -> FloatArray:
     """log(ε + (1−ε) 256 N) at the points that count and whose cell is known, summed for each limb (N, L), over n."""
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(template.n, 1.0))
-    peak = np.where(template.n > 0.0, (1.0 - epsilon) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
+    peak = np.where(template.n > 0.0, (1.0 - outlier_fraction) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
     along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
     offsets = -np.arccos(np.clip(samples[:, 1], -1.0, 1.0))
     sums = np.empty(points.turns.shape)
     _template_sums(
         *(image, points.pixels, points.counts, points.turns, along, offsets),
-        *(template.mean, peak, -0.5 / variance, epsilon, sums),
+        *(template.mean, peak, -0.5 / variance, outlier_fraction, sums),
     )
     return sums / len(samples)
 
@@ -176,7 +190,7 @@ def template_log_ratio(
 @kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _template_sums(
     image: Any, pixels: Any, counts: Any, turns: Any, along: Any, offsets: Any,
-    mean: Any, peak: Any, slope: Any, epsilon: float, sums: Any,
+    mean: Any, peak: Any, slope: Any, outlier_fraction: float, sums: Any,
 ) -> None:  # fmt: skip
     n_around, turn = mean.shape[2], 2.0 * np.pi
     for i in numba.prange(counts.shape[0]):
@@ -190,5 +204,5 @@ def _template_sums(
                 height = peak[limb, along[s], around]
                 if height > 0.0:
                     miss = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
-                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * miss * miss))
+                    total += np.log(outlier_fraction + height * np.exp(slope[limb, along[s], around] * miss * miss))
             sums[i, limb] = total

@@ -48,13 +48,13 @@ class Background:
 
     body: Body
     clip: FrameCache
-    k: float = 0.5
-    epsilon: float = 0.05
+    effective_pixels: float = 0.5
+    outlier_fraction: float = 0.05
     n_frames: int = 60
     n_samples: int = 16
 
     def __post_init__(self) -> None:
-        check("background", self, k=POSITIVE, epsilon=INSIDE_UNIT)
+        check("background", self, effective_pixels=POSITIVE, outlier_fraction=INSIDE_UNIT)
         check("background", self, n_frames=at_least(3), n_samples=at_least(1))
 
     @cached_property
@@ -71,12 +71,12 @@ class Background:
     def prepare(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
         inside, beside = self.samples
-        ratios = [(view.camera, log_ratio(view, self.scenes, BLUR_PX, self.epsilon)) for view in frame.views]
+        ratios = [(view.camera, log_ratio(view, self.scenes, BLUR_PX, self.outlier_fraction)) for view in frame.views]
         informative = [ViewJudge(camera, inside, partial(self._log_prob, ratio), beside) for camera, ratio in ratios]
         return LimbLook("background", self.body, informative, lambda expected_pose: self)
 
     def _log_prob(self, ratio: Float32Array, inside: LimbPoints, beside: LimbPoints) -> FloatArray:
-        return self.k * (mean_at(ratio, inside) - mean_at(ratio, beside)).sum(axis=1)
+        return self.effective_pixels * (mean_at(ratio, inside) - mean_at(ratio, beside)).sum(axis=1)
 
 
 def points_about(inside: FloatArray) -> FloatArray:

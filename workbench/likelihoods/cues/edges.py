@@ -139,11 +139,11 @@ class Edges:
     traits: ClassVar[Traits] = offering(dataset=IMAGES)
 
     body: Body
-    k: float = 1.0
+    effective_responses: float = 1.0
     cache: str = "~/.cache/workbench"
 
     def __post_init__(self) -> None:
-        check("edges", self, k=POSITIVE)
+        check("edges", self, effective_responses=POSITIVE)
 
     @cached_property
     def log_ratio(self) -> Float32Array:
@@ -160,7 +160,7 @@ class Edges:
     def _log_prob(self, view: SmoothedView, points: LimbPoints) -> FloatArray:
         box = looked_up(points)
         seen = edge_filters.filtered(view.about(box), box)
-        return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
+        return self.effective_responses * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
 
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:

@@ -146,15 +146,15 @@ def still_scene(images: Sequence[Float32Array]) -> StillScene:
     return StillScene(median, np.maximum(sigma, np.float32(LEAST_SIGMA)))
 
 
-def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsilon: float) -> Float32Array:
+def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, outlier_fraction: float) -> Float32Array:
     """Return the log ratio of foreground to background, r of `Background`, of every pixel (height, width) of a view;
     raises InputError where its camera is none of the scenes'."""
     if view.camera.name not in scenes:
         raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
-    return scene_log_ratio(view, scenes[view.camera.name], blur_px, epsilon)
+    return scene_log_ratio(view, scenes[view.camera.name], blur_px, outlier_fraction)
 
 
-def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
+def scene_log_ratio(view: View, scene: StillScene, blur_px: float, outlier_fraction: float) -> Float32Array:
     """Return `log_ratio` of a view before one scene: strip by strip, so that what is computed on the way stays in the
     processor's cache, on as many threads as numba is set to."""
     levels = colour_levels(view, blur_px)
@@ -164,14 +164,14 @@ def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: floa
         for row in range(first, last, _STRIP):
             rows = slice(row, min(row + _STRIP, last))
             about = levels[rows], scene.median[rows], scene.sigma[rows], scene.log_peak[rows]
-            ratio[rows] = _log_ratio(*about, epsilon)
+            ratio[rows] = _log_ratio(*about, outlier_fraction)
 
     over_threads(fill, len(levels), _STRIP)
     return ratio
 
 
 def _log_ratio(
-    levels: Float32Array, median: Float32Array, sigma: Float32Array, log_peak: FloatArray, epsilon: float
+    levels: Float32Array, median: Float32Array, sigma: Float32Array, log_peak: FloatArray, outlier_fraction: float
 ) -> FloatArray:
     """The log ratio (H, W) of levels (H, W, channels) to a scene's median, sigma and log_peak of this shape."""
     z = levels - median
@@ -182,7 +182,7 @@ def _log_ratio(
     likelihood = sum(others, first)  # numpy's mean over so few takes longer than all the rest
     likelihood /= levels.shape[2]
     np.exp(likelihood, out=likelihood)
-    likelihood *= 1.0 - epsilon
-    likelihood += epsilon
+    likelihood *= 1.0 - outlier_fraction
+    likelihood += outlier_fraction
     np.log(likelihood, out=likelihood)
     return np.negative(likelihood, out=likelihood)

@@ -31,12 +31,14 @@ def areas(height: int, width: int) -> FloatArray:
     return np.tile(np.arange(width + 1.0), (height, 1))
 
 
-def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
+def outline_sums(
+    reached: FloatArray, corners: Float32Array, spheres: BoolArray, dilation_px: float = 0.0
+) -> FloatArray:
     """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
     row that is covered. corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen.
     spheres: (L,), whose outline is the circle through its corners. rim_px: by which outlines are wider on all sides."""
     sums = np.empty(len(corners))
-    _outline_sums(reached, corners, spheres, rim_px, sums)
+    _outline_sums(reached, corners, spheres, dilation_px, sums)
     return sums
 
 
@@ -64,7 +66,7 @@ def _add_up(image: Any, reached: Any) -> None:
 
 
 @kernel(parallel=True, error_model="numpy", fastmath=FAST)
-def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
+def _outline_sums(reached: Any, corners: Any, spheres: Any, dilation_px: float, sums: Any) -> None:
     height, width = reached.shape[0], reached.shape[1] - 1
     n_limbs = corners.shape[1]
     for i in numba.prange(corners.shape[0]):
@@ -72,10 +74,10 @@ def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums:
         counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
         top, bottom = height, -1
         for limb in range(n_limbs):
-            if not _widened(corners[i, limb], rim_px, outline):
+            if not _widened(corners[i, limb], dilation_px, outline):
                 continue
             if spheres[limb]:
-                low, high = _disc_spans(corners[i, limb], rim_px, width, counts, lefts, rights)
+                low, high = _disc_spans(corners[i, limb], dilation_px, width, counts, lefts, rights)
             else:
                 low, high = _spans(outline, width, counts, lefts, rights)
             top, bottom = min(top, low), max(bottom, high)
@@ -86,7 +88,7 @@ def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums:
 
 
 @inlined
-def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
+def _widened(corners: Any, dilation_px: float, outline: Any) -> bool:
     """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
     ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
     ay = corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1]
@@ -96,19 +98,19 @@ def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     if not min(a, b) > 0.0:
         return False
     for k in range(4):
-        along, across = rim_px * OUTWARDS[k, 0] / a, rim_px * OUTWARDS[k, 1] / b
+        along, across = dilation_px * OUTWARDS[k, 0] / a, dilation_px * OUTWARDS[k, 1] / b
         outline[k, 0] = corners[k, 0] + along * ax + across * bx
         outline[k, 1] = corners[k, 1] + along * ay + across * by
     return True
 
 
 @inlined
-def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+def _disc_spans(corners: Any, dilation_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
     """Add to every row where it meets a disc, and return the first and the last row that may."""
     x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
     y = 0.25 * (corners[0, 1] + corners[1, 1] + corners[2, 1] + corners[3, 1])
     dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
-    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + rim_px
+    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + dilation_px
     low, high = _rows(y - radius, y + radius, counts.shape[0])
     for row in range(low, high + 1):
         square = radius * radius - (row - y) * (row - y)

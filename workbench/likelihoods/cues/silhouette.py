@@ -29,7 +29,7 @@ BESIDE_PX = 17
 
 @dataclass(frozen=True, eq=False)
 class _SeenPerson:
-    """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
+    """What one camera saw of the person. area: of the outline, px². uncovered: the scene behind them."""
 
     area: float
     uncovered: Uncovered | None = None
@@ -59,14 +59,21 @@ class Silhouette:
 
     body: Body
     clip: FrameCache
-    k: float = 40.0
-    epsilon: float = 0.05
+    effective_pixels: float = 40.0
+    outlier_fraction: float = 0.05
     n_frames: int = 60
-    rim_px: float = 0.4
-    standing: bool = False
+    dilation_px: float = 0.4
+    background_from_first_pose: bool = False
 
     def __post_init__(self) -> None:
-        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, n_frames=at_least(3), rim_px=at_least(0))
+        check(
+            "silhouette",
+            self,
+            effective_pixels=POSITIVE,
+            outlier_fraction=INSIDE_UNIT,
+            n_frames=at_least(3),
+            dilation_px=at_least(0),
+        )
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
@@ -91,17 +98,17 @@ class Silhouette:
         return LimbLook("silhouette", self.body, informative, partial(self._measure, seen, frame), tuple(notes))
 
     def _ratio(self, known: "_SeenPerson | None", view: View) -> Float32Array:
-        if not self.standing:
-            return log_ratio(view, self.scenes, 0.0, self.epsilon)
+        if not self.background_from_first_pose:
+            return log_ratio(view, self.scenes, 0.0, self.outlier_fraction)
         if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
             return np.zeros(view.image.shape[:2], dtype=np.float32)
-        ratio = image_levels.scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
+        ratio = image_levels.scene_log_ratio(view, known.uncovered.scene, 0.0, self.outlier_fraction)
         ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
         ratio[known.uncovered.unknown] = 0.0
         return ratio
 
     def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
-        return self.k / area * self._sums(reached, corners)
+        return self.effective_pixels / area * self._sums(reached, corners)
 
     def _measure(
         self, seen: Mapping[str, "_SeenPerson"], frame: Frame, pose: FloatArray
@@ -121,7 +128,7 @@ class Silhouette:
 
     def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:
         """Find the scene behind a person who is first seen in this pose."""
-        if not self.standing:
+        if not self.background_from_first_pose:
             return None
         corners = limb_points(self.body, CORNERS, view.camera, frames).pixels[0]
         inside = covered(corners, self.body.limbs.spheres, (view.image.shape[0], view.image.shape[1]))
@@ -132,4 +139,4 @@ class Silhouette:
         return image_levels.uncovered_scene(images, inside, near)
 
     def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
-        return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)
+        return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.dilation_px)

@@ -37,10 +37,10 @@ class BackgroundModel:
         """Where the scene has been seen."""
         return np.asarray(self.n > 0.0)
 
-    def log_ratio(self, image: Float32Array, epsilon: float) -> Float32Array:
+    def log_ratio(self, image: Float32Array, outlier_fraction: float) -> Float32Array:
         """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown."""
         found = np.empty(image.shape, dtype=np.float32)
-        arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), epsilon, found
+        arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), outlier_fraction, found
         over_threads(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
         return found
 
@@ -276,7 +276,7 @@ class ViewState:
         return replace(self, scene=self.scene.seen(image, person | self.hidden), person=person)
 
     def with_texture(
-        self, levels: Sequence[Float32Array], cells: IntArray, pixels: FloatArray, sigma: float, rate: float
+        self, levels: Sequence[Float32Array], cells: IntArray, pixels: FloatArray, sigma: float, learning_rate: float
     ) -> "ViewState":
         """Learn how cells (K,) look at pixels (K, 2) of an image at all smoothings: T += g (I − T), see
         `DenseAlignment`."""
@@ -284,7 +284,7 @@ class ViewState:
         texture, n = self.texture.copy(), self.n.copy()
         misses = (found[-1] - texture[-1, cells]) / (TEXTURE_BEND * sigma)
         trust = np.where(n[cells] > 0.0, 1.0 / (1.0 + misses**2) ** 2, 1.0)
-        texture[:, cells] += trust * np.maximum(1.0 / (n[cells] + 1.0), rate) * (found - texture[:, cells])
+        texture[:, cells] += trust * np.maximum(1.0 / (n[cells] + 1.0), learning_rate) * (found - texture[:, cells])
         n[cells] += trust
         return replace(self, texture=texture, n=n)
 

@@ -29,9 +29,9 @@ from workbench.utils.errors import InputError
 
 BLURS_PX = (6.0, 3.0, 1.2)
 """Smoothings of the image, b, one after the other."""
-OUTLINE = 0.25
+FOREGROUND_SIGMA = 0.25
 """Deviation s of how likely a pixel shows no scene, 0 to 1."""
-FACING = 0.3
+MIN_FACING_COSINE = 0.3
 """Cosine of the angle to the line of sight below which a cell is not looked at."""
 OUTLINE_SHARE = 0.25
 """Of the outline's loss in a misfit: it bends late, so that it says less of what is wrong than of what is unknown."""
@@ -66,14 +66,14 @@ class DenseAlignment:
     body: Body
     clip: FrameCache
     sigma: float = 10.0
-    count: float = 1.0 / 12.0
-    rate: float = 0.1
-    epsilon: float = 0.05
+    pixel_weight: float = 1.0 / 12.0
+    learning_rate: float = 0.1
+    outlier_fraction: float = 0.05
     n_frames: int = 60
 
     def __post_init__(self) -> None:
-        check("alignment", self, sigma=POSITIVE, count=POSITIVE, rate=UNIT)
-        check("alignment", self, epsilon=INSIDE_UNIT, n_frames=at_least(3))
+        check("alignment", self, sigma=POSITIVE, pixel_weight=POSITIVE, learning_rate=UNIT)
+        check("alignment", self, outlier_fraction=INSIDE_UNIT, n_frames=at_least(3))
 
     @cached_property
     def cells(self) -> Cells:
@@ -139,7 +139,7 @@ class DenseAlignment:
     def _sight(self, seen: ViewState, view: View) -> tuple[Sight, ViewState]:
         """Look at a view, and find what passes there, before the person is found."""
         image = grey_levels(view, 0.0)
-        ratio = seen.scene.log_ratio(image, self.epsilon)
+        ratio = seen.scene.log_ratio(image, self.outlier_fraction)
         seen = seen.followed(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
         levels, shown = pictures([image, foreground], BLURS_PX)
@@ -148,13 +148,13 @@ class DenseAlignment:
     def residuals(self, sight: Sight, seen: ViewState, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
         """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
         cells = placed(self.cells, frames, sight.camera)
-        shown = visible(cells, sight.shape, FACING)
+        shown = visible(cells, sight.shape, MIN_FACING_COSINE)
         view_states = shown[seen.n[shown] > 0.0]
         sigma = self.sigma * np.sqrt(1.0 + 1.0 / seen.n[view_states])
         joints = self.cells.joints
         texture = sight.texture(level, cells, view_states, joints[view_states], seen.texture[level, view_states], sigma)
         blur = BLURS_PX[level]
-        outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], OUTLINE)
+        outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], FOREGROUND_SIGMA)
         return texture, outline
 
     def learned(self, seen: ViewState | None, view: View, pose: FloatArray, sight: Sight | None = None) -> ViewState:
@@ -164,10 +164,10 @@ class DenseAlignment:
             scene = background_model.first_scene([*self._images_of(view.camera).values()], person)
             seen = self._newly_seen(scene, image, person)
         cells = placed(self.cells, forward(self.body.skeleton, pose[None]), view.camera)
-        shown = visible(cells, (image.shape[0], image.shape[1]), FACING)
+        shown = visible(cells, (image.shape[0], image.shape[1]), MIN_FACING_COSINE)
         shown = shown[at(~seen.hidden, cells.pixels[shown]) > 0.0]
         levels = pictures([image], BLURS_PX)[0] if sight is None else sight.levels
-        seen = seen.with_texture(levels, shown, cells.pixels[shown], self.sigma, self.rate)
+        seen = seen.with_texture(levels, shown, cells.pixels[shown], self.sigma, self.learning_rate)
         return seen.with_person(image, person)
 
     def _images_of(self, camera: Camera) -> Mapping[int, Float32Array]:
@@ -223,11 +223,11 @@ class _AlignmentLook:
         loss, gradient, curvature = 0.0, np.zeros(size), np.zeros((size, size))
         for sight, seen in self.sights:
             for part in own.residuals(sight, seen, level, frames):
-                loss += own.count * part.loss
+                loss += own.pixel_weight * part.loss
                 if derive:
                     uphill, bent = part.normal(motion, sight.camera)
-                    gradient -= own.count * uphill
-                    curvature += own.count * bent
+                    gradient -= own.pixel_weight * uphill
+                    curvature += own.pixel_weight * bent
         return Slope(-loss, gradient, curvature)
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:

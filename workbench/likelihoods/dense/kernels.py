@@ -122,7 +122,7 @@ def _to_unit(vector: Any) -> None:
 
 @kernel(error_model="numpy")
 def ratio_to_scene(
-    first: int, last: int, image: Any, level: Any, n: Any, noise: float, epsilon: float, found: Any
+    first: int, last: int, image: Any, level: Any, n: Any, noise: float, outlier_fraction: float, found: Any
 ) -> None:
     """Write rows `first` to `last` of log ratios (height, width), see `scene.Scene.log_ratio`."""
     for y in range(first, last):
@@ -132,7 +132,7 @@ def ratio_to_scene(
                 sigma = noise * np.sqrt(1.0 + 1.0 / max(n[y, x], 1.0))
                 miss = (image[y, x] - level[y, x]) / sigma
                 normal = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * miss * miss)
-                found[y, x] = -np.log(epsilon + (1.0 - epsilon) * normal)
+                found[y, x] = -np.log(outlier_fraction + (1.0 - outlier_fraction) * normal)
 
 
 @kernel(error_model="numpy")

@@ -25,7 +25,7 @@ P_OCCLUDED = 0.01
 """Likelihood of a point that another limb hides, p_occluded."""
 BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
 
-Points = Literal["spread", "drawn"]
+Sampling = Literal["regular", "random"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class ImageMotion:
     multiplies either, and is 1 in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other
     limbs' patches; "limb" is A's rule, which silences every limb that a nearer one covers in part; "none" does without.
     background: "none" as in the paper, under which a limb at rest on a still background explains the images as well as
-    the true limb that moves. "still", for cameras that stand still: with b the share of the points compared, and m_0
+    the true limb that moves. "static", for cameras that stand still: with b the share of the points compared, and m_0
     the mean (or sum) of their squared changes at the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)),
     p_still being p_image at α = 0, the ratio of foreground to background. points: "spread" evenly over the patch but
     for its rim, where background shows; "drawn" from the whole patch, as in A. taper: patches taper with the limb;
@@ -56,29 +56,31 @@ class ImageMotion:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of images, and that the background stands still where it is taken to."""
-        return offering(dataset=IMAGES, given=(STATIC_CAMERA,) if keys.get("background") == "still" else ())
+        return offering(dataset=IMAGES, given=(STATIC_CAMERA,) if keys.get("background") == "static" else ())
 
     body: Body
     sigma: float = 10.0
-    epsilon: float = 0.05
+    outlier_fraction: float = 0.05
     n_samples: int = 48
-    exponent: kernel.Exponent = "mean"
-    k: float = 1.0
+    reduction: kernel.Reduction = "mean"
+    effective_pixels: float = 1.0
     occlusion: kernel.Occlusion = "sample"
     background: kernel.Background = "none"
-    points: Points = "spread"
+    sampling: Sampling = "regular"
     taper: bool = True
 
     def __post_init__(self) -> None:
-        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, n_samples=at_least(1))
-        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE)
+        check("image motion", self, sigma=POSITIVE, outlier_fraction=BELOW_1, n_samples=at_least(1))
+        check("image motion", self, reduction=one_of(*get_args(kernel.Reduction)), effective_pixels=POSITIVE)
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
-        check("image motion", self, background=one_of(*get_args(kernel.Background)), points=one_of(*get_args(Points)))
+        check(
+            "image motion", self, background=one_of(*get_args(kernel.Background)), sampling=one_of(*get_args(Sampling))
+        )
 
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch, see `patch_samples` and `drawn_samples`."""
-        make = patch_samples if self.points == "spread" else drawn_samples
+        make = patch_samples if self.sampling == "regular" else drawn_samples
         return make(self.n_samples, stream(0, "image motion samples"))
 
     @cached_property
@@ -89,7 +91,15 @@ class ImageMotion:
     @property
     def model(self) -> kernel.LimbModel:
         """Return the constants of the limbs' likelihood, as the kernel takes them."""
-        constants = (self.sigma, self.epsilon, P_OCCLUDED, self.exponent, self.k, self.occlusion, self.background)
+        constants = (
+            self.sigma,
+            self.outlier_fraction,
+            P_OCCLUDED,
+            self.reduction,
+            self.effective_pixels,
+            self.occlusion,
+            self.background,
+        )
         return kernel.LimbModel(*constants)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
@@ -106,8 +116,8 @@ class ImageMotion:
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
         for name, ((_, old), (_, new)) in pairs.items():
-            if self.background == "still" and old.shape != new.shape:
-                raise InputError(f"image motion: background=still needs images of one size from camera {name}")
+            if self.background == "static" and old.shape != new.shape:
+                raise InputError(f"image motion: background=static needs images of one size from camera {name}")
         missing = sorted({*before.views, *now.views} - set(pairs))
         where = f"is missing in frame {previous.index} or {frame.index}"
         return _MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))

@@ -51,9 +51,9 @@ from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import over_threads
 
-Exponent = Literal["mean", "sum"]
+Reduction = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]
-Background = Literal["none", "still"]
+Background = Literal["none", "static"]
 Packed: TypeAlias = NDArray[np.uint64]
 
 
@@ -62,10 +62,10 @@ class LimbModel:
     """The constants of A eq. 10 and 11; `ImageMotion` documents and checks them."""
 
     sigma: float
-    epsilon: float
+    outlier_fraction: float
     p_occluded: float
-    exponent: Exponent
-    k: float
+    reduction: Reduction
+    effective_pixels: float
     occlusion: Occlusion
     background: Background
 
@@ -98,10 +98,10 @@ class _Model(NamedTuple):
     """`LimbModel` as numbers."""
 
     sigma: float
-    epsilon: float
+    outlier_fraction: float
     p_occluded: float
     mean: bool
-    k: float
+    effective_pixels: float
     occlusion: int
     still_background: bool
 
@@ -115,12 +115,20 @@ def view_log_prob(
     n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
-    numbers = (model.sigma, model.epsilon, model.p_occluded, model.k)
-    sigma, epsilon, p_occluded, k = map(float, numbers)  # whole numbers would compile anew
+    numbers = (model.sigma, model.outlier_fraction, model.p_occluded, model.effective_pixels)
+    sigma, outlier_fraction, p_occluded, effective_pixels = map(float, numbers)  # whole numbers would compile anew
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
-        _Model(sigma, epsilon, p_occluded, model.exponent == "mean", k, occlusion, model.background == "still"),
+        _Model(
+            sigma,
+            outlier_fraction,
+            p_occluded,
+            model.reduction == "mean",
+            effective_pixels,
+            occlusion,
+            model.background == "static",
+        ),
         np.stack([before.camera.row, now.camera.row]),
         *(before.image.ravel(), np.ascontiguousarray(before.poses)),
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),
@@ -424,7 +432,7 @@ def _add_differences(before: Any, now: Any, still: Any, marks: Any, tested: bool
 def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
     """Count a limb in (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of likelihoods whose
     logarithm is the rest, and how many points lay outside the images."""
-    flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
+    flat, peak = model.outlier_fraction / 256.0, (1.0 - model.outlier_fraction) / (np.sqrt(2.0 * np.pi) * model.sigma)
     for i in range(LANES):
         cos_alpha = patch[i + COSINE] if patched[i] else 0.0
         if cos_alpha == 0.0:
@@ -432,7 +440,9 @@ def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, s
             _multiply(model.p_occluded, i, sums)
             continue
         sums[2 * LANES + i] += n - inside[i]
-        scale = model.k * GREY_STEP**2 / (2.0 * model.sigma**2) / (max(seen[i], 1) if model.mean else 1.0)
+        scale = (
+            model.effective_pixels * GREY_STEP**2 / (2.0 * model.sigma**2) / (max(seen[i], 1) if model.mean else 1.0)
+        )
         q, exponent = cos_alpha * seen[i] / n, scale * squares[i] * cos_alpha**2
         floor = q * flat + (1.0 - q) * model.p_occluded
         if floor > 0.0:
