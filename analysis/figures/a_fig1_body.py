@@ -97,7 +97,7 @@ def _placed(
     shot: Picture, camera: Camera, cue: ImageMotion, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Patches' outlines (L, 4, 2) and points (L, n, 2), px, at a pose (P,), and which points are compared (L, n)."""
-    limbs, grey = cue.compared.limbs, np.zeros(shot.image.shape[:2], dtype=np.float32)
+    limbs, grey = cue.compared_body.limbs, np.zeros(shot.image.shape[:2], dtype=np.float32)
     patches = limb_patches(limbs, PosedView(camera, grey, forward(cue.body.skeleton, pose[None])))
     places = patches.positions(cue.samples)
     counts = inside_image(grey, places) & ~hidden_samples(limbs, patches, cue.samples, cue.occlusion)

@@ -266,7 +266,7 @@ def test_images_of_two_sizes_are_compared_unless_the_background_is_still():
 @pytest.mark.parametrize("make", [Background, Silhouette, DenseAlignment])
 def test_a_camera_that_the_clip_does_not_have_is_refused(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
-    with pytest.raises(InputError, match="camera another was not in the clip"):
+    with pytest.raises(InputError, match="camera another is not in the sequence"):
         make(BODY, walls()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
 
 

@@ -166,7 +166,7 @@ def test_frames_it_cannot_use_are_bridged_and_named():
     assert f"frame 11: {len(broken[::10])} points are not finite" in said[6]
     assert "30 points are not finite" in said[7]
     assert "no points" in said[7]
-    assert "points thinned to 1000" in said[8]
+    assert "points, subsampled to 1000" in said[8]
     assert "of the points lie near the body" in said[9]
     assert error_mm(np.array([step.expected_pose for step in steps[:9]]), poses[:9]) < 20.0
 

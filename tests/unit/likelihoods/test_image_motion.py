@@ -12,7 +12,7 @@ from tests.oracles.image_motion import PosedView, hidden_samples, limb_patches
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.image_motion import ImageMotion, drawn_samples, patch_samples
+from workbench.likelihoods.image_motion import ImageMotion, random_samples, regular_samples
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))
 BALL = scenes.rods(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2))
@@ -192,7 +192,7 @@ def test_arm_before_the_torso_hides_what_it_covers():
 
 
 def test_arm_behind_the_torso_is_hidden():
-    body, samples = arm_before_torso(-0.3), patch_samples(200, np.random.default_rng(0))
+    body, samples = arm_before_torso(-0.3), regular_samples(200, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "sample")[0]
     expected = np.abs(samples[:, 0] - 0.5) < 0.3 * shadow(-0.3)  # the arm is 1 m long, the torso 0.6 m
     assert 20 < expected.sum() < 180
@@ -202,7 +202,7 @@ def test_arm_behind_the_torso_is_hidden():
 
 @pytest.mark.parametrize(("distance", "hides"), [(0.119, False), (0.121, True)])
 def test_limbs_closer_than_half_the_sum_of_their_radii_do_not_hide_each_other(distance, hides):
-    body, samples = arm_before_torso(distance), patch_samples(100, np.random.default_rng(0))
+    body, samples = arm_before_torso(distance), regular_samples(100, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "sample")
     assert hidden.any() == hides
 
@@ -214,7 +214,7 @@ def test_limb_rule_silences_all_of_the_farther_limb():
 
 def test_limb_rule_orders_limbs_by_their_nearest_surface():
     """The thin rod's axis is nearer by 0.1 m, but the broad one's surface, 0.2 m from its axis, is nearer still."""
-    body, samples = arm_before_torso(0.1), patch_samples(100, np.random.default_rng(0))
+    body, samples = arm_before_torso(0.1), regular_samples(100, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "limb")[0]
     assert hidden[1].all()
     assert not hidden[0].any()
@@ -227,7 +227,7 @@ def test_without_occlusion_nothing_is_hidden():
 
 def test_sphere_hides_a_disc():
     body = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.2), ((0.5, 0.05, 0.02), (0.5, 0.05, 0.02), 0.12))
-    samples = patch_samples(300, np.random.default_rng(0))
+    samples = regular_samples(300, np.random.default_rng(0))
     found = patches(body, scenes.root())
     hidden = hidden_samples(body.limbs, found, samples, "sample")[0, 0]
     ratio = scenes.FOCAL / (scenes.DISTANCE - 0.5)
@@ -275,7 +275,7 @@ def test_smoothing_is_a_gaussian_of_the_grey_levels():
 
 
 def test_samples_are_spread_evenly():
-    samples = patch_samples(50, np.random.default_rng(0))
+    samples = regular_samples(50, np.random.default_rng(0))
     assert samples.shape == (50, 2)
     for column, (low, high) in zip(samples.T, ((0.08, 0.92), (-0.8, 0.8)), strict=True):
         counts, _ = np.histogram(column, bins=10, range=(low, high))
@@ -284,7 +284,7 @@ def test_samples_are_spread_evenly():
 
 
 def test_samples_as_in_the_paper_are_uniform_over_the_whole_patch():
-    samples = drawn_samples(20_000, np.random.default_rng(0))
+    samples = random_samples(20_000, np.random.default_rng(0))
     for column, (low, high) in zip(samples.T, ((0.0, 1.0), (-1.0, 1.0)), strict=True):
         assert kstest(column, "uniform", (low, high - low)).pvalue > 0.01
     assert abs(np.corrcoef(samples.T)[0, 1]) < 0.03

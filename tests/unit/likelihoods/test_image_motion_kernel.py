@@ -144,7 +144,7 @@ def test_the_scenes_hold_what_they_should():
 @pytest.mark.parametrize("camera", ["front", "cut off"])
 def test_what_children_of_one_parent_share_changes_no_bit(camera):
     """Runs of equal poses before, of all lengths, across the particles that are handled together."""
-    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.SHARED + 7
+    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.PARENT_BLOCK + 7
     previous, frame, previous_poses, poses = scene(CAMERAS[camera], n)
     lengths = np.random.default_rng(0).integers(1, 40, n)
     shared = np.repeat(previous_poses, lengths, axis=0)[:n]

@@ -54,4 +54,4 @@ def test_what_cannot_be_is_impossible_and_what_is_not_there_is_told():
     assert frame_likelihood.notes + frame_likelihood.evaluate(poses, behind[None]).notes == ()
     blind = Frame(7, 0.1, ())
     assert log_prob(likelihood, frame, blind, poses, poses).tolist() == [0.0]
-    assert likelihood.prepare(frame, blind).notes == ("frame 7: there are no keypoints",)
+    assert likelihood.prepare(frame, blind).notes == ("frame 7: no usable keypoints",)

@@ -7,7 +7,7 @@ from still_clips import by_hand, clip, of_frames, with_block
 from tests.oracles import outlines as oracle
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.cues.image_levels import still_scene, uncovered_scene
+from workbench.likelihoods.cues.image_levels import static_background, uncovered_background
 from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
 from workbench.likelihoods.cues.silhouette import Silhouette
 
@@ -89,7 +89,7 @@ def test_without_a_first_frame_it_says_nothing_and_says_so():
     still, frames = clip(*[scenes.flat(100)] * 3)
     frame_likelihood = Silhouette(ROD, still).prepare(frames[0], frames[1])
     assert frame_likelihood.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
-    assert "how large front sees the person is not known" in frame_likelihood.notes[0]
+    assert "the person's area in camera front is not known yet" in frame_likelihood.notes[0]
     assert Silhouette(ROD, still).prepare(None, frames[0]).notes == ()
 
 
@@ -109,12 +109,12 @@ def people(*centres, size=(60, 80)):
 
 def test_what_is_behind_somebody_who_moves_on_and_stays_there_is_told_by_the_first_frame():
     wall, images, places = people(20, *[60] * 19)
-    found = uncovered_scene(images, places[0], places[0])
-    assert np.abs(found.scene.median - wall)[~places[0]].max() < 5.0  # of noise 1, one image
-    assert np.abs(found.scene.median - wall)[places[0]].max() < 3.0
+    found = uncovered_background(images, places[0], places[0])
+    assert np.abs(found.background.median - wall)[~places[0]].max() < 5.0  # of noise 1, one image
+    assert np.abs(found.background.median - wall)[places[0]].max() < 3.0
     assert not found.person.any()
     assert not found.unknown.any()
-    median = still_scene(images).median
+    median = static_background(images).median
     assert np.abs(median - 200.0)[places[1]].max() < 3.0  # which has the person for the wall
 
 
@@ -122,7 +122,7 @@ def test_somebody_who_never_moves_is_the_person_and_what_never_changes_beside_th
     _, images, places = people(*[40] * 20)
     near = np.zeros_like(places[0])
     near[17:53, 32:48] = True
-    found = uncovered_scene(images, places[0], near)
+    found = uncovered_background(images, places[0], near)
     assert np.array_equal(found.person, places[0])
     assert not found.unknown.any()
 
@@ -132,7 +132,7 @@ def test_where_somebody_sways_nothing_is_known_of_what_is_behind():
     _, images, places = people(*[40] * 20)
     for image in images:
         image[places[0]] = rng.uniform(0.0, 255.0, (places[0].sum(), 1))
-    found = uncovered_scene(images, places[0], places[0])
+    found = uncovered_background(images, places[0], places[0])
     assert (found.unknown & places[0]).sum() > 0.95 * places[0].sum()
 
 

@@ -65,7 +65,7 @@ def test_what_is_not_finite_is_left_out_and_told():
     assert notes(likelihood, frame(None), frame(points), some, some) == ()
     np.testing.assert_array_equal(log_prob(likelihood, frame(None), frame(bad), some, some), whole)
     found = notes(likelihood, frame(None), frame(bad), some, some)
-    assert found == ("frame 1: 1 of 50 points are not finite; left out",)
+    assert found == ("frame 1: 1 of 50 points are not finite; omitted",)
     some[1, 4] = np.inf
     assert log_prob(likelihood, frame(None), frame(points), some, some)[1] == -np.inf
 
@@ -74,4 +74,4 @@ def test_what_is_not_finite_is_left_out_and_told():
 def test_a_frame_without_points_says_nothing(points):
     likelihood = SurfacePoints(BODY)
     assert (log_prob(likelihood, frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
-    assert likelihood.prepare(None, frame(points)).notes == ("frame 1: there are no points",)
+    assert likelihood.prepare(None, frame(points)).notes == ("frame 1: no points",)

@@ -55,5 +55,5 @@ def test_one_camera_counts_alone_where_it_is_named():
         alone = replace(frame, views=(view,))
         expected = KeypointLikelihood(BODY).prepare(alone, alone).evaluate(some, some)
         np.testing.assert_array_equal(named.log_prob, expected.log_prob)
-    with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
+    with pytest.raises(InputError, match="unknown camera 'back'; expected some of front, side"):
         KeypointLikelihood(BODY, cameras=["back"]).prepare(frame, frame)

@@ -3,7 +3,7 @@ far the person drifts from it, while the image as layers says where they really 
 
 import numpy as np
 
-from workbench.core.likelihood import DenseLikelihood, Slope
+from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.levenberg_marquardt import Tails
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -23,17 +23,17 @@ def settle(
     frame_likelihood: DenseLikelihood,
     prior: Tails,
     pose: FloatArray,
-    slope: Slope,
+    slope: Derivatives,
     limits: FloatArray,
     joints: BoolArray,
-) -> tuple[FloatArray, Slope, int]:
+) -> tuple[FloatArray, Derivatives, int]:
     """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the mode of the first two.
 
     limits: (P, 2). slope: of the points at the pose it begins with. joints: (J,), all true. Returns the pose, the slope
     of the points there, and the number of evaluations of the layers. The layers' derivatives are differences along the
     axes that the prior's precision and the points' curvature share, over the deviations of both there, where the points
     see them (LEAST_SEEN). Curvature is taken to be diagonal and not negative."""
-    last, count = frame_likelihood.levels - 1, 0
+    last, count = frame_likelihood.n_levels - 1, 0
     for _ in range(STEPS):
         precision = prior.precision(pose)
         root = np.linalg.inv(np.linalg.cholesky(precision)).T
@@ -51,7 +51,7 @@ def settle(
         count += 2 * ways.shape[1] + 2 + len(LENGTHS)
         here = slope.log_prob + prior.height(pose) + heights[0]
         for place, height in zip(tried, heights[1:], strict=True):
-            at_place = frame_likelihood.slope(place, last)
+            at_place = frame_likelihood.derivatives(place, last)
             if at_place.log_prob + prior.height(place) + height > here + ENOUGH:
                 pose, slope = place, at_place
                 break

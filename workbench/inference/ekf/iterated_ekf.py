@@ -182,7 +182,7 @@ class Kalman:
             if leaps:
                 belief, peak = self._leapt(frame_likelihood, belief, peak, before[0], rng)
             peak = self._settled(frame_likelihood, belief, peak)
-        doubt = BASE_DOUBT + frame_likelihood.misfit(peak.pose)[self.body.skeleton.dof_joints]
+        doubt = BASE_DOUBT + frame_likelihood.mean_loss(peak.pose)[self.body.skeleton.dof_joints]
         mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.likelihood import DifferentiableLikelihood, Slope
+from workbench.core.likelihood import Derivatives, DifferentiableLikelihood
 from workbench.utils.arrays import FloatArray, IntArray
 
 STEPS = 5
@@ -28,7 +28,7 @@ class Peak:
     covariance: FloatArray
     log_evidence: float
     evaluations: int
-    slope: Slope
+    slope: Derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,13 @@ def climb(
     frame to frame. Where a limb is far from the prediction, the covariance is wider by as much as that was unlikely.
     """
     prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
-    for level in range(frame_likelihood.levels):
+    for level in range(frame_likelihood.n_levels):
         pose, slope, taken = _climb_at(frame_likelihood, level, prior, pose, limits)
         count += taken
     return peak_at(prior, pose, slope, flatten, count)
 
 
-def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Peak:
+def peak_at(prior: Tails, pose: FloatArray, slope: Derivatives, flatten: float, count: int) -> Peak:
     """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
     precision = prior.precision(pose)
     narrowed = np.linalg.inv(precision + flatten * slope.curvature)
@@ -101,10 +101,10 @@ def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count:
 
 def _climb_at(
     frame_likelihood: DifferentiableLikelihood, level: int, prior: Tails, pose: FloatArray, limits: FloatArray
-) -> tuple[FloatArray, Slope, int]:
+) -> tuple[FloatArray, Derivatives, int]:
     """Climb at one smoothing; return the pose, the slope there, and how often the likelihood was asked."""
-    slope, damping = frame_likelihood.slope(pose, level), 0.0
-    least = ENOUGH if level == frame_likelihood.levels - 1 else ENOUGH_YET
+    slope, damping = frame_likelihood.derivatives(pose, level), 0.0
+    least = ENOUGH if level == frame_likelihood.n_levels - 1 else ENOUGH_YET
     height = slope.log_prob + prior.height(pose)
     for taken in range(1, STEPS + 1):
         precision = prior.precision(pose)
@@ -112,7 +112,7 @@ def _climb_at(
         uphill = slope.gradient - precision @ (pose - prior.mean)
         step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), uphill)
         tried = np.clip(pose + step, *limits.T)
-        at_tried = frame_likelihood.slope(tried, level)
+        at_tried = frame_likelihood.derivatives(tried, level)
         reached = at_tried.log_prob + prior.height(tried)
         if reached > height:
             enough = reached - height < least

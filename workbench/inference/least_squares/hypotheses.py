@@ -7,7 +7,7 @@ import numpy as np
 from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
 from workbench.inference.least_squares.phase_grid import N_HEADINGS, N_PHASES, roots_from_points
 from workbench.inference.least_squares.residuals import views_residual
@@ -115,7 +115,7 @@ def _place(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
 
 def coarse_data(task: Task) -> FitData:
     """Make what the start looks at: some of the points, and keypoints where there are enough."""
-    loss = START_LOSS if "points" in kinds_seen(task.seen) else KEYPOINT_LOSS
+    loss = START_LOSS if "points" in observed_kinds(task.seen) else KEYPOINT_LOSS
     return FitData([_coarse(task, frame) for frame in task.seen], task.times_s, loss, task.smoothness)
 
 

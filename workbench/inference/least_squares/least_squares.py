@@ -14,7 +14,7 @@ from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.keys import records_arguments
 from workbench.core.likelihood import Likelihood
-from workbench.core.observations import Observed, kinds_seen, observe
+from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
 from workbench.core.side_information import PHASE_ENDS
@@ -91,7 +91,7 @@ class LeastSquares:
         fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
         for step, seen, sentences in zip(drawn, observed, warnings, strict=True):
-            near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
+            near, kinds = step.diagnostics["inliers"], " and ".join(observed_kinds([seen]))
             if kinds and near < FEW_INLIERS:
                 sentences = (*sentences, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
             activity, probabilities = self._activity(step)
@@ -109,7 +109,7 @@ class LeastSquares:
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
         seen, warnings = observe(frames, self.skeleton, self.most_points, rng, self.observables)
-        if not kinds_seen(seen):
+        if not observed_kinds(seen):
             expected = " or ".join(self.observables.kinds) or "points or keypoints"
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
         task = Task(

@@ -10,7 +10,7 @@ import scipy
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, offering
 from workbench.core.discrepancy import widening
-from workbench.core.observations import kinds_seen
+from workbench.core.observations import observed_kinds
 from workbench.core.prior import MotionModel
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
@@ -89,12 +89,12 @@ class MotionFit:
 
     def _shared(self, task: Task) -> Shared | None:
         sigma_m = task.likelihood.observables.common_bias_std_m
-        if not self.discrepancy or sigma_m == 0.0 or kinds_seen(task.seen) != ("points",):
+        if not self.discrepancy or sigma_m == 0.0 or observed_kinds(task.seen) != ("points",):
             return None
         return Shared.of_points(task.skeleton, task.surface, task.seen, sigma_m)
 
     def _correlation(self, task: Task, fit: Fit) -> float:
-        if self.rho is not None or kinds_seen(task.seen) != ("keypoints",):
+        if self.rho is not None or observed_kinds(task.seen) != ("keypoints",):
             return self.rho or 0.0
         return error_correlation(task.skeleton, task.seen, task.times_s, fit.poses, task.sigma_px)
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
 from workbench.core.capabilities import Traits, offering
-from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import KeypointResiduals, Loss
@@ -110,7 +110,7 @@ class SmoothFit:
     def _problem(self, task: Task) -> KeypointProblem | ResidualProblem:
         likelihood, stand = task.likelihood, standing_feet(task.skeleton, task.seen, task.times_s)
         rest = (task.times_s, likelihood.residual_loss, task.smoothness, stand, self.ground_m)
-        if kinds_seen(task.seen) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
+        if observed_kinds(task.seen) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
             return KeypointProblem(task.skeleton, KeypointArrays.of(task.seen, likelihood.whitening), *rest)
         return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
 
@@ -209,7 +209,7 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
 def _only_camera(seen: Sequence[Observed]) -> Camera | None:
     """Return the camera that sees all there is, or None."""
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
-    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(seen) else None
+    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in observed_kinds(seen) else None
 
 
 def _searched(
@@ -217,7 +217,7 @@ def _searched(
     max_iterations: int,
 ) -> FloatArray:  # fmt: skip
     """Find poses (T, P) from the likeliest of `starts` (n, P), turned over where one camera, `alone`, sees all."""
-    frames = spaced((bool(kinds_seen([frame])) for frame in seen), problem.times_s)
+    frames = spaced((bool(observed_kinds([frame])) for frame in seen), problem.times_s)
     far = replace(problem, loss=FAR_LOSS).some(frames)
     poses, _ = candidates(far, starts, max_iterations)[0]
     if alone is not None and isinstance(far, KeypointProblem):

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
 from workbench.core.discrepancy import Discrepancy
-from workbench.core.observations import Observed, kinds_seen
+from workbench.core.observations import Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
@@ -51,7 +51,7 @@ class Task:
         """Make the likelihood's residuals of every frame; with keypoints comes an upright person, see
         `upright_residual`. Where keypoints are all there is, the person is upright in the frames between them too."""
         upright = upright_residual(self.skeleton, upright_rad)
-        alone = kinds_seen(self.seen) == ("keypoints",)
+        alone = observed_kinds(self.seen) == ("keypoints",)
         residuals = [
             stacked([self.likelihood.residual_function(frame), *[upright] * (alone or bool(frame.keypoints))])
             for frame in self.seen
