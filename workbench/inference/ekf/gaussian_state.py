@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.gaussian import predict_covariance, smooth
@@ -101,7 +101,7 @@ def shares(
     power PIXELS_SAY, averaged over the bodies of both passes. Deviation: the root is not weighed by the likelihood, as
     pixels do not say how far away the whole body is."""
     n, joints = len(limbs), np.ones(len(skeleton.names), dtype=np.bool_)
-    theirs = nearest_turn(other, pose)
+    theirs = unwrap_near(other, pose)
     tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
     for k, limb in enumerate(limbs):
         tried[k + 1, limb], tried[n + k + 2, limb] = theirs[limb], pose[limb]
@@ -127,7 +127,7 @@ def of_both(
     w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂, the unbiased estimate d dᵀ / 2 where both count alike. Angles are
     compared on the nearest turn."""
     n = len(POSE_NAMES)
-    apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
+    apart = np.concatenate([unwrap_near(first[:n], second[:n]), first[n:]]) - second
     every = np.concatenate([weights, np.full(len(second) - n, 0.5)])
     spread = np.sqrt(every * (1.0 - every)) * apart
     return second + every * apart, covariance + 2.0 * np.outer(spread, spread)

@@ -46,7 +46,7 @@ each other, so that eight say little more than one."""
 @dataclass(frozen=True, eq=False)
 class _MeasuredLengths:
     """shape: the person's. poses: (T, P) in the frames looked at. error_px: root mean square distance to the marks.
-    doubt: (J, 3, G) by how much the skeleton's offsets may be off, see `Body.length_doubt`."""
+    doubt: (J, 3, G) by how much the skeleton's offsets may be off, see `Body.limb_length_std`."""
 
     shape: Shape
     poses: FloatArray
@@ -82,7 +82,7 @@ def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: i
     measured = measure(seen, height_m)
     lengths = ", ".join(f"{name} {100.0 * getattr(measured.shape, name):.1f}" for name in LENGTHS[4:])
     log.info("limbs measured in %d frames, residual %.1f px: %s cm", len(seen), measured.error_px, lengths)
-    return replace(person(measured.shape), length_doubt=measured.doubt)
+    return replace(person(measured.shape), limb_length_std=measured.doubt)
 
 
 def measure(

@@ -153,7 +153,7 @@ class KeypointProblem:
         factor
             Of the Gauss–Newton matrix H at the poses.
         by_length : (J, 3, G) array
-            See `Body.length_doubt`, m.
+            See `Body.limb_length_std`, m.
         """
         stiffness = self._evaluated(poses, 0, self.n_frames).stiffness
         moved = length_jacobian(self.skeleton, by_length, poses)

@@ -69,7 +69,7 @@ class LeastSquares:
         capabilities = PriorCapabilities() if prior is None else prior.capabilities
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
-        self.length_doubt = told_doubt(body.skeleton) if body.length_doubt is None else body.length_doubt
+        self.length_doubt = told_doubt(body.skeleton) if body.limb_length_std is None else body.limb_length_std
         self.motion, self.smoothness = capabilities.motion, capabilities.smoothness or Smoothness()
         self.discrepancy, self.postures = capabilities.discrepancy, capabilities.postures
         self.problem: Problem = problem or (SmoothFit() if capabilities.motion is None else MotionFit())

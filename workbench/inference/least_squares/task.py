@@ -26,7 +26,7 @@ class Task:
     seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
     phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
     discrepancy: what the motion misses of people it was not learned from. postures: which ones people take, the last
-    numbers of a pose. length_doubt: (J, 3, G), see `Body.length_doubt`.
+    numbers of a pose. length_doubt: (J, 3, G), see `Body.limb_length_std`.
     """
 
     skeleton: Skeleton

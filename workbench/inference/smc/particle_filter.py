@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import START, Traits, needs_of_all, offering
 from workbench.core.checks import at_least, check, one_of
 from workbench.core.filter_state import Memory, Past, recalled, streams_now
@@ -169,7 +169,7 @@ def _particle_step(frame: Frame, space: StateSpace, moved: MoveResult, log_evide
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
-    poses = nearest_turn(particles.poses, particles.poses[best])  # else the mean of two headings may be neither
+    poses = unwrap_near(particles.poses, particles.poses[best])  # else the mean of two headings may be neither
     # not a BLAS product, whose order of addition depends on the number of threads
     expected = np.einsum("n,np->p", particles.weights, poses)
     clock.lap("summary")

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from workbench.body.angles import exchanged
+from workbench.body.angles import swap_left_right
 from workbench.body.limbs import Body
 from workbench.core.capabilities import KEYPOINTS, Traits, needs_of_all, offering
 from workbench.core.checks import INSIDE_UNIT, check
@@ -99,7 +99,7 @@ class Restarting(Wrapper):
             with suppress(InputError):
                 return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        return np.stack([expected, exchanged(expected)]), "about the last pose and its mirror image"
+        return np.stack([expected, swap_left_right(expected)]), "about the last pose and its mirror image"
 
     def _renewed(self, parents: Particles, starts: FloatArray, rng_streams: Streams) -> Particles:
         """Resample the parents and start a share of them around the poses (n, P); ancestors say which each was."""

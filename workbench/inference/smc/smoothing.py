@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import DENSITY, Traits, needs_of_all, offering
 from workbench.core.checks import at_least, check
 from workbench.core.filter_state import Past
@@ -226,7 +226,7 @@ def _log_prob(
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
     """Return the step with some of its particles, weighted anew."""
-    poses = nearest_turn(step.poses[picked], step.poses[picked[best]])
+    poses = unwrap_near(step.poses[picked], step.poses[picked[best]])
     return replace(
         step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,
         expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],
