@@ -1,4 +1,4 @@
-"""The alignment's cells, outlines, scenes, layers and derivatives in NumPy, for `workbench.likelihoods.alignment`.
+"""The alignment's cells, outlines, scenes, layers and derivatives in NumPy, for `workbench.likelihoods.dense`.
 
 S cells or K points, P degrees of freedom, images (height, width). Frames are those of one pose, (1, J, ...).
 """

@@ -99,10 +99,8 @@ def plain_camera(
 
 def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
     """Return the points (..., 3), m, with least mean squared distance to V rays of unit directions (V, ..., 3).
-
     origins: (V, 3), m. A ray of NaN is absent. Points are NaN where fewer than two rays are present, or all are
-    parallel.
-    """
+    parallel."""
     finite = np.asarray(np.isfinite(rays).all(axis=-1), bool)
     projections = np.where(finite[..., None, None], np.eye(3) - rays[..., :, None] * rays[..., None, :], 0.0)
     normal, moments = np.zeros(projections.shape[1:]), np.zeros(projections.shape[1:-1])
@@ -116,11 +114,9 @@ def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras of a TOML file in the format of Pose2Sim and Sports2D, in the order of the file.
-
-    Each table except [metadata] has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and
-    translation (m). Raises InputError if the file is missing, is not TOML, or a camera is incomplete.
-    """
+    """Read the cameras of a TOML file in the format of Pose2Sim and Sports2D, in the order of the file. Each table
+    except [metadata] has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation
+    (m). Raises InputError if the file is missing, is not TOML, or a camera is incomplete."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such camera file")

@@ -28,13 +28,10 @@ _CHIN = 0.65
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint.
-
-    names: L names. joints: (L,), whose frames carry the limbs. starts, ends: (L, 3), of the axes (equal for a sphere).
-    radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,) bool. A
-    limb
-    that is not a sphere is a truncated cone with elliptical section.
-    """
+    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint. names: L
+    names. joints: (L,), whose frames carry the limbs. starts, ends: (L, 3), of the axes (equal for a sphere). radii:
+    (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,) bool. A limb
+    that is not a sphere is a truncated cone with elliptical section."""
 
     names: tuple[str, ...]
     joints: IntArray
@@ -72,13 +69,11 @@ class Limbs:
         2), m. Raises ValueError for an unknown joint."""
         names, joints, starts, ends, radii = zip(*rows, strict=True)
         return Limbs(
-            names=(*self.names, *names),
-            joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
-            starts=np.concatenate([self.starts, starts]),
-            ends=np.concatenate([self.ends, ends]),
+            names=(*self.names, *names), joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
+            starts=np.concatenate([self.starts, starts]), ends=np.concatenate([self.ends, ends]),
             radii=np.concatenate([self.radii, radii]),
             spheres=np.append(self.spheres, np.zeros(len(rows), dtype=np.bool_)),
-        )
+        )  # fmt: skip
 
     def cylinders(self) -> "Limbs":
         """Return all limbs as cylinders, with their sections' mean semi-axes (paper A, section 3.1)."""
@@ -89,11 +84,8 @@ class Limbs:
 @dataclass(frozen=True, eq=False)
 class Body:
     """One person: the skeleton with the person's offsets, the measurements, and the limbs on the skeleton.
-
     limb_length_std: (J, 3, G), changes of the offsets, m, for one standard deviation of each of G independent causes;
-    None
-    if unknown.
-    """
+    None if unknown."""
 
     skeleton: Skeleton
     shape: Shape
@@ -130,11 +122,9 @@ def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO
     skeleton : any; bones without a length, between joints at the same place, have no limb.
     thickness : half size across a bone as a fraction of its length.
     radii : half sizes (m) across the bone that ends at the named joint, fore–aft (vertical if the bone points forward)
-    and
-        sideways.
+        and sideways.
     ends : length and the two half sizes, m, of an extension beyond a joint in the direction of its bone, such as a head
-    or
-        a hand; its limb is "<joint>_end".
+        or a hand; its limb is "<joint>_end".
 
     Raises
     ------

@@ -19,14 +19,11 @@ centre, and the length of thigh and calf together."""
 
 @dataclass(frozen=True)
 class Shape:
-    """Lengths and radii of one person, all in metres.
-
-    neck, shoulder, hip: place of the neck, the left shoulder and the left hip in the torso's frame (forward, left,
-    up), measured from the pelvis, the midpoint of the hips; the right side is their mirror image.
-    head: centre of the head seen from the neck. upper_arm, forearm, thigh, calf: lengths from joint to joint.
-    *_radii of a limb: (at its near end, at its far end). torso_radii_low, torso_radii_high: (fore and aft, sideways)
-    semi-axes of the torso's elliptical section at the hips and at the shoulders.
-    """
+    """Lengths and radii of one person, all in metres. neck, shoulder, hip: place of the neck, the left shoulder and the
+    left hip in the torso's frame (forward, left, up), measured from the pelvis, the midpoint of the hips; the right
+    side is their mirror image. head: centre of the head seen from the neck. upper_arm, forearm, thigh, calf: lengths
+    from joint to joint. *_radii of a limb: (at its near end, at its far end). torso_radii_low, torso_radii_high: (fore
+    and aft, sideways) semi-axes of the torso's elliptical section at the hips and at the shoulders."""
 
     neck: Triple
     shoulder: Triple

@@ -95,10 +95,8 @@ def _axis_rotations(x: float, y: float, z: float, angles: Any, rotation: Any) ->
         s, c = _sine_cosine(angles[lane])
         t = 1.0 - c
         rotation[lane], rotation[LANES + lane], rotation[2 * LANES + lane] = (
-            c + t * x * x,
-            t * x * y - s * z,
-            t * x * z + s * y,
-        )
+            c + t * x * x, t * x * y - s * z, t * x * z + s * y,
+        )  # fmt: skip
         rotation[3 * LANES + lane], rotation[4 * LANES + lane] = t * x * y + s * z, c + t * y * y
         rotation[5 * LANES + lane], rotation[6 * LANES + lane] = t * y * z - s * x, t * x * z - s * y
         rotation[7 * LANES + lane], rotation[8 * LANES + lane] = t * y * z + s * x, c + t * z * z

@@ -52,16 +52,11 @@ _MIN_POSES = 16  # minimum poses per thread
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """E ellipsoids in B parts; lengths in metres.
-
-    names: E names. joints: (E,), whose frames carry the ellipsoids. centers: (E, 3) in that frame. half_sizes: (E, 3)
-    along
-    the columns of `axes`, (E, 3, 3), which rotate the ellipsoid's axes to the joint's frame. parts: (E,), the body part
-    of
-    each ellipsoid, 0 to B − 1, each at least once and in this order. part_names: B names. sharpness: a. level: C.
-    Raises
-    InputError if a half size, a or C is not positive, or the parts are not in order.
-    """
+    """E ellipsoids in B parts; lengths in metres. names: E names. joints: (E,), whose frames carry the ellipsoids.
+    centers: (E, 3) in that frame. half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which rotate the
+    ellipsoid's axes to the joint's frame. parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once
+    and in this order. part_names: B names. sharpness: a. level: C. Raises InputError if a half size, a or C is not
+    positive, or the parts are not in order."""
 
     names: tuple[str, ...]
     joints: IntArray

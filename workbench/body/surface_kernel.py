@@ -138,16 +138,9 @@ def _bound_constants(table: Any, parts: Any) -> Any:
 
 @inlined
 def _lower_bounds(
-    world: Any,
-    parts: Any,
-    max_excess: Any,
-    thinnest: Any,
-    sharpness: float,
-    kind: int,
-    points: Any,
-    first: int,
+    world: Any, parts: Any, max_excess: Any, thinnest: Any, sharpness: float, kind: int, points: Any, first: int,
     lower_bounds: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Write lower_bounds (B, POINTS) of |log(f / C)| or |pseudo-distance| of POINTS points from `first` on. Innermost
     loops run over points without a branch, so that the compiler vectorises them."""
     x, y, z = np.empty(POINTS), np.empty(POINTS), np.empty(POINTS)
@@ -307,24 +300,15 @@ def _scale(ellipsoid: Any, terms: Any) -> Any:
     weight = beyond * beyond
     by_d = (1.0 - weight) * near_by_d - weight * 0.5 * far_scale / d + (far_scale - near_scale) * beyond / (radius * d)
     return (
-        near_scale + weight * (far_scale - near_scale),
-        by_d,
-        (1.0 - weight) * near_by_n,
-        weight * 0.5 * far_scale / m,
-    )
+        near_scale + weight * (far_scale - near_scale), by_d, (1.0 - weight) * near_by_n, weight * 0.5 * far_scale / m,
+    )  # fmt: skip
 
 
 @inlined
 def _add_gradient(
-    ellipsoid: Any,
-    terms: Any,
-    sharpness: float,
-    kind: int,
-    offset: float,
-    derivative: float,
-    scale: float,
+    ellipsoid: Any, terms: Any, sharpness: float, kind: int, offset: float, derivative: float, scale: float,
     gradient: Any,
-) -> Any:
+) -> Any:  # fmt: skip
     """Return the gradient plus one ellipsoid's term: of the residual with respect to the point, in the world's axes."""
     g0, g1, g2 = gradient
     weight = terms[WEIGHT]

@@ -19,14 +19,10 @@ def can_mesh() -> bool:
 
 
 def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015) -> tuple[FloatArray, IntArray]:
-    """Return vertices (V, 3), m, and triangles (T, 3), counter-clockwise from outside, of the skin in one pose.
-
-    frames: of one pose, (1, J, ...). The mesh is the union of all parts, by marching cubes on a grid of `spacing_m`
-    (Lewiner
-    et al. 2003, as in scikit-image). Each part's field is computed only in a box around it: 12 ms for a person at 25
-    mm,
-    40 ms at 15 mm. Raises InputError if scikit-image, the optional extra "mesh", is not installed.
-    """
+    """Return vertices (V, 3), m, and triangles (T, 3), counter-clockwise from outside, of the skin in one pose. frames:
+    of one pose, (1, J, ...). The mesh is the union of all parts, by marching cubes on a grid of `spacing_m` (Lewiner et
+    al. 2003, as in scikit-image). Each part's field is computed only in a box around it: 12 ms for a person at 25 mm,
+    40 ms at 15 mm. Raises InputError if scikit-image, the optional extra "mesh", is not installed."""
     if not can_mesh():
         raise InputError("the mesh of a surface needs scikit-image: pip install -e '.[mesh]' in the clone")
     measure = importlib.import_module("skimage.measure")

@@ -10,10 +10,8 @@ from workbench.utils.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Log likelihoods (N,) of N poses.
-
-    notes: messages to the user about skipped or degraded computations. diagnostics: scalars to plot, by name.
-    """
+    """Log likelihoods (N,) of N poses. notes: messages to the user about skipped or degraded computations. diagnostics:
+    scalars to plot, by name."""
 
     log_prob: FloatArray
     notes: tuple[str, ...] = ()
@@ -21,11 +19,9 @@ class Evaluation:
 
 
 class FrameLikelihood(Protocol):
-    """A likelihood prepared for one frame: all computations that depend on the images alone are done.
-
-    notes: messages about the frame itself, for example that it has no usable observations. diagnostics: the names of
-    the diagnostics of evaluations, with their values where nothing is evaluated, as in a first frame.
-    """
+    """A likelihood prepared for one frame: all computations that depend on the images alone are done. notes: messages
+    about the frame itself, for example that it has no usable observations. diagnostics: the names of the diagnostics of
+    evaluations, with their values where nothing is evaluated, as in a first frame."""
 
     @property
     def notes(self) -> tuple[str, ...]: ...
@@ -33,10 +29,8 @@ class FrameLikelihood(Protocol):
     def diagnostics(self) -> Mapping[str, float]: ...
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) with previous poses (N, P).
-
-        The arrays are the caller's buffers and are overwritten later; copy what must persist.
-        """
+        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) with previous poses (N, P). The arrays
+        are the caller's buffers and are overwritten later; copy what must persist."""
 
     def update(self, expected_pose: FloatArray) -> "Likelihood":
         """Return the likelihood of the next frame, updated with this frame's expected pose (P,)."""
@@ -54,11 +48,9 @@ class Derivatives:
 
 @runtime_checkable
 class DifferentiableLikelihood(FrameLikelihood, Protocol):
-    """A frame likelihood with derivatives, at several levels of an image pyramid.
-
-    n_levels: of smoothing; level 0 is the smoothest, and `evaluate` uses the last. informative: whether the likelihood
-    depends on the pose; false for example in a first frame.
-    """
+    """A frame likelihood with derivatives, at several levels of an image pyramid. n_levels: of smoothing; level 0 is
+    the smoothest, and `evaluate` uses the last. informative: whether the likelihood depends on the pose; false for
+    example in a first frame."""
 
     @property
     def n_levels(self) -> int: ...
@@ -78,9 +70,7 @@ class DenseLikelihood(DifferentiableLikelihood, Protocol):
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
         """Return the log likelihood ratios (N,), nats, of rendering and omitting the body parts on joints `moved` (J,).
-
-        poses: (N, P), which may differ only in these body parts.
-        """
+        poses: (N, P), which may differ only in these body parts."""
 
 
 class Likelihood(Protocol):

@@ -34,14 +34,10 @@ class Observed:
 
 @dataclass(frozen=True)
 class Observables:
-    """The observations that a likelihood uses, and their standard deviations.
-
-    sigma: of a point's residual, m for "distance"; None if points are not used. residual: of points. sigma_px: of a
-    keypoint, px of the image used; None if keypoints are not used. cameras: names of the cameras whose keypoints are
-    used;
-    None for all. common_bias_std_m: standard deviation of the bias shared by all points, and by the points of one body
-    part, m.
-    """
+    """The observations that a likelihood uses, and their standard deviations. sigma: of a point's residual, m for
+    "distance"; None if points are not used. residual: of points. sigma_px: of a keypoint, px of the image used; None if
+    keypoints are not used. cameras: names of the cameras whose keypoints are used; None for all. common_bias_std_m:
+    standard deviation of the bias shared by all points, and by the points of one body part, m."""
 
     sigma: float | None = None
     residual: Kind = "distance"

@@ -15,11 +15,9 @@ State = TypeVar("State")
 
 @dataclass(frozen=True, eq=False)
 class PoseFrameLikelihood:
-    """A frame likelihood of the present pose alone.
-
-    name: of the likelihood, for its notes. log_prob: maps finite poses (N, P) to log likelihoods (N,).
-    next_likelihood: maps the frame's expected pose (P,) to the likelihood of the next frame.
-    """
+    """A frame likelihood of the present pose alone. name: of the likelihood, for its notes. log_prob: maps finite poses
+    (N, P) to log likelihoods (N,). next_likelihood: maps the frame's expected pose (P,) to the likelihood of the next
+    frame."""
 
     name: str
     log_prob: Callable[[FloatArray], FloatArray]
@@ -39,10 +37,8 @@ class PoseFrameLikelihood:
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveLikelihood(Generic[State]):
-    """A likelihood with a state learned from the previous frames; its configuration is constant.
-
-    prepare_with: maps the state, the previous frame and a frame to the frame's likelihood.
-    """
+    """A likelihood with a state learned from the previous frames; its configuration is constant. prepare_with: maps the
+    state, the previous frame and a frame to the frame's likelihood."""
 
     state: State
     prepare_with: Callable[[State, Frame | None, Frame], FrameLikelihood]
@@ -64,10 +60,8 @@ def select_finite(poses: FloatArray, finite: BoolArray) -> FloatArray:
 
 
 def expand_finite(name: str, finite: BoolArray, log_prob: FloatArray, notes: tuple[str, ...] = ()) -> Evaluation:
-    """Return the evaluation of N poses from the log likelihoods (M,) of the `finite` (N,) ones; −∞ for the others.
-
-    name : of the likelihood, for the note about non-finite poses, which follows `notes`.
-    """
+    """Return the evaluation of N poses from the log likelihoods (M,) of the `finite` (N,) ones; −∞ for the others. name
+    : of the likelihood, for the note about non-finite poses, which follows `notes`."""
     if finite.all():
         return Evaluation(log_prob, notes)
     expanded = np.full(len(finite), -np.inf)

@@ -30,23 +30,18 @@ class KeypointLikelihood:
 
     up to a constant, with û_j the pose's projected joint, w_j the keypoint's weight, a detector's confidence, and ν
     DEGREES_OF_FREEDOM. A pose with a joint behind the camera has probability 0. Images, the previous pose and the
-    previous
-    frame have no influence. Least squares instead minimises a robust loss of √w_j (u_j − û_j) / σ.
+    previous frame have no influence. Least squares instead minimises a robust loss of √w_j (u_j − û_j) / σ. Raises
+    InputError if a parameter is out of range or, when a frame is prepared, a camera does not exist.
 
     Parameters
     ----------
     body : the person's body.
     sigma_px : σ, px of the images used.
     likelihood_power : below 1 it flattens the posterior, since detection errors are correlated over frames and N
-    particles
-        cannot track a posterior much narrower than their spread.
+        particles cannot track a posterior much narrower than their spread.
     cameras : names of the cameras whose keypoints are used; None for all.
     loss : of least squares: "squared", "huber" or "geman_mcclure".
     loss_scale : standard deviations at which the loss bends.
-
-    Raises
-    ------
-    InputError : a parameter is out of range or, when a frame is prepared, a camera does not exist.
     """
 
     @staticmethod

@@ -33,9 +33,7 @@ class Product:
     over the particles of non-zero likelihood, and sum to one; all are 0 in a run's first frame. Least squares minimises
     the residuals of all terms together, if all have residuals.
 
-    Raises
-    ------
-    InputError : there is no term, the weights' names are not those of the terms, or a weight is negative.
+    Raises InputError if there is no term, the weights' names are not those of the terms, or a weight is negative.
     """
 
     @staticmethod

@@ -27,8 +27,7 @@ class SurfacePoints:
         log p = likelihood_power · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / RANGE_M)
 
     with r_k the distance of point k to the nearest part of the body's implicit surface. Least squares instead minimises
-    a
-    robust loss of the residuals over sigma.
+    a robust loss of the residuals over sigma. Raises InputError if a parameter is out of range.
 
     Parameters
     ----------
@@ -40,12 +39,7 @@ class SurfacePoints:
     loss : of least squares: "squared", "huber" or "geman_mcclure".
     loss_scale : residual at which the loss bends, in the unit of `residual`.
     common_bias_std_m : standard deviation, m, along each axis, of the bias shared by the points of one body part, and
-    by
-        all points; see `systematic_errors.Shared`.
-
-    Raises
-    ------
-    InputError : a parameter is out of range.
+        by all points; see `systematic_errors.Shared`.
     """
 
     traits: ClassVar[Traits] = offering(RESIDUALS, dataset=POINTS)

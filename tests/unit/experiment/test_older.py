@@ -81,3 +81,10 @@ def test_a_key_that_is_fixed_today_is_removed_or_refused(found):
     else:
         with pytest.raises(InputError, match=r"prior\.start_velocity: expected 3\.0, which is fixed today, found 5\.0"):
             in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}})
+
+
+def test_likelihoods_get_the_keys_and_values_of_today():
+    motion = {"_target_": "workbench.likelihoods.image_motion.ImageMotion"}
+    recorded = {"likelihood": {**motion, "k": 2.0, "exponent": "sum", "points": "drawn", "background": "still"}}
+    today = {**motion, "effective_pixels": 2.0, "reduction": "sum", "sampling": "random", "background": "static"}
+    assert in_todays_words(PATH, recorded) == {"likelihood": today}

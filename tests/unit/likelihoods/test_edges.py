@@ -150,7 +150,7 @@ def test_neck_and_feet_say_nothing_and_that_is_told(caplog):
 
 def test_limbs_that_were_not_learned_are_an_error():
     model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
-    with pytest.raises(InputError, match="no limb 'tail'; expected some of thigh"):
+    with pytest.raises(InputError, match="no limb 'tail' in the model; expected thigh"):
         model.log_ratio(["left_thigh", "tail"])
     with pytest.raises(InputError, match="effective_responses must be positive"):
         Edges(ROD, effective_responses=0.0)

@@ -35,10 +35,8 @@ _PER_CELL = 3  # points sampled along a cell, and as many across it, for an upda
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Grey levels of L limbs' surfaces in one camera, in cells (L, ALONG, AROUND).
-
-    mean: of the level. n: effective number of frames of the mean, 0 for a cell never observed.
-    """
+    """Grey levels of L limbs' surfaces in one camera, in cells (L, ALONG, AROUND). mean: of the level. n: effective
+    number of frames of the mean, 0 for a cell never observed."""
 
     mean: FloatArray
     n: FloatArray
@@ -59,17 +57,14 @@ class Appearance:
         log p = k/n Σ_j Σ_i log( ε + (1−ε) 256 N(I(x_j,i); T_j(x_j,i), σ² (1 + 1/n_T)) )
 
     x_j,i: n points of limb j's planar patch, mapped to the limb's surface: with a circular section, the azimuth is that
-    of
-    the patch's side minus arccos v. Cells go around the limb, so that each is learned when its side is visible. The
-    ratio
-    is to a person of uniformly distributed grey level; points that are hidden, outside the image or in a cell not yet
-    observed contribute 0. n_T: effective number of frames of the cell's mean T. Each limb counts as k independent
+    of the patch's side minus arccos v. Cells go around the limb, so that each is learned when its side is visible. The
+    ratio is to a person of uniformly distributed grey level; points that are hidden, outside the image or in a cell not
+    yet observed contribute 0. n_T: effective number of frames of the cell's mean T. Each limb counts as k independent
     pixels.
 
     After every frame the template is updated at the expected pose: T += g (I − T), g = w max(1/(n_T + 1),
-    learning_rate),
-    with w the probability that the point is an inlier. Wrong poses corrupt the template for about 1/learning_rate
-    frames.
+    learning_rate), with w the probability that the point is an inlier. Wrong poses corrupt the template for about
+    1/learning_rate frames. Raises InputError if a parameter is out of range.
 
     Parameters
     ----------
@@ -79,10 +74,6 @@ class Appearance:
     outlier_fraction : ε.
     learning_rate : minimum gain g of an inlier.
     n_samples : n.
-
-    Raises
-    ------
-    InputError : a parameter is out of range.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)
@@ -95,15 +86,8 @@ class Appearance:
     n_samples: int = 16
 
     def __post_init__(self) -> None:
-        check(
-            "appearance",
-            self,
-            effective_pixels=POSITIVE,
-            sigma=POSITIVE,
-            outlier_fraction=INSIDE_UNIT,
-            learning_rate=UNIT,
-        )
-        check("appearance", self, n_samples=at_least(1))
+        check("appearance", self, effective_pixels=POSITIVE, sigma=POSITIVE, outlier_fraction=INSIDE_UNIT)
+        check("appearance", self, learning_rate=UNIT, n_samples=at_least(1))
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -130,9 +114,7 @@ class Appearance:
             if template is not None:
                 views.append(LimbViewLikelihood(view.camera, self.samples, partial(self._log_prob, image, template)))
             elif previous is not None:
-                notes += (
-                    f"appearance: no template of the person in camera {view.camera.name} yet; the camera is ignored",
-                )
+                notes += (f"appearance: no template in camera {view.camera.name} yet; the camera is ignored",)
         update = partial(self._update, templates, frame, images)
         return LimbFrameLikelihood("appearance", self.body, views, update, notes)
 
@@ -151,9 +133,8 @@ class Appearance:
         for view, image in zip(frame.views, images, strict=True):
             points = limbs.limb_points(self.body, self.training_points, view.camera, frames)
             levels, template = _cell_levels(image, points, self.training_points), by_camera.get(view.camera.name)
-            by_camera[view.camera.name] = updated_template(
-                template, levels, self.sigma, self.outlier_fraction, self.learning_rate
-            )
+            parameters = self.sigma, self.outlier_fraction, self.learning_rate
+            by_camera[view.camera.name] = updated_template(template, levels, *parameters)
         return AdaptiveLikelihood(_Templates(by_camera), self._prepare)
 
 
@@ -192,13 +173,9 @@ def updated_template(
 
 
 def template_log_ratio(
-    image: Float32Array,
-    points: LimbPoints,
-    samples: FloatArray,
-    template: Template,
-    sigma: float,
+    image: Float32Array, points: LimbPoints, samples: FloatArray, template: Template, sigma: float,
     outlier_fraction: float,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Return log(ε + (1−ε) 256 N) at the valid points in observed cells, summed for each limb (N, L), over n."""
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(template.n, 1.0))
     peak = np.where(template.n > 0.0, (1.0 - outlier_fraction) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
@@ -228,11 +205,7 @@ def _template_sums(
                 around = min(int((azimuth - np.floor(azimuth)) * n_around), n_around - 1)
                 density = peak[limb, along[s], around]
                 if density > 0.0:
-                    residual = (
-                        bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
-                    )
-                    total += np.log(
-                        outlier_fraction
-                        + density * np.exp(exponent_scale[limb, along[s], around] * residual * residual)
-                    )
+                    level = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1])
+                    residual, factor = level - mean[limb, along[s], around], exponent_scale[limb, along[s], around]
+                    total += np.log(outlier_fraction + density * np.exp(factor * residual * residual))
             sums[i, limb] = total

@@ -21,7 +21,7 @@ from workbench.utils.rng import stream
 
 BLUR_PX = 0.7  # standard deviation of the smoothing
 SIDE_OFFSETS, END_OFFSETS = (1.15, 1.6), (1.25, 1.5)
-"""Ranges of the points around a limb: beside it, in half widths from its axis, and beyond its end, in lengths of it."""
+"""Ranges of the points around a limb: to its sides, in half widths from its axis, and beyond its end, in lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +29,16 @@ class Background:
     """Likelihood ratio of foreground to background at pixels inside and just outside the limbs, for static cameras.
 
     A background pixel is Gaussian about its median over the sequence, with a robust deviation, or an outlier; the
-    person's
-    levels are uniformly distributed:
+    person's levels are uniformly distributed:
 
         r(x) = −log( ε + (1−ε) Π_c [256 N(I_c(x); median_c(x), σ_c(x)²)]^(1/C) )
         log p = k/n Σ_j ( Σ_i r(x_j,i) − Σ_i r(y_j,i) )
 
     C: 1 for grey images, 3 for colour images, whose channels have correlated errors and count as one. x_j,i: n points
-    of
-    limb j; those that are hidden or outside the image contribute 0. y_j,i: n points next to the limb and beyond its
-    end;
-    those that a limb covers contribute 0. They centre a limb on the person's. Each limb counts as k independent pixels.
-    A person who stays in one place for more than half of the sequence becomes part of the background.
+    of limb j; those that are hidden or outside the image contribute 0. y_j,i: n points next to the limb and beyond its
+    end; those that a limb covers contribute 0. They centre a limb on the person's. Each limb counts as k independent
+    pixels. A person who stays in one place for more than half of the sequence becomes part of the background. Raises
+    InputError if a parameter is out of range, or a camera is not in the sequence.
 
     Parameters
     ----------
@@ -49,10 +47,6 @@ class Background:
     outlier_fraction : ε.
     n_frames : evenly spaced frames of the sequence used.
     n_samples : n.
-
-    Raises
-    ------
-    InputError : a parameter is out of range, or a camera is not in the sequence.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
@@ -95,7 +89,7 @@ class Background:
 
 
 def contour_samples(inside: FloatArray) -> FloatArray:
-    """Return points (n, 2) around a patch from n points inside it: every third beyond its end, the others beside it."""
+    """Return points (n, 2) around a patch from n points inside it: every third beyond its end, others to its sides."""
     (near, far), (first, last) = SIDE_OFFSETS, END_OFFSETS
     u, v = inside.T
     width = np.abs(v).max()

@@ -49,11 +49,9 @@ class SmoothedBox:
 
 @dataclass(frozen=True, eq=False)
 class FilteredBox:
-    """Derivatives of a box of an image, over the contrast.
-
-    gradient: (height, width, 2), d/dx and d/dy. ridges: (S, height, width, 3), d²/dx², d²/dxdy and d²/dy² at S scales,
-    times the square of the scale. corner: (x, y) of the box's first pixel.
-    """
+    """Derivatives of a box of an image, over the contrast. gradient: (height, width, 2), d/dx and d/dy. ridges: (S,
+    height, width, 3), d²/dx², d²/dxdy and d²/dy² at S scales, times the square of the scale. corner: (x, y) of the
+    box's first pixel."""
 
     gradient: Float32Array
     ridges: Float32Array
@@ -185,10 +183,8 @@ def _differentiate(
                 xy = _half(_half(level[down, after], level[down, before]), _half(level[up, after], level[up, before]))
                 yy = _half(_half(level[down_down, x], level[down_up, x]), _half(level[up_down, x], level[up_up, x]))
                 derivatives[0], derivatives[1], derivatives[2] = (
-                    squares[s] * xx / contrast_at,
-                    squares[s] * xy / contrast_at,
-                    squares[s] * yy / contrast_at,
-                )
+                    squares[s] * xx / contrast_at, squares[s] * xy / contrast_at, squares[s] * yy / contrast_at,
+                )  # fmt: skip
 
 
 @inlined_exactly

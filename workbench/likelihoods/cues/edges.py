@@ -47,39 +47,28 @@ _N_DISPLACED = 8  # displaced poses per true pose
 
 @dataclass(frozen=True, eq=False)
 class EdgeModel:
-    """Histograms of responses by limb.
-
-    parts: names of G limbs, without left and right. on, off: counts (2, G, BINS), of edges and of ridges, at true poses
-    and
-    at displaced ones.
-    """
+    """Histograms of responses by limb. parts: names of G limbs, without left and right. on, off: counts (2, G, BINS),
+    of edges and of ridges, at true poses and at displaced ones."""
 
     parts: tuple[str, ...]
     on: FloatArray
     off: FloatArray
 
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
-        """Return log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
-
-        Both distributions are mixed with a fraction OUTLIER_FRACTION of their common distribution, so that rare bins
-        have
-        ratios near 1. The log ratio of UNLEARNED_LIMBS is 0, with a warning. Raises InputError for another limb that
-        the model
-        does not have.
-        """
+        """Return log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name. Both distributions are
+        mixed with a fraction OUTLIER_FRACTION of their common distribution, so that rare bins have ratios near 1. The
+        log ratio of UNLEARNED_LIMBS is 0, with a warning. Raises InputError for another limb that the model does not
+        have."""
         parts = [_part(name) for name in limbs]
         unknown = sorted(set(parts) - set(self.parts))
         if unsupported := [part for part in unknown if part not in UNLEARNED_LIMBS]:
-            raise InputError(
-                f"edges: the model has no limb {unsupported[0]!r}; expected some of {', '.join(self.parts)}"
-            )
+            raise InputError(f"edges: no limb {unsupported[0]!r} in the model; expected {', '.join(self.parts)}")
         if unknown:
             log.warning("edges: the model has no %s; their edges are ignored", " and ".join(unknown))
         count_tables = (self.on, self.off, self.on + self.off + 1.0)
         on, off, common = (counts / counts.sum(axis=-1, keepdims=True) for counts in count_tables)
-        ratio = np.log((1.0 - OUTLIER_FRACTION) * on + OUTLIER_FRACTION * common) - np.log(
-            (1.0 - OUTLIER_FRACTION) * off + OUTLIER_FRACTION * common
-        )
+        log_on, log_off = (np.log((1.0 - OUTLIER_FRACTION) * each + OUTLIER_FRACTION * common) for each in (on, off))
+        ratio = log_on - log_off
         ratio = np.concatenate([ratio, np.zeros((2, 1, BINS))], axis=1)  # the last row is for unlearned limbs
         return ratio[:, [-1 if part in unknown else self.parts.index(part) for part in parts]].astype(np.float32)
 
@@ -119,9 +108,8 @@ def learn_edge_model(labelled_views: Iterable[tuple[Body, View, FloatArray]], rn
         right, down, _ = view.camera.rotation
         poses[1:, :3] += np.outer(distances * np.cos(angle), right) + np.outer(distances * np.sin(angle), down)
         points = limb_points(body, POINTS, view.camera, forward(body.skeleton, poses))
-        edges, ridges, valid = edge_filters.responses(
-            edge_filters.filtered(edge_filters.smoothed(view), bounding_box(points)), points
-        )
+        images = edge_filters.filtered(edge_filters.smoothed(view), bounding_box(points))
+        edges, ridges, valid = edge_filters.responses(images, points)
         filter_kinds = ((edges, valid[..., [0, 2]], EDGE_RANGE), (ridges, valid[..., 1], RIDGE_RANGE))
         for limb, name in enumerate(body.limbs.names):
             histogram = counts.setdefault(_part(name), np.zeros((2, 2, BINS)))
@@ -151,16 +139,13 @@ class Edges:
 
     Deviations from Sidenbladh & Black: the training images are rendered, not photographs; contrast is normalised by the
     local standard deviation; the ridge has only the scale of the limb's width; there are no temporal differences.
+    Raises InputError if k ≤ 0, or the model lacks one of the body's limbs.
 
     Parameters
     ----------
     body : the person's body.
     effective_responses : k, per limb.
     cache : folder of the learned model.
-
-    Raises
-    ------
-    InputError : k ≤ 0, or the model lacks one of the body's limbs.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)

@@ -44,9 +44,8 @@ def bilinear(image: Float32Array, points: FloatArray) -> FloatArray:
     x, y = points[..., 0], points[..., 1]
     inside = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
     inside_points = np.where(inside[..., None], points, -1.0)
-    return scipy.ndimage.map_coordinates(
-        image.astype(np.float64), np.moveaxis(inside_points[..., ::-1], -1, 0), order=1
-    )
+    rows_columns = np.moveaxis(inside_points[..., ::-1], -1, 0)
+    return scipy.ndimage.map_coordinates(image.astype(np.float64), rows_columns, order=1)
 
 
 def _smoothed(image: AnyArray, blur_px: float) -> Float32Array:
@@ -102,12 +101,9 @@ def spaced_frames(clip: FrameCache, n_frames: int) -> Iterator[Frame]:
 
 @dataclass(frozen=True, eq=False)
 class UncoveredBackground:
-    """A background as far as it is visible without the person.
-
-    person: (height, width), pixels that the person of the first frame covers and that never change, so that
-    `background`
-    holds the person's levels. unknown: (height, width), pixels without any information.
-    """
+    """A background as far as it is visible without the person. person: (height, width), pixels that the person of the
+    first frame covers and that never change, so that `background` holds the person's levels. unknown: (height, width),
+    pixels without any information."""
 
     background: StaticBackground
     person: BoolArray
@@ -118,10 +114,8 @@ def uncovered_background(images: Sequence[Float32Array], inside: BoolArray, near
     """Return the background behind a person who may stay in place for most of F images (height, width, C).
 
     Far from the person, and near them where no image changes, the background is the mean of the first image and those
-    that
-    agree with it. Elsewhere it is the median of the images that differ from the first; if none differ, or they
-    disagree, it
-    is unknown.
+    that agree with it. Elsewhere it is the median of the images that differ from the first; if none differ, or they
+    disagree, it is unknown.
 
     Parameters
     ----------
@@ -146,9 +140,8 @@ def uncovered_background(images: Sequence[Float32Array], inside: BoolArray, near
     unknown = near & (inside | ~mostly_unchanged)
     unknown[rows[agreed], columns[agreed]] = False
     person = inside & unknown & mostly_unchanged
-    background = StaticBackground(
-        levels.astype(np.float32), np.full(levels.shape, max(noise, MIN_SIGMA), dtype=np.float32)
-    )
+    sigma = np.full(levels.shape, max(noise, MIN_SIGMA), dtype=np.float32)
+    background = StaticBackground(levels.astype(np.float32), sigma)
     return UncoveredBackground(background, person, unknown & ~person)
 
 

@@ -43,8 +43,7 @@ def limb_points(
     body, samples, camera : the body, the points (n, 2) and the camera.
     frames : of the joints in N poses.
     outside : False: points inside the image are valid if no other limb hides them by the rule "sample" of
-    `ImageMotion`;
-        True, for points off the limb, |v| > 1: if no limb covers them at any depth.
+        `ImageMotion`; True, for points off the limb, |v| > 1: if no limb covers them at any depth.
     """
     (points,) = limb_point_sets(body, [samples], camera, frames, outside)
     return points
@@ -143,11 +142,9 @@ def bilinear(image: Any, x: float, y: float) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class LimbViewLikelihood:
-    """The limbs' log likelihood in one view.
-
-    samples: points (n, 2) of every patch. log_prob: maps their places in N poses, and those of `outside` where there
-    are any, to log likelihoods (N,). outside: points (n, 2) just outside the patches.
-    """
+    """The limbs' log likelihood in one view. samples: points (n, 2) of every patch. log_prob: maps their places in N
+    poses, and those of `outside` where there are any, to log likelihoods (N,). outside: points (n, 2) just outside the
+    patches."""
 
     camera: Camera
     samples: FloatArray

@@ -45,15 +45,13 @@ class Silhouette:
     r: the pixel's log ratio, see `Background`; images are not smoothed. S(φ): the union of the limbs' outlines, planar
     patches as in paper A and discs of spheres, dilated by dilation_px, because partly covered pixels differ from the
     background too. Missed pixels of the person and covered pixels of the background have equal cost, so that the
-    person's
-    size, and hence the depth, is unbiased. A: area of the outline of the previous frame's expected pose, px². The whole
-    person counts as k independent pixels.
+    person's size, and hence the depth, is unbiased. A: area of the outline of the previous frame's expected pose, px².
+    The whole person counts as k independent pixels.
 
     With background_from_first_pose, the background behind the person is that of `image_levels.uncovered_background`
-    instead
-    of the median, for people who stay in place. Pixels that they never leave are the person as long as their levels do
-    not
-    change: r is replaced by max(−r, 0). Where the background is unknown, r is 0.
+    instead of the median, for people who stay in place. Pixels that they never leave are the person as long as their
+    levels do not change: r is replaced by max(−r, 0). Where the background is unknown, r is 0. Raises InputError if a
+    parameter is out of range, or a camera is not in the sequence.
 
     Parameters
     ----------
@@ -61,10 +59,6 @@ class Silhouette:
     effective_pixels : k.
     outlier_fraction, n_frames : of r, see `Background`.
     dilation_px, background_from_first_pose : as above.
-
-    Raises
-    ------
-    InputError : a parameter is out of range, or a camera is not in the sequence.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STATIC_BACKGROUND)
@@ -79,13 +73,9 @@ class Silhouette:
 
     def __post_init__(self) -> None:
         check(
-            "silhouette",
-            self,
-            effective_pixels=POSITIVE,
-            outlier_fraction=INSIDE_UNIT,
-            n_frames=at_least(3),
+            "silhouette", self, effective_pixels=POSITIVE, outlier_fraction=INSIDE_UNIT, n_frames=at_least(3),
             dilation_px=at_least(0),
-        )
+        )  # fmt: skip
 
     @cached_property
     def backgrounds(self) -> Mapping[str, StaticBackground]:

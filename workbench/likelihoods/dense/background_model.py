@@ -26,11 +26,8 @@ _DIFFERS = CHANGE_SIGMAS * np.sqrt(2.0)
 
 @dataclass(frozen=True, eq=False)
 class BackgroundModel:
-    """The background as far as it has been observed.
-
-    level: (height, width), grey levels. n: effective number of frames, 0 where unobserved. noise: of the sensor, grey
-    levels.
-    """
+    """The background as far as it has been observed. level: (height, width), grey levels. n: effective number of
+    frames, 0 where unobserved. noise: of the sensor, grey levels."""
 
     level: FloatArray
     n: FloatArray
@@ -59,11 +56,9 @@ class BackgroundModel:
 
 
 def initial_background(images: Sequence[Float32Array], covered: BoolArray) -> BackgroundModel:
-    """Return the background around a person who covers some pixels (height, width) in the first of F images.
-
-    Far from the person it is the first image's level, or the median of all if that level is rare. Behind them it is the
-    level, different from the first, on which later images agree; otherwise it is unobserved.
-    """
+    """Return the background around a person who covers some pixels (height, width) in the first of F images. Far from
+    the person it is the first image's level, or the median of all if that level is rare. Behind them it is the level,
+    different from the first, on which later images agree; otherwise it is unobserved."""
     stack = np.stack(images)
     noise = _noise(stack)
     threshold = _change_threshold(noise)
@@ -75,14 +70,10 @@ def initial_background(images: Sequence[Float32Array], covered: BoolArray) -> Ba
 
 
 def refitted_background(images: Sequence[Float32Array], covered: Sequence[BoolArray]) -> BackgroundModel:
-    """Return the background around a person who covers known pixels (height, width) of each of F images.
-
-    Near the person's place in the first image it is the median of the uncovered levels, unobserved where always
-    covered.
+    """Return the background around a person who covers known pixels (height, width) of each of F images. Near the
+    person's place in the first image it is the median of the uncovered levels, unobserved where always covered.
     Elsewhere it is as in `initial_background`, since a lost track leaves limbs uncovered. Its number of frames is that
-    of
-    agreeing images.
-    """
+    of agreeing images."""
     stack = np.stack(images)
     noise = _noise(stack)
     visible = ~np.stack([dilated(mask, DILATION_PX) for mask in covered])
@@ -131,9 +122,8 @@ def _persistent_levels(stack: Float32Array, pixels: BoolArray, threshold: float)
 
     def fill(first: int, last: int) -> None:
         for rows in (slice(k, k + _ROWS) for k in range(first, last, _ROWS)):
-            persistent[rows][pixels[rows]] = _persistent_level(
-                stack[:, rows][:, pixels[rows]].astype(np.float64), threshold
-            )
+            levels = stack[:, rows][:, pixels[rows]].astype(np.float64)
+            persistent[rows][pixels[rows]] = _persistent_level(levels, threshold)
 
     over_threads(fill, len(persistent), _ROWS)
     return persistent
@@ -187,35 +177,30 @@ class Occluders:
     mask: BoolArray
     image: Float32Array
 
-    def tracked(
-        self, image: Float32Array, foreground: BoolArray, person_mask: BoolArray, unknown: BoolArray
-    ) -> "Occluders":
+    def tracked(self, image: Float32Array, foreground: BoolArray, person: BoolArray, unknown: BoolArray) -> "Occluders":
         """Return the occluders in the next image, with new ones next to the person.
 
         Occluders move rigidly. Where one enters the image, or was hidden in part, foreground that touches it joins it,
-        except
-        within PERSON_MARGIN_PX of the person. A new occluder is foreground of at least MIN_OCCLUDER_PX that touches
-        neither the
-        person nor unknown background.
+        except within PERSON_MARGIN_PX of the person. A new occluder is foreground of at least MIN_OCCLUDER_PX that
+        touches neither the person nor unknown background.
 
         Parameters
         ----------
         image, foreground : (height, width), the next image and its foreground.
-        person_mask, unknown : (height, width), the expected person, and pixels of unknown background.
+        person, unknown : (height, width), the expected person, and pixels of unknown background.
         """
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), dtype=np.float32)
         mask = _shifted_mask(self.mask, _match_shift(self.image, self.mask, smooth))
         cleaned = _cleaned(foreground)
-        far_from_person = ~dilated(person_mask, 2 * PERSON_MARGIN_PX + 1)
+        far_from_person = ~dilated(person, 2 * PERSON_MARGIN_PX + 1)
         _, labels, statistics, _ = cv2.connectedComponentsWithStats((cleaned & far_from_person).astype(np.uint8))
         _, joined_labels = cv2.connectedComponents((cleaned | unknown).astype(np.uint8))
-        person_labels = np.unique(joined_labels[dilated(person_mask, 9) | unknown])
+        person_labels = np.unique(joined_labels[dilated(person, 9) | unknown])
         sizes = statistics[:, cv2.CC_STAT_AREA]
         added = np.bincount(labels[mask], minlength=len(sizes)) > 0  # by label; 0 is the complement
         for k in np.flatnonzero(sizes[1:] > MIN_OCCLUDER_PX) + 1:
-            added[k] |= (
-                joined_labels.ravel()[np.argmax(labels.ravel() == k)] not in person_labels
-            )  # equal within a label
+            joined = joined_labels.ravel()[np.argmax(labels.ravel() == k)]  # equal within a label
+            added[k] |= joined not in person_labels
         added[0] = False
         if added.any():
             mask = mask | added[labels]
@@ -224,9 +209,8 @@ class Occluders:
 
 def no_occluders(image: Float32Array) -> Occluders:
     """Return the initial state, without occluders, for an image."""
-    return Occluders(
-        np.zeros(image.shape, np.bool_), np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), dtype=np.float32)
-    )
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), dtype=np.float32)
+    return Occluders(np.zeros(image.shape, np.bool_), smooth)
 
 
 def _cleaned(mask: BoolArray) -> BoolArray:
@@ -249,11 +233,8 @@ def _match_shift(previous_image: Float32Array, mask: BoolArray, image: Float32Ar
             return float(np.inf)
         return float(np.minimum(np.abs(image[y, x] - previous_levels[in_image]), _MAX_DIFFERENCE).mean())
 
-    coarse = [
-        (dy, dx)
-        for dx in range(-MAX_SHIFT_PX, MAX_SHIFT_PX + 1, 2)
-        for dy in range(-MAX_VERTICAL_SHIFT_PX, MAX_VERTICAL_SHIFT_PX + 1, 3)
-    ]
+    vertical = range(-MAX_VERTICAL_SHIFT_PX, MAX_VERTICAL_SHIFT_PX + 1, 3)
+    coarse = [(dy, dx) for dx in range(-MAX_SHIFT_PX, MAX_SHIFT_PX + 1, 2) for dy in vertical]
     best = min(coarse, key=difference)
     best = min(((best[0] + dy, best[1] + dx) for dx in (-1, 0, 1) for dy in (-1, 0, 1)), key=difference)
     return best if difference(best) < MAX_MATCH_DIFFERENCE else None
@@ -283,11 +264,9 @@ _OCCLUDER_DILATION_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class ViewState:
-    """One camera's model.
-
-    person_mask: (height, width), the pixels of the previous expected pose. texture: (K, S) grey levels of the surface
-    elements at every level of smoothing; n: (S,) their effective numbers of frames, 0 for an element never observed.
-    """
+    """One camera's model. person_mask: (height, width), the pixels of the previous expected pose. texture: (K, S) grey
+    levels of the surface elements at every level of smoothing; n: (S,) their effective numbers of frames, 0 for an
+    element never observed."""
 
     background: BackgroundModel
     occluders: Occluders
@@ -303,15 +282,13 @@ class ViewState:
     def tracked(self, image: Float32Array, ratio: Float32Array) -> "ViewState":
         """Return the model with the occluders of an image, given the log ratio of the person to the background, before
         the pose is known."""
-        return replace(
-            self, occluders=self.occluders.tracked(image, ratio > 0.0, self.person_mask, ~self.background.observed)
-        )
+        occluders = self.occluders.tracked(image, ratio > 0.0, self.person_mask, ~self.background.observed)
+        return replace(self, occluders=occluders)
 
     def with_person(self, image: Float32Array, person_mask: BoolArray) -> "ViewState":
         """Return the model with the background updated by an image in which the person covers some pixels."""
-        return replace(
-            self, background=self.background.updated(image, person_mask | self.occluded), person_mask=person_mask
-        )
+        background = self.background.updated(image, person_mask | self.occluded)
+        return replace(self, background=background, person_mask=person_mask)
 
     def with_texture(
         self, levels: Sequence[Float32Array], elements: IntArray, pixels: FloatArray, sigma: float, learning_rate: float
@@ -329,9 +306,8 @@ class ViewState:
         texture, n = self.texture.copy(), self.n.copy()
         residuals = (observed[-1] - texture[-1, elements]) / (TEXTURE_LOSS_SCALE * sigma)
         inlier_weight = np.where(n[elements] > 0.0, 1.0 / (1.0 + residuals**2) ** 2, 1.0)
-        texture[:, elements] += (
-            inlier_weight * np.maximum(1.0 / (n[elements] + 1.0), learning_rate) * (observed - texture[:, elements])
-        )
+        gain = inlier_weight * np.maximum(1.0 / (n[elements] + 1.0), learning_rate)
+        texture[:, elements] += gain * (observed - texture[:, elements])
         n[elements] += inlier_weight
         return replace(self, texture=texture, n=n)
 
@@ -340,6 +316,5 @@ def initial_view_state(
     background: BackgroundModel, image: Float32Array, person_mask: BoolArray, n_levels: int, n_elements: int
 ) -> ViewState:
     """Return the model of a background and the person's pixels in an image, without texture."""
-    return ViewState(
-        background, no_occluders(image), person_mask, np.zeros((n_levels, n_elements)), np.zeros(n_elements)
-    )
+    texture, n = np.zeros((n_levels, n_elements)), np.zeros(n_elements)
+    return ViewState(background, no_occluders(image), person_mask, texture, n)

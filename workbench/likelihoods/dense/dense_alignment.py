@@ -71,17 +71,15 @@ class DenseAlignment:
 
     x_i: pixels of the visible elements of the limbs' surfaces. I_b: the image smoothed by b px. T_b,i: the element's
     previous level, the mean of n_i frames. x_j: the same pixels, and others next to the limbs
-    (`surface_elements.contour_samples`). F: foreground probability; M: the pose's outline; both smoothed by b.
-    ρ_c = ½ c² r² / (c² + r²), Geman & McClure's loss. λ: effective number of independent pixels per compared pixel. A
-    pose
-    is evaluated at the last b.
+    (`surface_elements.contour_samples`). F: foreground probability; M: the pose's outline; both smoothed by b. ρ_c = ½
+    c² r² / (c² + r²), Geman & McClure's loss. λ: effective number of independent pixels per compared pixel. A pose is
+    evaluated at the last b.
 
     Derivatives are Gauss–Newton; that of the outline is the mean of F's and M's (Malis 2004). After a frame, elements
-    are
-    updated at the expected pose: T += g (I − T), g = w max(1/(n + 1), learning_rate), w being the loss's weight;
+    are updated at the expected pose: T += g (I − T), g = w max(1/(n + 1), learning_rate), w being the loss's weight;
     `background_model` tracks background and occluders. Distant poses are compared by all pixels of every SUBSAMPLING-th
-    row
-    and column (`layer_rendering`).
+    row and column (`layer_rendering`). Raises InputError if a parameter is out of range, or a camera is not in the
+    sequence.
 
     Parameters
     ----------
@@ -91,10 +89,6 @@ class DenseAlignment:
     learning_rate : minimum gain g of an inlier.
     outlier_fraction : of the background's pixels.
     n_frames : evenly spaced frames of the sequence from which the background is learned.
-
-    Raises
-    ------
-    InputError : a parameter is out of range, or a camera is not in the sequence.
     """
 
     traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STATIC_BACKGROUND)
@@ -147,17 +141,15 @@ class DenseAlignment:
         return images
 
     def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
-        """Return the likelihood of a tracked sequence that begins with `frame`, given poses (P,) by frame index.
-
-        The background is observed wherever the person was not; the texture is learned again from the first frame.
-        """
+        """Return the likelihood of a tracked sequence that begins with `frame`, given poses (P,) by frame index. The
+        background is observed wherever the person was not; the texture is learned again from the first frame."""
         view_states = {}
         for view in frame.views:
             images = {i: image for i, image in self._images_of(view.camera).items() if i in poses}
             person_masks = [self._person_mask(view, poses[i]) for i in images]
             background = background_model.refitted_background([*images.values()], person_masks)
             person_mask = self._person_mask(view, poses[frame.index])
-            view_states[view.camera.name] = self._initial_view_state(background, grey_levels(view, 0.0), person_mask)
+            view_states[view.camera.name] = self._initial_state(background, grey_levels(view, 0.0), person_mask)
         return AdaptiveLikelihood(view_states, self._prepare)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> "_DenseFrameLikelihood":
@@ -165,16 +157,16 @@ class DenseAlignment:
         return self._prepare({}, previous, frame)
 
     def _prepare(
-        self, view_states: Mapping[str, ViewState], previous: Frame | None, frame: Frame
+        self, states: Mapping[str, ViewState], previous: Frame | None, frame: Frame
     ) -> "_DenseFrameLikelihood":
         view_likelihoods, notes = [], []
         for view in frame.views:
-            state = view_states.get(view.camera.name)
+            state = states.get(view.camera.name)
             if state is not None:
                 view_likelihoods.append(self._view_likelihood(state, view))
             elif previous is not None:
                 notes.append(f"dense alignment: no appearance in camera {view.camera.name} yet; the camera is ignored")
-        return _DenseFrameLikelihood(self, view_states, frame, tuple(view_likelihoods), tuple(notes))
+        return _DenseFrameLikelihood(self, states, frame, tuple(view_likelihoods), tuple(notes))
 
     def _view_likelihood(self, state: ViewState, view: View) -> tuple[ViewLikelihood, ViewState]:
         """Return a view's likelihood and its model with the occluders of this frame, before the pose is known."""
@@ -183,27 +175,21 @@ class DenseAlignment:
         state = state.tracked(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
         pyramid, foreground_pyramid = smoothing_pyramids([image, foreground], BLURS_PX)
-        return ViewLikelihood(
-            view.camera, pyramid, foreground_pyramid, state.background.observed, ~state.occluded, ratio
-        ), state
+        model = state.background.observed, ~state.occluded, ratio
+        return ViewLikelihood(view.camera, pyramid, foreground_pyramid, *model), state
 
     def residuals(
         self, view: ViewLikelihood, state: ViewState, level: int, frames: JointFrames
     ) -> tuple[Residuals, Residuals]:
         """Return the residuals of texture and outline in one camera, given the pose's joints' frames."""
-        projected = project_elements(self.elements, frames, view.camera)
+        projected, joints = project_elements(self.elements, frames, view.camera), self.elements.joints
         visible = visible_elements(projected, view.shape, MIN_FACING_COSINE)
         textured = visible[state.n[visible] > 0.0]
         sigma = self.sigma * np.sqrt(1.0 + 1.0 / state.n[textured])
-        joints = self.elements.joints
-        texture = view.texture_residuals(
-            level, projected, textured, joints[textured], state.texture[level, textured], sigma
-        )
-        blur = BLURS_PX[level]
-        outline = view.outline_residuals(
-            level, blur, self.body, frames, projected, visible, joints[visible], FOREGROUND_SIGMA
-        )
-        return texture, outline
+        means = state.texture[level, textured]
+        texture = view.texture_residuals(level, projected, textured, joints[textured], means, sigma)
+        pose = self.body, frames, projected, visible, joints[visible]
+        return texture, view.outline_residuals(level, BLURS_PX[level], *pose, FOREGROUND_SIGMA)
 
     def updated_view(
         self, state: ViewState | None, view: View, pose: FloatArray, view_likelihood: ViewLikelihood | None = None
@@ -212,7 +198,7 @@ class DenseAlignment:
         image, person_mask = grey_levels(view, 0.0), self._person_mask(view, pose)
         if state is None:
             background = background_model.initial_background([*self._images_of(view.camera).values()], person_mask)
-            state = self._initial_view_state(background, image, person_mask)
+            state = self._initial_state(background, image, person_mask)
         projected = project_elements(self.elements, forward(self.body.skeleton, pose[None]), view.camera)
         visible = visible_elements(projected, (image.shape[0], image.shape[1]), MIN_FACING_COSINE)
         visible = visible[mask_at(~state.occluded, projected.pixels[visible]) > 0.0]
@@ -229,12 +215,8 @@ class DenseAlignment:
         shape = view.image.shape[0], view.image.shape[1]
         return person_mask(self.body, view.camera, forward(self.body.skeleton, pose[None]), shape)
 
-    def _initial_view_state(
-        self, background: BackgroundModel, image: Float32Array, person_mask: BoolArray
-    ) -> ViewState:
-        return background_model.initial_view_state(
-            background, image, person_mask, len(BLURS_PX), len(self.elements.limbs)
-        )
+    def _initial_state(self, background: BackgroundModel, image: Float32Array, mask: BoolArray) -> ViewState:
+        return background_model.initial_view_state(background, image, mask, len(BLURS_PX), len(self.elements.limbs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +268,7 @@ class _DenseFrameLikelihood:
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
         """Return the log likelihood ratios (N,) of rendering and omitting the body parts on joints `moved` (J,) as
-        layers.
-
-        poses: (N, P), which may differ only in these body parts. A pixel has the weight LAYER_PIXEL_WEIGHT.
-        """
+        layers. poses: (N, P), which may differ only in these body parts. A pixel has the weight LAYER_PIXEL_WEIGHT."""
         likelihood, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
         for view, state in self.view_likelihoods:
             camera, image, ratio, unoccluded = view.subsampled
@@ -300,12 +279,9 @@ class _DenseFrameLikelihood:
         return total
 
     def mean_loss(self, pose: FloatArray) -> FloatArray:
-        """Return the mean loss (J,) of the points that each joint moves, at the last level of smoothing.
-
-        It is that of the texture plus OUTLINE_LOSS_WEIGHT times that of the outline; the whole person's counts as
-        PRIOR_POINTS
-        points more.
-        """
+        """Return the mean loss (J,) of the points that each joint moves, at the last level of smoothing. It is that of
+        the texture plus OUTLINE_LOSS_WEIGHT times that of the outline; the whole person's counts as PRIOR_POINTS points
+        more."""
         likelihood = self.likelihood
         frames, below = forward(likelihood.body.skeleton, pose[None]), descendants(likelihood.body.skeleton)
         carries = (below | np.eye(len(below), dtype=np.bool_)).astype(np.float64)

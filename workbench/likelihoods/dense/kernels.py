@@ -21,12 +21,9 @@ def project(
     points: Any, normals: Any, joints: Any, rotations: Any, positions: Any, camera_position: Any, camera: Any,
     places: Any, facing: Any, depth: Any, pixels: Any,
 ) -> None:  # fmt: skip
-    """Write the places of points (S, 3) with normals (S, 3) in a pose, given by its joints' frames.
-
-    Results: places (S, 3), m, cosines (S,) to the line of sight from the camera's position (3,), depths (S,), m, and
-    pixels
-    (S, 2), NaN behind the camera.
-    """
+    """Write the places of points (S, 3) with normals (S, 3) in a pose, given by its joints' frames. Results: places (S,
+    3), m, cosines (S,) to the line of sight from the camera's position (3,), depths (S,), m, and pixels (S, 2), NaN
+    behind the camera."""
     for s in range(points.shape[0]):
         rotation, origin, point, normal = rotations[joints[s]], positions[joints[s]], points[s], normals[s]
         to_camera, squared_distance, dot = 0.0, 0.0, 0.0
@@ -109,11 +106,8 @@ def place_contour_samples(
                 for a in range(3):
                     normal[a] = normal[a] if i < along else -normal[a]
                     edge[a] += (radii[k, 0] + (radii[k, 1] - radii[k, 0]) * u) * normal[a]
-            distance = np.sqrt(
-                (edge[0] - camera_position[0]) ** 2
-                + (edge[1] - camera_position[1]) ** 2
-                + (edge[2] - camera_position[2]) ** 2
-            )
+            dx, dy, dz = edge[0] - camera_position[0], edge[1] - camera_position[1], edge[2] - camera_position[2]
+            distance = np.sqrt(dx**2 + dy**2 + dz**2)
             for j in range(len(distances_px)):
                 for a in range(3):
                     points[k, j * n_points + i, a] = edge[a] + distances_px[j] * distance / focal_px * normal[a]
@@ -209,11 +203,8 @@ def add_normal_equations(
 ) -> None:  # fmt: skip
     """Add the gradient (P,) and the curvature (P, P) of the loss of points (K, 3), see `Residuals.normal_equations`."""
     n = len(gradient)
-    derivatives, movers_of, n_movers = (
-        np.empty(n),
-        np.empty(dof_mask.shape, dtype=np.int64),
-        np.zeros(len(dof_mask), dtype=np.int64),
-    )
+    derivatives, movers_of = np.empty(n), np.empty(dof_mask.shape, dtype=np.int64)
+    n_movers = np.zeros(len(dof_mask), dtype=np.int64)
     for joint in range(len(dof_mask)):  # which numbers of the pose move it
         for p in range(n):
             if dof_mask[joint, p] > 0.0:

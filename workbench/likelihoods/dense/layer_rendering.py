@@ -32,12 +32,9 @@ Layer: TypeAlias = tuple[IntArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """K quadrangles that cover the limbs, one per surface element, with V corners in all.
-
-    points: (V, 3), the corners in their joints' frames, m. joints: (V,). corners: (K, 4), in order around the facet as
-    seen
-    from outside. elements: (K,).
-    """
+    """K quadrangles that cover the limbs, one per surface element, with V corners in all. points: (V, 3), the corners
+    in their joints' frames, m. joints: (V,). corners: (K, 4), in order around the facet as seen from outside. elements:
+    (K,)."""
 
     points: FloatArray
     joints: IntArray
@@ -64,14 +61,9 @@ class Facets:
 
 @dataclass(frozen=True, eq=False)
 class LayerImage:
-    """One camera's image and model.
-
-    image: (height, width) grey levels, slightly smoothed. ratio: log ratio of a person of uniformly distributed grey
-    level
-    to the background. unoccluded: pixels without an occluder. texture, n: (S,) the elements' levels and effective
-    numbers
-    of frames. sigma: grey levels.
-    """
+    """One camera's image and model. image: (height, width) grey levels, slightly smoothed. ratio: log ratio of a person
+    of uniformly distributed grey level to the background. unoccluded: pixels without an occluder. texture, n: (S,) the
+    elements' levels and effective numbers of frames. sigma: grey levels."""
 
     image: Float32Array
     ratio: Float32Array
@@ -83,9 +75,8 @@ class LayerImage:
 
 def surface_facets(limbs: Limbs, elements: SurfaceElements) -> Facets:
     """Return the facets of the limbs' surface elements; those of a sphere are overlapping squares."""
-    parts = [
-        _sphere_facets(limbs, k, elements) if limbs.spheres[k] else _cone_facets(limbs, k) for k in range(len(limbs))
-    ]
+    n, spheres = len(limbs), limbs.spheres
+    parts = [_sphere_facets(limbs, k, elements) if spheres[k] else _cone_facets(limbs, k) for k in range(n)]
     sizes = [len(points) for points, _ in parts]
     firsts = np.cumsum([0, *sizes[:-1]])
     corners = np.concatenate([indices + first for (_, indices), first in zip(parts, firsts, strict=True)])
@@ -101,9 +92,8 @@ def _cone_facets(limbs: Limbs, k: int) -> tuple[FloatArray, IntArray]:
     circle = np.concatenate([np.cos(angle), np.sin(angle)], axis=-1)
     grid = limbs.starts[k] + (limbs.ends[k] - limbs.starts[k]) * u + (circle * radii) @ limbs.axes[k][:, :2].T
     indices = np.arange((ALONG + 1) * (AROUND + 1)).reshape(ALONG + 1, AROUND + 1)
-    return grid.reshape(-1, 3), np.stack(
-        [indices[:-1, :-1], indices[:-1, 1:], indices[1:, 1:], indices[1:, :-1]], axis=2
-    ).reshape(-1, 4)
+    corners = np.stack([indices[:-1, :-1], indices[:-1, 1:], indices[1:, 1:], indices[1:, :-1]], axis=2)
+    return grid.reshape(-1, 3), corners.reshape(-1, 4)
 
 
 def _sphere_facets(limbs: Limbs, k: int, elements: SurfaceElements) -> tuple[FloatArray, IntArray]:
@@ -193,12 +183,8 @@ def _project_points(points: Any, runs: Any, rotations: Any, positions: Any, came
 @inlined_exactly
 def _drawable(corners: Any, projections: Any, height: int, width: int, boxes: Any, depths: Any) -> int:
     """List the facets, corners (K, 4), to be rendered: not those that face away, are too near or too large, or contain
-    no pixel centre.
-
-    Writes, per facet, its index, first and last column, first and last row (K, 5), and its mean depth (K,); returns
-    their
-    number.
-    """
+    no pixel centre. Writes, per facet, its index, first and last column, first and last row (K, 5), and its mean depth
+    (K,); returns their number."""
     n, (us, vs, zs) = 0, (projections[0], projections[1], projections[2])
     for k in range(len(corners)):
         a, b, c, d = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
@@ -222,16 +208,9 @@ def _drawable(corners: Any, projections: Any, height: int, width: int, boxes: An
 
 @inlined_exactly
 def _draw(
-    corners: Any,
-    projections: Any,
-    box: Any,
-    depth: float,
-    element: int,
-    top: int,
-    left: int,
-    elements: Any,
+    corners: Any, projections: Any, box: Any, depth: float, element: int, top: int, left: int, elements: Any,
     depths: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Render a facet, corners (4,), into the part of an image that begins at (top, left)."""
     ax, ay = projections[0, corners[0]], projections[1, corners[0]]
     bx, by = projections[0, corners[1]], projections[1, corners[1]]
@@ -264,11 +243,8 @@ def _draw_all(
     points: Any, runs: Any, corners: Any, facet_elements: Any, rotations: Any, positions: Any, camera: Any,
     elements: Any, depths: Any,
 ) -> None:  # fmt: skip
-    projections, boxes, facet_depths = (
-        np.empty(points.shape),
-        np.empty((len(facet_elements), 5), dtype=np.int64),
-        np.empty(len(facet_elements)),
-    )
+    n = len(facet_elements)
+    projections, boxes, facet_depths = np.empty(points.shape), np.empty((n, 5), dtype=np.int64), np.empty(n)
     _project_points(points, runs, rotations, positions, camera, projections)
     for f in range(_drawable(corners, projections, elements.shape[0], elements.shape[1], boxes, facet_depths)):
         k = boxes[f, 0]
@@ -282,11 +258,8 @@ def _log_ratios(
     peak: Any,
     behind_log_ratios: Any, log_ratios: Any,
 ) -> None:  # fmt: skip
-    projections, boxes, depths = (
-        np.empty(points.shape),
-        np.empty((len(facet_elements), 5), dtype=np.int64),
-        np.empty(len(facet_elements)),
-    )
+    size = len(facet_elements)
+    projections, boxes, depths = np.empty(points.shape), np.empty((size, 5), dtype=np.int64), np.empty(size)
     for i in range(first, last):
         _project_points(points, runs, rotations[i], positions[i], camera, projections)
         n_drawn = _drawable(corners, projections, behind_depths.shape[0], behind_depths.shape[1], boxes, depths)
@@ -320,6 +293,5 @@ def _pixel_log_ratios(
     for y in range(elements.shape[0]):
         for x in range(elements.shape[1]):
             if elements[y, x] >= 0 and unoccluded[y, x]:
-                log_ratios[y, x] = ratio[y, x] + np.log(
-                    _likelihood_ratio(elements[y, x], image[y, x], texture, sigma, peak)
-                )
+                likelihood_ratio = _likelihood_ratio(elements[y, x], image[y, x], texture, sigma, peak)
+                log_ratios[y, x] = ratio[y, x] + np.log(likelihood_ratio)

@@ -33,11 +33,8 @@ class SurfaceElements:
 
 @dataclass(frozen=True, eq=False)
 class ProjectedElements:
-    """Surface elements in one pose and camera.
-
-    points: (S, 3) in the world, m. facing: (S,) cosine of the angle between normal and line of sight. depth: (S,) m.
-    pixels: (S, 2).
-    """
+    """Surface elements in one pose and camera. points: (S, 3) in the world, m. facing: (S,) cosine of the angle between
+    normal and line of sight. depth: (S,) m. pixels: (S, 2)."""
 
     points: FloatArray
     facing: FloatArray
@@ -96,23 +93,17 @@ def inside(pixels: FloatArray, shape: tuple[int, int]) -> BoolArray:
 
 def visible_elements(elements: ProjectedElements, shape: tuple[int, int], min_facing_cosine: float) -> IntArray:
     """Return the elements in the image that face the camera, by more than `min_facing_cosine`, and that no other limb
-    hides.
-
-    Deviation from ray casting: the nearest depth is that in a square of COARSE_PX and its neighbours, and elements less
-    than THICK_M behind it are visible.
-    """
-    return np.asarray(
-        visible_elements_kernel(elements.pixels, elements.depth, elements.facing, shape[0], shape[1], min_facing_cosine)
-    )
+    hides. Deviation from ray casting: the nearest depth is that in a square of COARSE_PX and its neighbours, and
+    elements less than THICK_M behind it are visible."""
+    arrays = elements.pixels, elements.depth, elements.facing
+    return np.asarray(visible_elements_kernel(*arrays, shape[0], shape[1], min_facing_cosine))
 
 
 @dataclass(frozen=True, eq=False)
 class PointMotion:
     """Motion of body points with one pose of P numbers: a rotation about the axis a through o moves x by a × (x − o).
-
     axes, moments: (P, 3), a and a × o of every rotation. dof_mask: (J, P), 1 where a number moves the points on a
-    joint.
-    """
+    joint."""
 
     axes: FloatArray
     moments: FloatArray

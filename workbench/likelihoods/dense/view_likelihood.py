@@ -20,9 +20,7 @@ from workbench.utils.parallel import over_threads
 
 def interpolate(image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return values (K,) and gradients (K, 2), 1/px, of an image at pixels (K, 2), which are at least 2 px inside.
-
-    Values are bilinear; gradients are half the differences of the values one pixel to either side.
-    """
+    Values are bilinear; gradients are half the differences of the values one pixel to either side."""
     values, gradients = np.empty(len(pixels)), np.empty((len(pixels), 2))
     interpolate_rows(image, pixels, values, gradients)
     return values, gradients
@@ -55,12 +53,9 @@ CONTOUR_DISTANCES = (0.7, 1.6)
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of K points, in standard deviations.
-
-    values: (K,). gradients: (K, 2), their derivatives with respect to the point's pixel. points: (K, 3), m. joints:
-    (K,),
-    which carry the points. weights: (K,), 0 where nothing is known. loss_scale: of the robust loss.
-    """
+    """Residuals of K points, in standard deviations. values: (K,). gradients: (K, 2), their derivatives with respect to
+    the point's pixel. points: (K, 3), m. joints: (K,), which carry the points. weights: (K,), 0 where nothing is known.
+    loss_scale: of the robust loss."""
 
     values: FloatArray
     gradients: FloatArray
@@ -92,13 +87,9 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class ViewLikelihood:
-    """One camera's image and background.
-
-    pyramid, foreground: grey levels and foreground probability (0..1), by level of smoothing. background_known:
-    (height,
-    width), whether the background is known. unoccluded: (height, width), pixels without an occluder. log_ratio: of a
-    person of uniformly distributed grey level to the background.
-    """
+    """One camera's image and background. pyramid, foreground: grey levels and foreground probability (0..1), by level
+    of smoothing. background_known: (height, width), whether the background is known. unoccluded: (height, width),
+    pixels without an occluder. log_ratio: of a person of uniformly distributed grey level to the background."""
 
     camera: Camera
     pyramid: tuple[Float32Array, ...]
@@ -126,14 +117,9 @@ class ViewLikelihood:
         return camera, image, log_ratio, np.ascontiguousarray(self.unoccluded[::SUBSAMPLING, ::SUBSAMPLING])
 
     def texture_residuals(
-        self,
-        level: int,
-        elements: ProjectedElements,
-        visible: IntArray,
-        joints: IntArray,
-        means: FloatArray,
+        self, level: int, elements: ProjectedElements, visible: IntArray, joints: IntArray, means: FloatArray,
         sigma: FloatArray,
-    ) -> Residuals:
+    ) -> Residuals:  # fmt: skip
         """Return the residuals of grey levels at visible elements (K,) on joints (K,), given means (K,) and standard
         deviations (K,)."""
         values, gradients = interpolate(self.pyramid[level], elements.pixels[visible])

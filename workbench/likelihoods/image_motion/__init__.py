@@ -39,10 +39,8 @@ class ImageMotion:
         p_j = q p_image,j + (1−q) p_occluded,  q = cos α · (fraction of the points compared);  log p = Σ_j log p_j
 
     With background "static", b the fraction of the points compared, and m_0 the mean (or sum) of their squared changes
-    at
-    the same pixel, log p gains Σ_j b (log p_static(0) − log p_static(m_0)), where p_static is p_image at α = 0: the
-    ratio
-    of foreground to background.
+    at the same pixel, log p gains Σ_j b (log p_static(0) − log p_static(m_0)), where p_static is p_image at α = 0: the
+    ratio of foreground to background.
 
     Parameters
     ----------
@@ -53,14 +51,11 @@ class ImageMotion:
     reduction : "mean" (B eq. 5) or "sum" (A eq. 10, for which limbs saturate at ε/256).
     effective_pixels : k, which multiplies either; 1 in both papers.
     occlusion : "sample" tests every point against the other limbs' patches; "limb" is A's rule, which excludes a limb
-    that
-        a nearer one covers in part; "none" ignores occlusion.
+        that a nearer one covers in part; "none" ignores occlusion.
     background : "none", as in the paper, for which a limb at rest on a static background explains the images as well as
-    the
-        true moving limb; "static", for static cameras.
+        the true moving limb; "static", for static cameras.
     sampling : "regular": evenly spaced over the patch except its rim, where background is visible; "random": from the
-    whole
-        patch, as in A.
+        whole patch, as in A.
     taper : whether patches taper with the limb; False: A's cylinders, of the limbs' mean radii.
 
     Raises
@@ -70,11 +65,9 @@ class ImageMotion:
     Notes
     -----
     Deviations from A, section 5: all particles and limbs share the n points, in every frame, so that likelihoods differ
-    by
-    the pose, not by sampling noise; points are sampled from the patch, not from its pixels. α of a sphere is 0. Points
-    outside an image are excluded and reduce q, as hidden points do. Occlusion is tested in frame t only. Log
-    likelihoods of
-    the cameras present in both frames add up.
+    by the pose, not by sampling noise; points are sampled from the patch, not from its pixels. α of a sphere is 0.
+    Points outside an image are excluded and reduce q, as hidden points do. Occlusion is tested in frame t only. Log
+    likelihoods of the cameras present in both frames add up.
     """
 
     @staticmethod
@@ -97,9 +90,8 @@ class ImageMotion:
         check("image motion", self, sigma=POSITIVE, outlier_fraction=BELOW_1, n_samples=at_least(1))
         check("image motion", self, reduction=one_of(*get_args(kernel.Reduction)), effective_pixels=POSITIVE)
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
-        check(
-            "image motion", self, background=one_of(*get_args(kernel.Background)), sampling=one_of(*get_args(Sampling))
-        )
+        check("image motion", self, background=one_of(*get_args(kernel.Background)))
+        check("image motion", self, sampling=one_of(*get_args(Sampling)))
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -116,53 +108,33 @@ class ImageMotion:
     def model(self) -> kernel.LimbModel:
         """The parameters of the limbs' likelihood for the kernel."""
         constants = (
-            self.sigma,
-            self.outlier_fraction,
-            P_OCCLUDED,
-            self.reduction,
-            self.effective_pixels,
-            self.occlusion,
+            self.sigma, self.outlier_fraction, P_OCCLUDED, self.reduction, self.effective_pixels, self.occlusion,
             self.background,
-        )
+        )  # fmt: skip
         return kernel.LimbModel(*constants)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> "_MotionFrameLikelihood":
-        """Smooth and pack the images of a frame and the previous one.
-
-        Raises
-        ------
-        InputError : they have no camera in common or, for a static background, different image sizes, or an image's
-        size is not
-            its camera's.
-        """
+        """Smooth and pack the images of a frame and the previous one. Raises InputError if they have no camera in
+        common or, for a static background, different image sizes, or an image's size is not its camera's."""
         return self._prepare(None, previous, frame)
 
     def _prepare(
-        self, packed_previous: "_PackedFrame | None", previous: Frame | None, frame: Frame
-    ) -> "_MotionFrameLikelihood":
+        self, cached: "_PackedFrame | None", previous: Frame | None, frame: Frame
+    ) -> "_MotionFrameLikelihood":  # fmt: skip
         present = self._packed(frame)
         if previous is None:
             return _MotionFrameLikelihood(self, present, {}, ())
-        previous_views = (
-            packed_previous
-            if packed_previous is not None and packed_previous.frame is previous
-            else self._packed(previous)
-        )
-        pairs = {
-            name: (previous_views.views[name], view)
-            for name, view in present.views.items()
-            if name in previous_views.views
-        }
+        past = cached if cached is not None and cached.frame is previous else self._packed(previous)
+        pairs = {name: (past.views[name], view) for name, view in present.views.items() if name in past.views}
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
         for name, ((_, old), (_, new)) in pairs.items():
             if self.background == "static" and old.shape != new.shape:
                 raise InputError(f"image motion: background=static needs images of one size from camera {name}")
-        missing = sorted({*previous_views.views, *present.views} - set(pairs))
+        missing = sorted({*past.views, *present.views} - set(pairs))
         where = f"is missing in frame {previous.index} or {frame.index}"
-        return _MotionFrameLikelihood(
-            self, present, pairs, tuple(f"image motion: camera {name} {where}" for name in missing)
-        )
+        notes = tuple(f"image motion: camera {name} {where}" for name in missing)
+        return _MotionFrameLikelihood(self, present, pairs, notes)
 
     def _packed(self, frame: Frame) -> "_PackedFrame":
         images = ((view.camera, kernel.packed(grey_levels(view, BLUR_PX))) for view in frame.views)
@@ -182,10 +154,8 @@ class _PackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _MotionFrameLikelihood:
-    """The likelihood of a frame `present` by `ImageMotion`, the `cue`.
-
-    pairs: the previous and present images of every camera in both frames; none in the first frame of a run.
-    """
+    """The likelihood of a frame `present` by `ImageMotion`, the `cue`. pairs: the previous and present images of every
+    camera in both frames; none in the first frame of a run."""
 
     cue: ImageMotion
     present: _PackedFrame

@@ -120,26 +120,16 @@ def view_log_prob(
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
     numbers = (model.sigma, model.outlier_fraction, model.p_occluded, model.effective_pixels)
-    sigma, outlier_fraction, p_occluded, effective_pixels = map(
-        float, numbers
-    )  # integers would compile the kernel again
+    sigma, outlier_fraction, p_occluded, n_pixels = map(float, numbers)  # integers would compile the kernel again
+    mean, static = model.reduction == "mean", model.background == "static"
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
-        _Model(
-            sigma,
-            outlier_fraction,
-            p_occluded,
-            model.reduction == "mean",
-            effective_pixels,
-            occlusion,
-            model.background == "static",
-        ),
+        _Model(sigma, outlier_fraction, p_occluded, mean, n_pixels, occlusion, static),
         np.stack([previous.camera.row, present.camera.row]),
         *(previous.image.ravel(), np.ascontiguousarray(previous.poses)),
-        *(present.image.ravel(), np.ascontiguousarray(present.poses)),
-        *(log_prob, outside),
-    )
+        *(present.image.ravel(), np.ascontiguousarray(present.poses)), *(log_prob, outside),
+    )  # fmt: skip
     over_threads(lambda first, last: _run(first, last, *arguments), n, LANES)
     return log_prob, outside
 
@@ -226,15 +216,9 @@ def _run(
                     if present:
                         previous = previous_levels[limb, chunk * n : (chunk + LANES) * n] if distinct else gathered
                         tested |= _gather(
-                            previous_levels[limb],
-                            states[limb],
-                            lane_parents,
-                            starts,
-                            distinct,
-                            previous,
-                            flags,
+                            previous_levels[limb], states[limb], lane_parents, starts, distinct, previous, flags,
                             fully_inside,
-                        )
+                        )  # fmt: skip
                         _count_unflagged(flags, tested, inside)
                         if hiding:
                             tested |= flag_hidden(table, limb, samples, patches, covers, boxes, whole_limb, pair, flags)
@@ -346,22 +330,15 @@ def _store(patch: Any, flags: Any, tested: bool, fully_inside: Any, chunk: int, 
         for j in range(levels.shape[0]):
             levels[j] = levels[j] if flags[j] == 0 else np.float32(np.nan)
     for i in range(LANES):
-        states[chunk + i] = (
-            NO_PATCH if patch[i + COSINE] <= 0.0 else FULLY_INSIDE if fully_inside[i] else PARTLY_OUTSIDE
-        )
+        state = FULLY_INSIDE if fully_inside[i] else PARTLY_OUTSIDE
+        states[chunk + i] = NO_PATCH if patch[i + COSINE] <= 0.0 else state
 
 
 @inlined
 def _gather(
-    previous_levels: Any,
-    states: Any,
-    lane_parents: Any,
-    starts: Any,
-    distinct: bool,
-    levels: Any,
-    flags: Any,
+    previous_levels: Any, states: Any, lane_parents: Any, starts: Any, distinct: bool, levels: Any, flags: Any,
     patched: Any,
-) -> bool:
+) -> bool:  # fmt: skip
     """Write the stored grey levels of each lane's parent, flag those outside, and write whether the parent's limb has a
     patch. Return whether any is flagged. distinct: `levels` are the stored ones, as every lane has its own parent."""
     n, some = levels.shape[0] // LANES, 0
@@ -470,9 +447,8 @@ def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, v
             _multiply(model.p_occluded, i, sums)
             continue
         sums[2 * LANES + i] += n - inside[i]
-        scale = (
-            model.effective_pixels * GREY_STEP**2 / (2.0 * model.sigma**2) / (max(visible[i], 1) if model.mean else 1.0)
-        )
+        n_mean = max(visible[i], 1) if model.mean else 1.0
+        scale = model.effective_pixels * GREY_STEP**2 / (2.0 * model.sigma**2) / n_mean
         q, exponent = cos_alpha * visible[i] / n, scale * squares[i] * cos_alpha**2
         floor = q * flat + (1.0 - q) * model.p_occluded
         if floor > 0.0:

@@ -130,10 +130,8 @@ def _widen(patch: Any, covers: Any, box: Any) -> None:
 
 @inlined
 def flag_outside(patch: Any, samples: Any, width: float, height: float, flags: Any) -> None:
-    """Flag the points of a patch that are not between the centres of the image's pixels.
-
-    samples: (2, n), u and v. flags: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of excluded points.
-    """
+    """Flag the points of a patch that are not between the centres of the image's pixels. samples: (2, n), u and v.
+    flags: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of excluded points."""
     right, bottom = width - 1.0, height - 1.0
     for k in range(samples.shape[1]):
         u, v = samples[0, k], samples[1, k]
@@ -148,9 +146,7 @@ def flag_hidden(
     table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole_limb: bool, pair: Any, flags: Any
 ) -> bool:
     """Flag the points of a limb that other limbs hide, see `hidden_samples`; return whether any may be hidden.
-
-    whole_limb: the occlusion "limb", else "sample". pair: (PAIR,), overwritten. flags: as in `flag_outside`.
-    """
+    whole_limb: the occlusion "limb", else "sample". pair: (PAIR,), overwritten. flags: as in `flag_outside`."""
     any_near, span = False, _span(samples)
     for k in range(covers.shape[0]):
         margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
@@ -217,7 +213,7 @@ def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: 
 
 @inlined
 def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
-    """Return False if the other limb hides no point, because it is beside the limb or behind it in all lanes. Every
+    """Return False if the other limb hides no point, because it is next to the limb or behind it in all lanes. Every
     quantity is linear in u and in v, so that its extrema are at the corners of the points' range. A disc extends (√2 −
     1) half widths beyond its patch."""
     u0, u1, v0, v1 = span
