@@ -32,7 +32,7 @@ from workbench.utils.errors import InputError
 EXPERIMENTS = ("walk_straight",)
 READINGS = OURS
 
-PLACES = ("n_samples", "seed", "points", "taper", "occlusion")
+PLACES = ("n_samples", "seed", "sampling", "taper", "occlusion")
 """What of a recorded likelihood decides where its points are and which count."""
 STANDING = {
     "root_z": 0.95, "left_shoulder_abduction": 0.5, "right_shoulder_abduction": 0.5, "left_hip_abduction": 0.15,
@@ -52,7 +52,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
     (shot,) = pictures(run, [int(run.poses[0][row])])
     recorded: Mapping[str, Any] = run.settings.get("likelihood") or {}
     ours = ImageMotion(body, **{key: recorded[key] for key in PLACES if key in recorded})
-    cues = (ours, replace(ours, points="drawn", taper=False, occlusion="limb"))
+    cues = (ours, replace(ours, sampling="random", taper=False, occlusion="limb"))
     placements = [_placed(shot, _camera(run), cue, run.poses[1][row]) for cue in cues]
     counted = [f"{int(counts.sum())} of {counts.size}" for _, _, counts in placements]
     figure = canvas("Paper A, fig. 1: samples, body, and the points compared", 4.3, _caption(run, shot, ours, counted))
@@ -98,7 +98,7 @@ def _placed(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return patches' outlines (L, 4, 2) and points (L, n, 2), px, at a pose (P,), and which points are compared (L,
     n)."""
-    limbs, grey = cue.compared.limbs, np.zeros(shot.image.shape[:2], dtype=np.float32)
+    limbs, grey = cue.compared_body.limbs, np.zeros(shot.image.shape[:2], dtype=np.float32)
     patches = limb_patches(limbs, PosedView(camera, grey, forward(cue.body.skeleton, pose[None])))
     places = patches.positions(cue.samples)
     counts = inside_image(grey, places) & ~hidden_samples(limbs, patches, cue.samples, cue.occlusion)

@@ -33,9 +33,13 @@ CHOICES: Mapping[str, Choice] = {
     "images, weight of each cue": Choice(
         "walk_multi_cue", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06)
     ),
-    "image motion, k": Choice("coverage", "likelihood.k={0}", (1.0, 0.3, 0.1, 0.03)),
-    "keypoints, temper": Choice("walk_keypoints_synthetic", "likelihood.temper={0}", (1.0, 0.3, 0.1), FILTERED),
-    "points, shared_m": Choice("points_walk_steady", "likelihood.shared_m={0}", (0.0, 0.006, 0.012, 0.024)),
+    "image motion, effective_pixels": Choice("coverage", "likelihood.effective_pixels={0}", (1.0, 0.3, 0.1, 0.03)),
+    "keypoints, likelihood_power": Choice(
+        "walk_keypoints_synthetic", "likelihood.likelihood_power={0}", (1.0, 0.3, 0.1), FILTERED
+    ),
+    "points, common_bias_std_m": Choice(
+        "points_walk_steady", "likelihood.common_bias_std_m={0}", (0.0, 0.006, 0.012, 0.024)
+    ),
 }
 SCORES = {
     "log_score": ".2f",

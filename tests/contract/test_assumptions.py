@@ -23,7 +23,7 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
     [
         (["experiment=walk_straight", "dataset.motion=35_02"], set(), {"fixed_torso_orientation"}),
         (["experiment=walk_straight", "likelihood=product"], {"static_background"}, set()),
-        (["experiment=walk_straight", "likelihood.background=still"], {"static_camera"}, set()),
+        (["experiment=walk_straight", "likelihood.background=static"], {"static_camera"}, set()),
         (["experiment=walk_straight", "inference=fixed_lag", "prior=smooth"], set(), {"fixed_torso_orientation"}),
         (["experiment=walk_straight", "body=height", "body.height_m=1.7"], {"height"}, {"limb_lengths", "limb_radii"}),
         (

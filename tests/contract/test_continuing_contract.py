@@ -24,7 +24,7 @@ SCENE = (
 CUES = (
     "likelihood=product", "likelihood.weights.edges=0", "likelihood.weights.image_motion=0.5",
     "likelihood.weights.background=0.5", "likelihood.weights.appearance=0.5", "likelihood.weights.silhouette=0.5",
-    "likelihood.terms.silhouette.standing=true",
+    "likelihood.terms.silhouette.background_from_first_pose=true",
 )  # fmt: skip
 CONTINUE = (
     "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "reinitializing",
@@ -69,7 +69,7 @@ def assert_it_goes_on_with_the_same_bits(parts):
 @pytest.mark.parametrize("name", sorted(options("inference")))
 def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
     usual = (
-        ("prior=linear", "training.motions=builtin", "likelihood=alignment")
+        ("prior=linear", "training.motions=builtin", "likelihood=dense_alignment")
         if name == "iterated_ekf"
         else ("prior=ar_offsets",)
     )

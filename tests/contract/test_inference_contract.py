@@ -26,7 +26,7 @@ USUAL = {
         *SCENE[:-2],
         "prior=linear",
         "training.motions=builtin",
-        "likelihood=alignment",
+        "likelihood=dense_alignment",
     ),
 }
 """What the inferences run on that do not track images, or not with any prior."""

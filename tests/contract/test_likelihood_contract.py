@@ -56,15 +56,15 @@ def product():
 BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "uniform": Uniform,
     "image_motion": lambda: ImageMotion(BODY),
-    "image_motion, limbs hide": lambda: ImageMotion(BODY, occlusion="limb", exponent="sum"),
-    "image_motion, still": lambda: ImageMotion(BODY, background="still"),
+    "image_motion, limbs hide": lambda: ImageMotion(BODY, occlusion="limb", reduction="sum"),
+    "image_motion, still": lambda: ImageMotion(BODY, background="static"),
     "background": lambda: Background(BODY, walls()),
     "appearance": lambda: Appearance(BODY),
     "edges": edges,
     "silhouette": lambda: Silhouette(BODY, walls()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
-    "alignment": lambda: DenseAlignment(BODY, walls()),
+    "dense_alignment": lambda: DenseAlignment(BODY, walls()),
     "product": product,
 }
 
@@ -82,7 +82,7 @@ class Case:
         return self.likelihood.prepare(None, self.frames[0]).update(np.zeros(25))
 
 
-REMEMBER_THE_PERSON = ("alignment", "appearance", "silhouette", "product")
+REMEMBER_THE_PERSON = ("dense_alignment", "appearance", "silhouette", "product")
 
 
 @pytest.fixture(params=BUILDERS)
@@ -258,15 +258,15 @@ def test_camera_missing_in_one_frame_is_told():
 def test_images_of_two_sizes_are_compared_unless_the_background_is_still():
     rng = np.random.default_rng(0)
     (before, _), (_, now) = frames(rng, LEFT), frames(rng, LEFT.scaled(2.0))
-    with pytest.raises(InputError, match="background=still needs images of one size from camera left"):
-        ImageMotion(BODY, background="still").prepare(before, now)
+    with pytest.raises(InputError, match="background=static needs images of one size from camera left"):
+        ImageMotion(BODY, background="static").prepare(before, now)
     assert np.isfinite(ImageMotion(BODY).prepare(before, now).evaluate(poses(2), poses(2, 2)).log_prob).all()
 
 
 @pytest.mark.parametrize("make", [Background, Silhouette, DenseAlignment])
 def test_a_camera_that_the_clip_does_not_have_is_refused(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
-    with pytest.raises(InputError, match="camera another was not in the clip"):
+    with pytest.raises(InputError, match="camera another is not in the sequence"):
         make(BODY, walls()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
 
 

@@ -79,7 +79,7 @@ MAKERS = {
     "silhouette": lambda cache, **given: Silhouette(BODY, still_clip(), **given),
     "keypoints": lambda cache, **given: KeypointLikelihood(BODY, **given),
     "surface_points": lambda cache, **given: SurfacePoints(BODY, **given),
-    "alignment": lambda cache, **given: DenseAlignment(BODY, still_clip(), **given),
+    "dense_alignment": lambda cache, **given: DenseAlignment(BODY, still_clip(), **given),
 }
 OUT_OF_RANGE = """
 filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5
@@ -91,10 +91,14 @@ backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis blend_time_s=-1.0
 ar_offsets sigma=0.0 ar_coefficient=1.0
 kinematic_flips probability=0.0 proposal_fraction=1.0 | smooth damping=-1.0 | walking transition=C
 implicit search=linear prediction=guess leaf=nearest beta=0.0 blend_rate=1.5
-image_motion sigma=0 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving
-background k=0 epsilon=0 n_frames=2 n_samples=0 | appearance k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0 | edges k=0
-silhouette k=0 epsilon=1 n_frames=2 rim_px=-1 | keypoints sigma_px=0 temper=1.5 loss=cauchy scale=0
-surface_points sigma=0 epsilon=0 temper=1.5 loss=cauchy scale=0 kind=depth | alignment sigma=0 count=-1 n_frames=2
+image_motion sigma=0 outlier_fraction=1 n_samples=0 reduction=max effective_pixels=0 sampling=even
+image_motion occlusion=yes background=moving
+background effective_pixels=0 outlier_fraction=0 n_frames=2 n_samples=0 | edges effective_responses=0
+appearance effective_pixels=0 sigma=0 outlier_fraction=1 learning_rate=1.5 n_samples=0
+silhouette effective_pixels=0 outlier_fraction=1 n_frames=2 dilation_px=-1
+keypoints sigma_px=0 likelihood_power=1.5 loss=cauchy loss_scale=0
+surface_points sigma=0 outlier_fraction=0 likelihood_power=1.5 loss=cauchy loss_scale=0 residual=depth
+dense_alignment sigma=0 pixel_weight=-1 n_frames=2
 """
 RANGES = [
     (name, *text.split("="))

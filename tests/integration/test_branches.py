@@ -16,7 +16,7 @@ from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints, recorder
 
 SMALL = ("dataset.n_frames=3", "inference.n_particles=40", "dataset.width=80", "dataset.height=60")
-SMALL += ("dataset.person_px=40", "dataset.focal_px=90", "likelihood.k=0.7")
+SMALL += ("dataset.person_px=40", "dataset.focal_px=90", "likelihood.effective_pixels=0.7")
 
 
 def recorded(folder, cache, *overrides):

@@ -58,11 +58,11 @@ def test_the_shares_of_the_cues_are_recorded_frame_by_frame(run):
     code, told, folder = run("out", *SMALL, switched_off)
     assert code == 0, told
     recorded = read(folder / "run.rrd")
-    shares = np.array([recorded.metric(f"share_{cue}")[1] for cue in CUES])
+    shares = np.array([recorded.metric(f"variance_fraction_{cue}")[1] for cue in CUES])
     assert shares.shape == (3, 5)
     np.testing.assert_allclose(shares.sum(axis=0), [0.0, 1.0, 1.0, 1.0, 1.0], atol=1e-9)  # the first frame is given
     assert (np.abs(shares).mean(axis=1) > 0.01).all()  # every cue has its say
-    assert "share_edges" not in recorded.metric_names
+    assert "variance_fraction_edges" not in recorded.metric_names
 
     code, told, again = run("again", *SMALL, switched_off, "n_threads=1")
     assert code == 0, told

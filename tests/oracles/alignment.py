@@ -1,4 +1,4 @@
-"""The alignment's cells, outlines, scenes, layers and derivatives in NumPy, for `workbench.likelihoods.alignment`.
+"""The alignment's cells, outlines, scenes, layers and derivatives in NumPy, for `workbench.likelihoods.dense`.
 
 S cells or K points, P degrees of freedom, images (height, width). Frames are those of one pose, (1, J, ...).
 """
@@ -13,10 +13,16 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
 from workbench.core.residual import projection_jacobian
-from workbench.likelihoods.dense.background_model import BESIDE_PX, KEPT, LEAST_NOISE, BackgroundModel, grown
+from workbench.likelihoods.dense.background_model import DILATION_PX, MAX_FRAMES, MIN_NOISE, BackgroundModel, dilated
 from workbench.likelihoods.dense.kernels import COARSE_PX, THICK_M
-from workbench.likelihoods.dense.layer_rendering import ODD, Facets, Layer, LayerImage
-from workbench.likelihoods.dense.surface_elements import PLACES, Cells, Placed, PointMotion, inside
+from workbench.likelihoods.dense.layer_rendering import OUTLIER_FRACTION, Facets, Layer, LayerImage
+from workbench.likelihoods.dense.surface_elements import (
+    N_CONTOUR_POINTS,
+    PointMotion,
+    ProjectedElements,
+    SurfaceElements,
+    inside,
+)
 from workbench.likelihoods.dense.view_likelihood import Residuals
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
@@ -25,7 +31,7 @@ NEAREST_M, LARGEST_PX = 0.05, 200.0
 """The least depth and the largest extent of a facet that is drawn."""
 
 
-def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
+def project_elements(cells: SurfaceElements, frames: JointFrames, camera: Camera) -> ProjectedElements:
     """Place cells in a pose before a camera.
 
     Parameters
@@ -47,10 +53,10 @@ def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
     towards = camera.position - points
     facing = np.einsum("sij,sj,si->s", turned, cells.normals, towards) / np.linalg.norm(towards, axis=1)
     seen = camera.to_camera(points)
-    return Placed(points, facing, seen[:, 2], camera.pixels(seen, 1e-6))
+    return ProjectedElements(points, facing, seen[:, 2], camera.pixels(seen, 1e-6))
 
 
-def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntArray:
+def visible_elements(cells: ProjectedElements, shape: tuple[int, int], least_facing: float) -> IntArray:
     """List the cells in the image that face the camera and that no other limb hides.
 
     Parameters
@@ -118,7 +124,7 @@ def slopes(motion: PointMotion, points: FloatArray, forces: FloatArray, joints: 
     """
     found = np.cross(points, forces) @ motion.axes.T - forces @ motion.moments.T
     found[:, :3] = forces
-    return found * motion.moves[joints]
+    return found * motion.dof_mask[joints]
 
 
 def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[FloatArray, FloatArray]:
@@ -141,13 +147,13 @@ def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[F
         Its Gauss–Newton curvature.
     """
     forces = pixel_forces(camera, residuals.points, residuals.gradients)
-    weights = residuals.counts / (1.0 + (residuals.misses / residuals.bend) ** 2) ** 2
+    weights = residuals.weights / (1.0 + (residuals.values / residuals.loss_scale) ** 2) ** 2
     rows = slopes(motion, residuals.points, forces, residuals.joints)
     weighted = rows * weights[:, None]
-    return weighted.T @ residuals.misses, weighted.T @ rows
+    return weighted.T @ residuals.values, weighted.T @ rows
 
 
-def picture_at(picture: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+def picture_at(smoothed_image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Interpolate an image bilinearly, and differentiate it by half the differences of what is a pixel to either side.
 
     Parameters
@@ -165,12 +171,12 @@ def picture_at(picture: Float32Array, pixels: FloatArray) -> tuple[FloatArray, F
         Gradients, 1/px.
     """
     rows, columns = (pixels + STEPS).reshape(-1, 2).T[::-1]
-    found = map_coordinates(picture.astype(np.float64), (rows, columns), order=1)
+    found = map_coordinates(smoothed_image.astype(np.float64), (rows, columns), order=1)
     here, right, left, below, above = found.reshape(5, -1)
     return here, 0.5 * np.column_stack([right - left, below - above])
 
 
-def beside(
+def contour_samples(
     limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Place points at distances from the outlines of limbs, at their axes' depth.
@@ -220,17 +226,17 @@ def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) 
     (L, 2 PLACES, 3) array
         Unit directions outwards.
     """
-    u = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    u = ((np.arange(N_CONTOUR_POINTS) + 0.5) / N_CONTOUR_POINTS)[:, None]
     axis = starts[:, None] + (ends - starts)[:, None] * u
     side = _unit(np.cross((ends - starts)[:, None], eye - axis))
     low, high = limbs.mean_radii.T[:, :, None, None]
     radii = low + (high - low) * u
     edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
-    outwards[:, :PLACES], outwards[:, PLACES:] = side, -side
+    outwards[:, :N_CONTOUR_POINTS], outwards[:, N_CONTOUR_POINTS:] = side, -side
     balls = limbs.spheres
     sight = _unit(eye - starts[balls])
     across = _unit(np.cross(sight, [0.0, 0.0, 1.0]))
-    angle = np.pi * np.arange(2 * PLACES) / PLACES
+    angle = np.pi * np.arange(2 * N_CONTOUR_POINTS) / N_CONTOUR_POINTS
     around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
     outwards[balls] = around
     edges[balls] = starts[balls][:, None] + limbs.radii[balls, 0, 0][:, None, None] * around
@@ -241,7 +247,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
 
-def scene_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float) -> Float32Array:
+def background_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float) -> Float32Array:
     """Compute the log ratio of a person of any grey level to the scene.
 
     Parameters
@@ -258,9 +264,9 @@ def scene_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float)
     (height, width) array
         Log ratios, 0 where the scene is unknown.
     """
-    sigma = max(scene.noise, LEAST_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(scene.n, 1.0))
+    sigma = max(scene.noise, MIN_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(scene.n, 1.0))
     density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - scene.level) / sigma) ** 2)
-    return np.where(scene.known, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
+    return np.where(scene.observed, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
 
 
 def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) -> BackgroundModel:
@@ -280,14 +286,14 @@ def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) 
     BackgroundModel
         The scene with the image's part in its means.
     """
-    near = grown(covered, BESIDE_PX)
-    alike = np.abs(image - scene.level) < 4.0 * max(scene.noise, LEAST_NOISE)
-    shown = ~near & (~scene.known | (alike & (scene.n < KEPT)))
+    near = dilated(covered, DILATION_PX)
+    alike = np.abs(image - scene.level) < 4.0 * max(scene.noise, MIN_NOISE)
+    shown = ~near & (~scene.observed | (alike & (scene.n < MAX_FRAMES)))
     n = scene.n + shown
     return replace(scene, level=scene.level + shown * (image - scene.level) / np.maximum(n, 1.0), n=n)
 
 
-def drawn(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) -> Layer:
+def render_layer(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) -> Layer:
     """Draw facets among what is drawn already, pixel by pixel.
 
     Parameters
@@ -311,7 +317,7 @@ def drawn(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) ->
     points = camera.to_camera(np.einsum("kij,kj->ki", turned, facets.points) + origins)
     seen = points[facets.corners]
     y, x = np.mgrid[: cells.shape[0], : cells.shape[1]]
-    for corners, cell, z in zip(camera.pixels(seen, 1e-6), facets.cells, seen[..., 2], strict=True):
+    for corners, cell, z in zip(camera.pixels(seen, 1e-6), facets.elements, seen[..., 2], strict=True):
         following = np.roll(corners, -1, axis=0)
         size = np.ptp(corners, axis=0).max()
         area = (corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1]).sum()
@@ -339,8 +345,8 @@ def layer_log_ratio(layer: Layer, shown: LayerImage) -> float:
         Log ratio, summed over the pixels.
     """
     cells = layer[0]
-    there, known = shown.free & (cells >= 0), shown.free & (cells >= 0) & (shown.n[cells] > 0.0)
+    there, known = shown.unoccluded & (cells >= 0), shown.unoccluded & (cells >= 0) & (shown.n[cells] > 0.0)
     sigma = shown.sigma * np.sqrt(1.0 + 1.0 / shown.n[cells[known]])
     misses = (shown.image[known] - shown.texture[cells[known]]) / sigma
     density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * misses**2)
-    return float(shown.ratio[there].sum() + np.log(ODD + (1.0 - ODD) * density).sum())
+    return float(shown.ratio[there].sum() + np.log(OUTLIER_FRACTION + (1.0 - OUTLIER_FRACTION) * density).sum())

@@ -3,13 +3,13 @@
 import cv2
 import numpy as np
 
-from workbench.likelihoods.cues.edge_filters import POINTS, RIDGE_SCALES_PX, Filtered, Smoothed, responses
+from workbench.likelihoods.cues.edge_filters import POINTS, RIDGE_SCALES_PX, FilteredBox, SmoothedBox, responses
 from workbench.likelihoods.cues.edges import BINS, EDGE_RANGE, RIDGE_RANGE
 from workbench.likelihoods.cues.limb_points import LimbPoints
 from workbench.utils.arrays import AnyArray, Float32Array, FloatArray, IntArray
 
 
-def filtered(images: Smoothed) -> Filtered:
+def filtered(images: SmoothedBox) -> FilteredBox:
     """Differentiate a smoothed image (height, width) by OpenCV.
 
     Parameters
@@ -30,7 +30,7 @@ def filtered(images: Smoothed) -> Filtered:
         dx, dy = _derivative(coarse, 1, 0), _derivative(coarse, 0, 1)
         curvature = np.stack([_derivative(dx, 1, 0), _derivative(dx, 0, 1), _derivative(dy, 0, 1)], axis=-1)
         ridges.append(scale**2 * curvature / contrast)
-    return Filtered(gradient, np.stack(ridges))
+    return FilteredBox(gradient, np.stack(ridges))
 
 
 def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
@@ -38,7 +38,7 @@ def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
     return np.asarray(cv2.Sobel(image, cv2.CV_32F, x, y, ksize=1, scale=0.5), dtype=np.float32)
 
 
-def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
+def response_log_ratio(images: FilteredBox, points: LimbPoints, table: Float32Array) -> FloatArray:
     """Sum the log ratios of all filter responses of each limb, over the number of its points.
 
     Parameters

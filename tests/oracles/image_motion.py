@@ -99,7 +99,7 @@ def view_log_prob(
     residuals = bilinear(now.image, points_now) - bilinear(before.image, points_before)
     compared_part = n_compared / len(samples)
     log_p = _limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_part, model)
-    if model.background == "still":
+    if model.background == "static":
         changes = bilinear(now.image, points_now) - bilinear(before.image, points_now)
         changes = np.where(inside_image(before.image, points_now), changes, 0.0)
         log_p -= compared_part * _still_log_ratio(_exponent(changes, compared, model), model)
@@ -108,8 +108,8 @@ def view_log_prob(
 
 def _exponent(residuals: FloatArray, compared: BoolArray, model: LimbModel) -> FloatArray:
     """Return k times the sum or the mean, (N, L), of the squared residuals (N, L, n) of the points compared."""
-    exponent: FloatArray = model.k * (np.where(compared, residuals, 0.0) ** 2).sum(axis=-1)
-    return exponent / np.maximum(compared.sum(axis=-1), 1) if model.exponent == "mean" else exponent
+    exponent: FloatArray = model.effective_pixels * (np.where(compared, residuals, 0.0) ** 2).sum(axis=-1)
+    return exponent / np.maximum(compared.sum(axis=-1), 1) if model.reduction == "mean" else exponent
 
 
 def _still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
@@ -127,9 +127,9 @@ def _still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
     (N, L) array
         Log ratios, at most 0.
     """
-    peak = np.log((1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma))
+    peak = np.log((1.0 - model.outlier_fraction) / (np.sqrt(2.0 * np.pi) * model.sigma))
     with np.errstate(divide="ignore"):
-        flat = np.log(model.epsilon / 256.0)
+        flat = np.log(model.outlier_fraction / 256.0)
     return np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
 
 
@@ -155,8 +155,10 @@ def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatAr
     q = np.asarray(visible)
     with np.errstate(divide="ignore"):
         sigma = model.sigma / np.where(q > 0.0, cos_alpha, 1.0)
-        gaussian = np.log(q * (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * sigma)) - exponent / (2.0 * sigma**2)
-        flat = np.log(q * model.epsilon / 256.0 + (1.0 - q) * model.p_occluded)
+        gaussian = np.log(q * (1.0 - model.outlier_fraction) / (np.sqrt(2.0 * np.pi) * sigma)) - exponent / (
+            2.0 * sigma**2
+        )
+        flat = np.log(q * model.outlier_fraction / 256.0 + (1.0 - q) * model.p_occluded)
     return np.logaddexp(gaussian, flat)
 
 

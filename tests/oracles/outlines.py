@@ -6,7 +6,9 @@ from workbench.likelihoods.cues.outlines import OUTWARDS
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 
 
-def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
+def outline_sums(
+    image: Float32Array, corners: Float32Array, spheres: BoolArray, dilation_px: float = 0.0
+) -> FloatArray:
     """Sum an image over the union of L outlines; pixels count by the part of their row that is covered.
 
     Parameters
@@ -17,7 +19,7 @@ def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray,
         Corners, px, once around as `cues.outlines.CORNERS`; all alike for a limb that is not seen.
     spheres : (L,) array
         Outlines that are the circle through their corners.
-    rim_px : float
+    dilation_px : float
         By which outlines are wider on all sides.
 
     Returns
@@ -30,7 +32,7 @@ def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray,
     sums = np.zeros(len(corners))
     for i, outlines in enumerate(corners.astype(np.float64)):
         for y in range(height):
-            found = (_span(one, bool(spheres[k]), rim_px, float(y)) for k, one in enumerate(outlines))
+            found = (_span(one, bool(spheres[k]), dilation_px, float(y)) for k, one in enumerate(outlines))
             spans = sorted(span for span in found if span)
             end = -np.inf
             for left, right in spans:
@@ -40,17 +42,17 @@ def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray,
     return sums
 
 
-def _span(corners: FloatArray, sphere: bool, rim_px: float, y: float) -> tuple[float, float] | None:
+def _span(corners: FloatArray, sphere: bool, dilation_px: float, y: float) -> tuple[float, float] | None:
     """Find where the row at height y, px, meets an outline (4, 2), px: from left to right, px, or None."""
     axes = OUTWARDS.T @ corners  # along the limb and across it
     lengths = np.linalg.norm(axes, axis=1)
     if not lengths.min() > 0.0:
         return None
     if sphere:
-        centre, radius = corners.mean(axis=0), float(np.linalg.norm(corners[2] - corners[0])) / 2.0 + rim_px
+        centre, radius = corners.mean(axis=0), float(np.linalg.norm(corners[2] - corners[0])) / 2.0 + dilation_px
         half = radius**2 - (y - centre[1]) ** 2
         return (centre[0] - np.sqrt(half), centre[0] + np.sqrt(half)) if half > 0.0 else None
-    corners = corners + rim_px * OUTWARDS @ (axes / lengths[:, None])
+    corners = corners + dilation_px * OUTWARDS @ (axes / lengths[:, None])
     met = []
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if min(y0, y1) <= y < max(y0, y1):

@@ -7,7 +7,7 @@ import pytest
 from workbench.body.camera import load_cameras
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.video import Video
-from workbench.likelihoods.cues.image_levels import log_ratio, still_scenes
+from workbench.likelihoods.cues.image_levels import log_ratio, static_backgrounds
 from workbench.recording.write import images
 
 
@@ -16,7 +16,7 @@ def test_the_woman_is_foreground_and_the_rest_is_not(data):
     folder = data / "sports2d_walk"
     files = {"eval_annotations": str(folder / "keypoints.csv"), "first_frame": 64, "n_frames": 97, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
-    scenes = still_scenes(FrameCache(video), 60, 0.7)
+    scenes = static_backgrounds(FrameCache(video), 60, 0.7)
     shares = []
     for frame in video.frames():
         if frame.truth is None:

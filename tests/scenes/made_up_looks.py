@@ -8,7 +8,7 @@ from workbench.body.skeleton import JOINT_NAMES
 class MadeUpLook:
     """A likelihood and its look at once, the same in every frame; what is not asked in a test raises."""
 
-    levels, informative, notes, diagnostics = 2, True, (), {}
+    n_levels, informative, notes, diagnostics = 2, True, (), {}
 
     def prepare(self, previous, frame):
         return self
@@ -16,10 +16,10 @@ class MadeUpLook:
     def update(self, expected_pose):
         return self
 
-    def misfit(self, pose):
+    def mean_loss(self, pose):
         return np.zeros(len(JOINT_NAMES))
 
     def evaluate(self, previous_pose, pose):
         raise AssertionError
 
-    slope = evaluate
+    derivatives = evaluate

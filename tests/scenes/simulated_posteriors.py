@@ -27,7 +27,7 @@ from workbench.priors.smooth import Smooth
 
 RATE_HZ = 30.0
 SIGMA_PX = 4.0
-STUDENT = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, temper=1.0)
+STUDENT = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, likelihood_power=1.0)
 """Not tempered: to the power of 0.3 Student's distribution cannot be normalised, and nothing could be drawn from it."""
 NORMAL = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, loss="squared")
 """Least squares then takes errors for normal."""

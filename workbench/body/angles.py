@@ -1,4 +1,4 @@
-"""Angles of poses: whole turns, which change the numbers but not the pose, left and right, and flexions."""
+"""Angles of poses: unwrapping, left–right swaps and mirror images, and flexions."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,66 +10,66 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.kernel_cache import kernel
 
 N_POSITION = 3
-"""Numbers of a pose that are lengths, which come first; all others are angles."""
-_OTHER = {"left": "right", "right": "left"}
-_SOURCES = np.array(
+"""Number of lengths of a pose, which precede the angles."""
+_OPPOSITE = {"left": "right", "right": "left"}
+_MIRRORED_INDEX = np.array(
     [
-        POSE_NAMES.index(f"{_OTHER[side]}_{angle}") if side in _OTHER else i
+        POSE_NAMES.index(f"{_OPPOSITE[side]}_{angle}") if side in _OPPOSITE else i
         for i, (side, _, angle) in enumerate(name.partition("_") for name in POSE_NAMES)
     ]
 )
-_ACROSS = ("root_y", "root_heading", "root_roll", "neck_turn", "neck_tilt")
-_SIGNS = np.where(np.isin(POSE_NAMES, _ACROSS), -1.0, 1.0)
+_ANTISYMMETRIC = ("root_y", "root_heading", "root_roll", "neck_turn", "neck_tilt")
+_MIRROR_SIGNS = np.where(np.isin(POSE_NAMES, _ANTISYMMETRIC), -1.0, 1.0)
 FLEXIONS: Mapping[str, Mapping[str, float]] = {
     "left_hip": {"left_hip_flexion": 1.0, "UpperLeg_L_y": -1.0, "lfemur_y": -1.0},
     "right_hip": {"right_hip_flexion": 1.0, "UpperLeg_R_y": -1.0, "rfemur_y": -1.0},
     "left_knee": {"left_knee_flexion": 1.0, "LowerLeg_L_y": 1.0, "ltibia_y": 1.0},
     "right_knee": {"right_knee_flexion": 1.0, "LowerLeg_R_y": 1.0, "rtibia_y": 1.0},
 }
-"""The degree of freedom, and its sign, in the person's skeleton and in the full ones of Bandai's and CMU's files; by
-these flexions paper D compares a fit with the truth (figs. 5 to 9)."""
+"""The degree of freedom of each flexion, and its sign, in the person's skeleton and in the full ones of Bandai's and
+CMU's files; paper D compares fits with the truth by these (figs. 5 to 9)."""
 
 
-def nearest_turn(poses: FloatArray, reference: FloatArray) -> FloatArray:
-    """Move every angle of poses (P,) or (N, P) by whole turns to within half a turn of that of `reference` (P,)."""
-    middle = reference[N_POSITION:]
-    if not _far(np.atleast_2d(poses), reference).any():
-        return poses  # as nearly always, and told faster
-    turns = np.rint((poses[..., N_POSITION:] - middle) / (2.0 * np.pi))
-    moved = poses.copy()
-    moved[..., N_POSITION:] -= 2.0 * np.pi * turns
-    return moved
+def unwrap_near(poses: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return poses (P,) or (N, P) with whole turns added to angles, within half a turn of `reference` (P,)."""
+    center = reference[N_POSITION:]
+    if not _count_wrapped(np.atleast_2d(poses), reference).any():
+        return poses  # the usual case, and a fast test
+    turns = np.rint((poses[..., N_POSITION:] - center) / (2.0 * np.pi))
+    unwrapped = poses.copy()
+    unwrapped[..., N_POSITION:] -= 2.0 * np.pi * turns
+    return unwrapped
 
 
 @kernel()
-def _far(poses: Any, reference: Any) -> Any:
-    """Count the poses (N, P) of which a number (P,) is an angle that is not within half a turn of the reference's.
-    NumPy's maximum over so many short rows takes ten times as long."""
-    far = np.zeros(reference.shape[0])
+def _count_wrapped(poses: Any, reference: Any) -> Any:
+    """Return, for each number (P,), how many poses (N, P) have an angle farther than half a turn from the reference's.
+    Ten times as fast as NumPy's maximum over short rows."""
+    count = np.zeros(reference.shape[0])
     for i in range(poses.shape[0]):
         for p in range(N_POSITION, reference.shape[0]):
-            far[p] += 0.0 if abs(poses[i, p] - reference[p]) <= np.pi else 1.0
-    return far
+            count[p] += 0.0 if abs(poses[i, p] - reference[p]) <= np.pi else 1.0
+    return count
 
 
 def wrapped(angles: FloatArray) -> FloatArray:
-    """Take whole turns off angles, rad, of any shape: they come to lie in [−π, π)."""
+    """Return angles, rad, of any shape, wrapped to [−π, π)."""
     return (angles + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def exchanged(poses: FloatArray) -> FloatArray:
-    """Exchange the joint angles of left and right in poses (..., P), the root staying where it is; any other number of
-    parameters than a person's 25 stays as it is."""
-    return poses[..., _SOURCES] if poses.shape[-1] == len(POSE_NAMES) else poses
+def swap_left_right(poses: FloatArray) -> FloatArray:
+    """Return poses (..., P) with the joint angles of left and right swapped and the root unchanged; unchanged if P is
+    not a person's 25."""
+    return poses[..., _MIRRORED_INDEX] if poses.shape[-1] == len(POSE_NAMES) else poses
 
 
 def mirror_image(poses: FloatArray) -> FloatArray:
-    """Return a person's poses (..., 25) as a mirror in the world's plane y = 0 shows them."""
-    return np.asarray(_SIGNS * poses[..., _SOURCES])
+    """Return the mirror image of a person's poses (..., 25) in the world's plane y = 0."""
+    return np.asarray(_MIRROR_SIGNS * poses[..., _MIRRORED_INDEX])
 
 
 def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
-    """Degrees, from −180 to 180, of those flexions of hips and knees that a skeleton has, in a pose (P,)."""
+    """Return those flexions of hips and knees that a skeleton has, degrees, −180 to 180, in a pose (P,)."""
     return {
         name: wrapped_deg(sign * float(np.degrees(pose[skeleton.dof(dof)])))
         for name, signs in FLEXIONS.items()
@@ -79,5 +79,5 @@ def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
 
 
 def wrapped_deg(angle: float) -> float:
-    """Wrap an angle, degrees, into −180 to 180."""
+    """Return an angle, degrees, wrapped to −180 to 180."""
     return (angle + 180.0) % 360.0 - 180.0

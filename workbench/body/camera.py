@@ -16,7 +16,7 @@ from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, che
 @dataclass(frozen=True, eq=False)
 class Camera:
     """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
-    p2, k3. rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t."""
+    p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t."""
 
     name: str
     width: int
@@ -33,46 +33,47 @@ class Camera:
 
     @cached_property
     def row(self) -> FloatArray:
-        """What kernels take, (23,): rotation, translation, focal lengths and centre, px, distortion, width, height."""
+        """The camera's parameters for kernels, (23,): rotation, translation, focal lengths and centre, px, distortion,
+        width, height."""
         size = [float(self.width), float(self.height)]
         focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
         return np.concatenate([self.rotation.ravel(), self.translation, focal, centre, self.distortion, size])
 
     def to_camera(self, points: FloatArray) -> FloatArray:
-        """World points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
+        """Return world points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
         return points @ self.rotation.T + self.translation
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Pixels (..., 2) of world points (..., 3), (0, 0) being the centre of the top left one; NaN behind the
+        """Return pixels (..., 2) of world points (..., 3), (0, 0) being the centre of the top left one; NaN behind the
         camera's plane."""
         return self.pixels(self.to_camera(points), 1e-6)
 
-    def pixels(self, seen: FloatArray, least_depth: float) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in the camera's frame by OpenCV's radial and tangential distortion; NaN up
-        to a depth, m."""
-        depth = np.where(seen[..., 2] > least_depth, seen[..., 2], np.nan)
-        (k1, k2, p1, p2, k3), x, y = self.distortion, seen[..., 0] / depth, seen[..., 1] / depth
+    def pixels(self, camera_points: FloatArray, min_depth: float) -> FloatArray:
+        """Return pixels (..., 2) of points (..., 3) in the camera's frame, with OpenCV's radial and tangential
+        distortion; NaN up to a depth, m."""
+        depth = np.where(camera_points[..., 2] > min_depth, camera_points[..., 2], np.nan)
+        (k1, k2, p1, p2, k3), x, y = self.distortion, camera_points[..., 0] / depth, camera_points[..., 1] / depth
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        return np.stack([bent_x, bent_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
+        distorted_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        distorted_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.stack([distorted_x, distorted_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
 
     def undistorted(self, pixels: FloatArray) -> FloatArray:
-        """Return x/z, y/z (..., 2) in the camera's frame of pixels (..., 2), NaN where these are."""
-        places, known = np.full(pixels.shape, np.nan), np.asarray(np.isfinite(pixels).all(axis=-1), bool)
-        if known.any():
-            flat = np.ascontiguousarray(pixels[known][:, None])
-            places[known] = cv2.undistortPoints(flat, self.matrix, self.distortion)[:, 0]
-        return places
+        """Return x/z, y/z (..., 2) in the camera's frame of pixels (..., 2); NaN at NaN."""
+        normalized, finite = np.full(pixels.shape, np.nan), np.asarray(np.isfinite(pixels).all(axis=-1), bool)
+        if finite.any():
+            finite_pixels = np.ascontiguousarray(pixels[finite][:, None])
+            normalized[finite] = cv2.undistortPoints(finite_pixels, self.matrix, self.distortion)[:, 0]
+        return normalized
 
-    def directions(self, places: FloatArray) -> FloatArray:
-        """Return unit directions (..., 3) in the world of the rays to places (..., 2), x/z and y/z."""
-        ahead = np.concatenate([places, np.ones((*places.shape[:-1], 1))], axis=-1) @ self.rotation
-        return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    def directions(self, normalized: FloatArray) -> FloatArray:
+        """Return unit directions (..., 3) in the world of the rays through x/z, y/z (..., 2)."""
+        directions = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ self.rotation
+        return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
     def scaled(self, factor: float) -> "Camera":
-        """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
+        """Return the camera of the image resized by `factor` (pixel centres stay aligned, as in cv2.resize)."""
         matrix = self.matrix.copy()
         matrix[:2, :2] *= factor
         matrix[:2, 2] = (self.matrix[:2, 2] + 0.5) * factor - 0.5
@@ -83,12 +84,12 @@ class Camera:
 def plain_camera(
     width: int, height: int, focal_px: float, position: Triple, look_at: Triple, name: str = "camera"
 ) -> Camera:
-    """Return an undistorted camera at `position` that looks at a point, both in the world (m), its z up; raises
-    InputError when the points coincide or one lies straight above the other."""
+    """Return an undistorted camera at `position`, directed at the point `look_at`, both in the world (m), with z up;
+    raises InputError if these coincide or are one above the other."""
     forward = np.subtract(look_at, position).astype(np.float64)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-9:
-        raise InputError(f"camera: cannot look from {tuple(position)} to {tuple(look_at)} with the world's z up")
+        raise InputError(f"camera: position {tuple(position)} is at, above or below look_at {tuple(look_at)}")
     forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
@@ -97,26 +98,25 @@ def plain_camera(
 
 
 def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
-    """Return the points (..., 3), m, nearest in the mean square to V rays of unit directions (V, ..., 3), NaN for none.
-
-    origins: (V, 3), m. Points are NaN where fewer than two rays are given or these are parallel.
-    """
-    known = np.asarray(np.isfinite(rays).all(axis=-1), bool)
-    across = np.where(known[..., None, None], np.eye(3) - rays[..., :, None] * rays[..., None, :], 0.0)
-    normal, right = np.zeros(across.shape[1:]), np.zeros(across.shape[1:-1])
-    for each, origin in zip(across, origins, strict=True):
-        normal += each
-        right += each @ origin
-    points = np.full(right.shape, np.nan)
-    meet = (known.sum(axis=0) > 1) & (np.abs(np.linalg.det(normal)) > 1e-9)
-    points[meet] = np.linalg.solve(normal[meet], right[meet, :, None])[..., 0]
+    """Return the points (..., 3), m, with least mean squared distance to V rays of unit directions (V, ..., 3).
+    origins: (V, 3), m. A ray of NaN is absent. Points are NaN where fewer than two rays are present, or all are
+    parallel."""
+    finite = np.asarray(np.isfinite(rays).all(axis=-1), bool)
+    projections = np.where(finite[..., None, None], np.eye(3) - rays[..., :, None] * rays[..., None, :], 0.0)
+    normal, moments = np.zeros(projections.shape[1:]), np.zeros(projections.shape[1:-1])
+    for projection, origin in zip(projections, origins, strict=True):
+        normal += projection
+        moments += projection @ origin
+    points = np.full(moments.shape, np.nan)
+    solvable = (finite.sum(axis=0) > 1) & (np.abs(np.linalg.det(normal)) > 1e-9)
+    points[solvable] = np.linalg.solve(normal[solvable], moments[solvable, :, None])[..., 0]
     return points
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file. Each table but [metadata]
-    holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation (m). Raises
-    InputError when the file is missing, is not TOML or a camera is incomplete."""
+    """Read the cameras of a TOML file in the format of Pose2Sim and Sports2D, in the order of the file. Each table
+    except [metadata] has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation
+    (m). Raises InputError if the file is missing, is not TOML, or a camera is incomplete."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
@@ -136,14 +136,14 @@ def _camera(path: Path, key: str, table: object) -> Camera:
         raise InputError(f"{path}: expected a table [{key}] for a camera, found {table!r}")
 
     def numbers(name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
         try:
             values = np.array(table[name], dtype=np.float64)
         except KeyError:
-            raise InputError(f"{path}: camera [{key}] lacks {name!r}") from None
+            raise InputError(f"{path}: camera [{key}] has no {name!r}; expected {expected} numbers") from None
         except (TypeError, ValueError, OverflowError):
             values = np.empty(0)
         if values.shape not in shapes or not np.isfinite(values).all():
-            expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
             raise InputError(f"{path}: camera [{key}]: {name!r} must hold {expected} numbers, found {table[name]!r}")
         return values
 

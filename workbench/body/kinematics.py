@@ -1,4 +1,4 @@
-"""Forward kinematics of batches of poses, and its derivative."""
+"""Forward kinematics of batches of poses, and its derivatives."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,7 @@ from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import parallel_for
 
-_TOGETHER = 256  # poses at least that one thread takes
+_MIN_POSES = 256  # minimum poses per thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,27 +22,27 @@ class JointFrames:
 
 
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """Return the world frames of every joint in poses (N, P), rad and m, on as many threads as numba is set to:
-    T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
-    poses = _checked(skeleton, poses)
+    """Return the world frames of every joint in poses (N, P), rad and m, on numba's number of threads: T_world_joint =
+    T_world_parent [R, offset] (paper A, section 3)."""
+    poses = _as_poses(skeleton, poses)
     size = (len(poses), len(skeleton.names), 3)
     rotations, positions = np.empty((*size, 3)), np.empty(size)
     rows = (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes)
 
-    def turn(first: int, last: int) -> None:
+    def run(first: int, last: int) -> None:
         _forward(poses[first:last], *rows, rotations[first:last], positions[first:last])
 
-    parallel_for(turn, len(poses), _TOGETHER)
+    parallel_for(run, len(poses), _MIN_POSES)
     return JointFrames(rotations, positions)
 
 
 def joints(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
-    """Joint positions in the world, (N, J, 3) m, of poses (N, P)."""
+    """Return joint positions in the world, (N, J, 3) m, of poses (N, P)."""
     return forward(skeleton, poses).positions
 
 
 def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
-    """Rotations (N, 3, 3) by angles (N,), rad, about one unit axis (3,): Rodrigues' formula."""
+    """Return rotations (N, 3, 3) by angles (N,), rad, about one unit axis (3,), by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
@@ -50,9 +50,9 @@ def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
-    """Differentiate the joint positions by the pose, (N, J, 3, P), m/rad (1 for the translations): a turn about the
-    world axis w through the point o moves a joint x below it by w × (x − o)."""
-    poses = _checked(skeleton, poses)
+    """Return the derivatives of joint positions with respect to the pose, (N, J, 3, P), m/rad (1 for the translations):
+    a rotation about the world axis w through the point o moves a joint x below it by w × (x − o)."""
+    poses = _as_poses(skeleton, poses)
     frames = forward(skeleton, poses)
     arms = frames.positions[:, :, None] - frames.positions[:, None, skeleton.dof_joints]  # (N, J, P, 3)
     below = descendants(skeleton)[skeleton.dof_joints].T[..., None]
@@ -62,30 +62,31 @@ def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
 
 
 def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
-    """Differentiate joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G); (T, J, 3, G)."""
+    """Return the derivatives (T, J, 3, G) of joints in poses (T, P) with respect to G lengths, which change the offsets
+    by by_length (J, 3, G)."""
     frames = forward(skeleton, poses)
-    own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
+    moved = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
-    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
+    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), moved)
 
 
 def world_axes(skeleton: Skeleton, poses: FloatArray, frames: JointFrames) -> FloatArray:
-    """The world direction (N, P, 3) of every degree of freedom's axis in poses (N, P)."""
+    """Return the world direction (N, P, 3) of every degree of freedom's axis in poses (N, P)."""
     axes = np.empty((*poses.shape, 3))
     axes[:, :3] = skeleton.dof_axes[:3]
-    turned: dict[int, FloatArray] = {}  # by the degrees of freedom of a joint that came before, which turn the later
+    rotated: dict[int, FloatArray] = {}  # by joint: rotation by its previous degrees of freedom
     for p in range(3, poses.shape[1]):
         joint = int(skeleton.dof_joints[p])
         parent = skeleton.parents[joint]
-        before = frames.rotations[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(poses), 3, 3))
-        before = turned.get(joint, before)
-        axes[:, p] = before @ skeleton.dof_axes[p]
-        turned[joint] = before @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
+        rotation = frames.rotations[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+        rotation = rotated.get(joint, rotation)
+        axes[:, p] = rotation @ skeleton.dof_axes[p]
+        rotated[joint] = rotation @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
     return axes
 
 
 def descendants(skeleton: Skeleton) -> BoolArray:
-    """(J, J) bool: [a, b] is true when joint b hangs below joint a (a itself does not)."""
+    """Return a mask (J, J): [a, b] is true if joint b is below joint a (a itself is not)."""
     below = np.zeros((len(skeleton.names),) * 2, dtype=bool)
     for j, parent in enumerate(skeleton.parents):
         if parent >= 0:
@@ -94,7 +95,7 @@ def descendants(skeleton: Skeleton) -> BoolArray:
     return below
 
 
-def _checked(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
+def _as_poses(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     poses = np.ascontiguousarray(poses, dtype=np.float64)
     if poses.ndim != 2 or poses.shape[1] != len(skeleton.dof_names):
         raise ValueError(f"poses must be (N, {len(skeleton.dof_names)}), found {poses.shape}")
@@ -106,7 +107,7 @@ def _forward(
     poses: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, rotations: Any, positions: Any
 ) -> None:
     n_poses, n_dofs = poses.shape
-    turn = np.empty((3, 3))
+    rotation = np.empty((3, 3))
     for n in range(n_poses):
         p = 3
         for j in range(parents.shape[0]):
@@ -118,19 +119,19 @@ def _forward(
                     for b in range(3):
                         frame[a, b] = 1.0 if a == b else 0.0
             else:
-                above = rotations[n, parent]
+                parent_frame = rotations[n, parent]
                 for a in range(3):
-                    place = positions[n, parent, a]
+                    coordinate = positions[n, parent, a]
                     for b in range(3):
-                        place += above[a, b] * offsets[j, b]
-                        frame[a, b] = above[a, b]
-                    positions[n, j, a] = place
+                        coordinate += parent_frame[a, b] * offsets[j, b]
+                        frame[a, b] = parent_frame[a, b]
+                    positions[n, j, a] = coordinate
             while p < n_dofs and dof_joints[p] == j:
-                _axis_rotation(dof_axes[p], poses[n, p], turn)
+                _axis_rotation(dof_axes[p], poses[n, p], rotation)
                 for a in range(3):
                     r0, r1, r2 = frame[a, 0], frame[a, 1], frame[a, 2]
                     for b in range(3):
-                        frame[a, b] = r0 * turn[0, b] + r1 * turn[1, b] + r2 * turn[2, b]
+                        frame[a, b] = r0 * rotation[0, b] + r1 * rotation[1, b] + r2 * rotation[2, b]
                 p += 1
 
 

@@ -1,4 +1,4 @@
-"""The body's geometry: truncated cones and spheres hung on the skeleton's joints (paper A, section 3)."""
+"""The body's geometry: truncated cones and spheres on the skeleton's joints (paper A, section 3)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,22 +14,24 @@ from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 FOOT_LENGTH, FOOT_BREADTH = 0.152, 0.055
-"""Of a foot, in its owner's heights (Drillis & Contini 1966, in Winter, *Biomechanics and Motor Control of Human
+"""Of a foot, as fractions of the height (Drillis & Contini 1966, in Winter, *Biomechanics and Motor Control of Human
 Movement*, 4th ed. 2009, fig. 4.1)."""
 _HEEL_BEHIND, _HEEL_BREADTH, _TOES_HEIGHT = 0.035, 0.0396, 0.022
-"""Of a foot, likewise, but ours: how far the heel is behind the ankle, how broad it is, how high the toes are."""
+"""Of a foot, as fractions of the height, our values: distance of the heel behind the ankle, its breadth, and the toes'
+height."""
 _NECK_BELOW, _NECK_RADII = 0.015, ((0.036, 0.036), (0.034, 0.032))
-"""Of a neck, in heights, ours: how far below its joint it begins, and its radii there and at the head."""
+"""Of a neck, as fractions of the height, our values: depth of its lower end below its joint, and its radii there and at
+the head."""
 _CHIN = 0.65
-"""How far below the head's centre the neck ends, in the head's radii."""
+"""Depth of the neck's upper end below the head's centre, in the head's radii."""
 
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
     """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint. names: L
-    names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points (equal for a
-    sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,)
-    bool. A limb that is not a sphere is a truncated cone with elliptical section."""
+    names. joints: (L,), whose frames carry the limbs. starts, ends: (L, 3), of the axes (equal for a sphere). radii:
+    (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,) bool. A limb
+    that is not a sphere is a truncated cone with elliptical section."""
 
     names: tuple[str, ...]
     joints: IntArray
@@ -48,13 +50,13 @@ class Limbs:
 
     @cached_property
     def mean_radii(self) -> FloatArray:
-        """(L, 2), m, where they start and end: the means of the sections' semi-axes."""
+        """(L, 2), m, at start and end: the means of the sections' semi-axes."""
         return np.asarray(self.radii.mean(axis=2))
 
     @cached_property
     def axes(self) -> FloatArray:
-        """The limbs' own axes (L, 3, 3), as columns: z along the limb, x as near to ahead as can be, or to up where the
-        limb points ahead. A sphere's are its joint's."""
+        """The limbs' axes (L, 3, 3), as columns: z along the limb, x as close as possible to forward, or to up if the
+        limb points forward. A sphere's are its joint's."""
         along = (self.ends - self.starts) / np.maximum(self.lengths, 1e-12)[:, None]
         z = np.where(self.lengths[:, None] > 0.0, along, [0.0, 0.0, 1.0])
         x = np.where(np.abs(z[:, :1]) > np.sqrt(0.5), [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
@@ -63,49 +65,46 @@ class Limbs:
         return np.stack([x, np.cross(z, x), z], axis=2)
 
     def extended(self, rows: Sequence[tuple[str, str, FloatArray, FloatArray, Any]]) -> "Limbs":
-        """Append truncated cones of a person's: name, name of the joint, where the axis starts and ends (3,) each, and
-        radii (2, 2), m. Raises ValueError for an unknown joint."""
+        """Append truncated cones of a person: name, name of the joint, start and end (3,) of the axis, and radii (2,
+        2), m. Raises ValueError for an unknown joint."""
         names, joints, starts, ends, radii = zip(*rows, strict=True)
         return Limbs(
-            names=(*self.names, *names),
-            joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
-            starts=np.concatenate([self.starts, starts]),
-            ends=np.concatenate([self.ends, ends]),
+            names=(*self.names, *names), joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
+            starts=np.concatenate([self.starts, starts]), ends=np.concatenate([self.ends, ends]),
             radii=np.concatenate([self.radii, radii]),
             spheres=np.append(self.spheres, np.zeros(len(rows), dtype=np.bool_)),
-        )
+        )  # fmt: skip
 
     def cylinders(self) -> "Limbs":
-        """Make every limb a cylinder, of its sections' mean semi-axes (paper A, section 3.1)."""
+        """Return all limbs as cylinders, with their sections' mean semi-axes (paper A, section 3.1)."""
         mean = self.radii.mean(axis=1, keepdims=True)
         return replace(self, radii=np.repeat(mean, 2, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One person: the skeleton with this person's offsets, the measurements, and the limbs on the skeleton.
-
-    length_doubt: (J, 3, G) by how much the offsets may be off, m, for one deviation of each of G causes that do not
-    depend on each other; None where whoever measured the person does not say.
-    """
+    """One person: the skeleton with the person's offsets, the measurements, and the limbs on the skeleton.
+    limb_length_std: (J, 3, G), changes of the offsets, m, for one standard deviation of each of G independent causes;
+    None if unknown."""
 
     skeleton: Skeleton
     shape: Shape
     limbs: Limbs
-    length_doubt: FloatArray | None = None
+    limb_length_std: FloatArray | None = None
 
     def scaled(self, factor: float) -> "Body":
-        """Multiply every length by `factor`, which keeps the proportions."""
+        """Return the body with every length multiplied by `factor`, which preserves the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
         skeleton = replace(self.skeleton, offsets=factor * self.skeleton.offsets)
         limbs = replace(limbs, starts=starts, ends=ends, radii=radii)
-        doubt = None if self.length_doubt is None else factor * self.length_doubt
-        return Body(skeleton, self.shape.scaled(factor), limbs, doubt)
+        std = None if self.limb_length_std is None else factor * self.limb_length_std
+        return Body(skeleton, self.shape.scaled(factor), limbs, std)
 
 
 def person(shape: Shape) -> Body:
-    """The 12 limbs of paper A on the 25-parameter skeleton: torso, head, and two of each arm and leg part and hand."""
+    """Return the 12 limbs of paper A on the 25-parameter skeleton: torso, head, and each side's upper arm, forearm,
+    hand, thigh and calf."""
     return Body(skeleton=person_skeleton(shape), shape=shape, limbs=_person_limbs(shape))
 
 
@@ -116,13 +115,20 @@ NO_ENDS: Ends = MappingProxyType({})
 
 
 def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO_RADII, ends: Ends = NO_ENDS) -> Limbs:
-    """A cylinder with elliptical section along every bone of any skeleton, named for the bone's far joint.
+    """Return a cylinder with elliptical section along every bone of a skeleton, named after the bone's distal joint.
 
-    thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
-    named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
-    m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its limb is "<joint>_end".
-    Bones without a length, such as those between a joint and another at its place, have no limb. Raises InputError for
-    a joint that does not exist and for a skeleton without bones.
+    Parameters
+    ----------
+    skeleton : any; bones without a length, between joints at the same place, have no limb.
+    thickness : half size across a bone as a fraction of its length.
+    radii : half sizes (m) across the bone that ends at the named joint, fore–aft (vertical if the bone points forward)
+        and sideways.
+    ends : length and the two half sizes, m, of an extension beyond a joint in the direction of its bone, such as a head
+        or a hand; its limb is "<joint>_end".
+
+    Raises
+    ------
+    InputError : a joint does not exist, or the skeleton has no bones.
     """
     if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
         raise InputError(f"limbs: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")
@@ -175,9 +181,9 @@ def _round(start: float, end: float) -> tuple[FloatArray, FloatArray]:
 
 
 def with_neck_and_feet(body: Body) -> Body:
-    """Return a person's body with a neck and two feet behind its limbs: the neck hangs on its joint, the feet on the
-    knees, stiff, at right angles to the calves. Raises InputError for another skeleton than a person's, and for a body
-    that has them."""
+    """Return a person's body with a neck and two feet appended to its limbs: the neck on its joint, the feet on the
+    knees, rigid, at right angles to the calves. Raises InputError for another skeleton than a person's, and if the body
+    has them."""
     if body.skeleton.names != JOINT_NAMES or "neck" in body.limbs.names:
         raise InputError("body: neck and feet are added to a person's plain body alone")
     shape, limbs = body.shape, body.limbs

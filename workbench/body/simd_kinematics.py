@@ -1,7 +1,7 @@
-"""Forward kinematics inside kernels: LANES poses at once, one a lane, so that processors turn them all together.
+"""Forward kinematics in kernels, with SIMD instructions: LANES poses at once, one per lane.
 
-A row is LANES numbers, one of each pose. Every innermost loop runs over a row, has no branch and calls nothing, not
-even the mathematical library: the compiler makes vector instructions of it.
+A row is LANES numbers, one of each pose. Every innermost loop runs over a row, has no branch and calls no function, not
+even the mathematical library, so that the compiler vectorises it.
 """
 
 from collections.abc import Callable
@@ -13,18 +13,18 @@ import numpy as np
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 LANES = 16
-"""Poses handled at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
+"""Poses processed at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
 FAST = {"reassoc", "contract", "nsz", "arcp"}  # every reordering of sums that keeps NaN and infinity meaningful
 inlined: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
     error_model="numpy", fastmath=FAST, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )
-"""Compiles what only kernels call. It is put into its callers: where a call is left, the copy that was compiled on its
-own may be taken or that beside the caller, whose sums round otherwise, depending on which is in memory. It is not
-callable from Python, which spares compiling what would make it so."""
+"""Compile functions of kernels for inlining; not callable from Python, which saves compile time. Without inlining, a
+call may use either the copy compiled by itself or that in the caller, with different rounding of sums, depending on
+which is in memory."""
 inlined_exactly: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
     error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )
-"""The same of what adds up in the order in which it is written, but calls something of the other kind."""
+"""As `inlined`, without reordering of sums, for kernels that call functions of the other kind."""
 
 # Rows of a joint's frame: its rotation row by row, and its position, m.
 ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
@@ -32,11 +32,11 @@ ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
 
 @inlined
 def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
-    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, beyond the last the last again, as
-    `kinematics.forward` but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
-    LANES,) is overwritten."""
+    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, repeating the last pose; equal to
+    `kinematics.forward` up to rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
+    LANES,), overwritten."""
     n_dofs, (parents, offsets, dof_joints, dof_axes) = poses.shape[1], skeleton
-    turn, numbers = values[: 9 * LANES], values[9 * LANES :]
+    rotation, numbers = values[: 9 * LANES], values[9 * LANES :]
     for lane in range(LANES):
         i = min(first + lane, poses.shape[0] - 1)
         for p in range(n_dofs):
@@ -49,14 +49,14 @@ def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any)
         else:
             _attach(frames[parents[j]], offsets[j, 0], offsets[j, 1], offsets[j, 2], frame)
         while p < n_dofs and dof_joints[p] == j:
-            _turn_about(dof_axes[p, 0], dof_axes[p, 1], dof_axes[p, 2], numbers[p * LANES :], turn)
-            _multiply(frame, turn)
+            _axis_rotations(dof_axes[p, 0], dof_axes[p, 1], dof_axes[p, 2], numbers[p * LANES :], rotation)
+            _multiply(frame, rotation)
             p += 1
 
 
 @inlined
 def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None:
-    """Load frames that were computed before: rotations (N, J, 3, 3) and positions (N, J, 3)."""
+    """Load precomputed frames: rotations (N, J, 3, 3) and positions (N, J, 3)."""
     for lane in range(LANES):
         i = min(first + lane, positions.shape[0] - 1)
         for j in range(frames.shape[0]):
@@ -68,7 +68,7 @@ def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None
 
 @inlined
 def _root(position: Any, frame: Any) -> None:
-    """Write the root's frame, not yet turned."""
+    """Write the root's frame before its rotations."""
     for a in range(3):
         for lane in range(LANES):
             for b in range(3):
@@ -78,7 +78,7 @@ def _root(position: Any, frame: Any) -> None:
 
 @inlined
 def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
-    """Write the frame of a joint at (x, y, z) in its parent's frame, not yet turned."""
+    """Write the frame of a joint at (x, y, z) in its parent's frame, before its rotations."""
     for a in range(3):
         for lane in range(LANES):
             row = 3 * a * LANES + lane
@@ -89,34 +89,36 @@ def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
 
 
 @inlined
-def _turn_about(x: float, y: float, z: float, angles: Any, turn: Any) -> None:
+def _axis_rotations(x: float, y: float, z: float, angles: Any, rotation: Any) -> None:
     """Write the rotations (9 rows) about a unit axis: Rodrigues' formula."""
     for lane in range(LANES):
         s, c = _sine_cosine(angles[lane])
         t = 1.0 - c
-        turn[lane], turn[LANES + lane], turn[2 * LANES + lane] = c + t * x * x, t * x * y - s * z, t * x * z + s * y
-        turn[3 * LANES + lane], turn[4 * LANES + lane] = t * x * y + s * z, c + t * y * y
-        turn[5 * LANES + lane], turn[6 * LANES + lane] = t * y * z - s * x, t * x * z - s * y
-        turn[7 * LANES + lane], turn[8 * LANES + lane] = t * y * z + s * x, c + t * z * z
+        rotation[lane], rotation[LANES + lane], rotation[2 * LANES + lane] = (
+            c + t * x * x, t * x * y - s * z, t * x * z + s * y,
+        )  # fmt: skip
+        rotation[3 * LANES + lane], rotation[4 * LANES + lane] = t * x * y + s * z, c + t * y * y
+        rotation[5 * LANES + lane], rotation[6 * LANES + lane] = t * y * z - s * x, t * x * z - s * y
+        rotation[7 * LANES + lane], rotation[8 * LANES + lane] = t * y * z + s * x, c + t * z * z
 
 
 @inlined
-def _multiply(frame: Any, turn: Any) -> None:
-    """Turn the frame about its own origin."""
+def _multiply(frame: Any, rotation: Any) -> None:
+    """Rotate the frame about its origin."""
     for a in range(3):
         for lane in range(LANES):
             row = 3 * a * LANES + lane
             x, y, z = frame[row], frame[row + LANES], frame[row + 2 * LANES]
             for b in range(3):
                 to = b * LANES + lane
-                frame[row + b * LANES] = x * turn[to] + y * turn[to + 3 * LANES] + z * turn[to + 6 * LANES]
+                frame[row + b * LANES] = x * rotation[to] + y * rotation[to + 3 * LANES] + z * rotation[to + 6 * LANES]
 
 
 @inlined
 def _sine_cosine(angle: float) -> Any:
-    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs. The error is
-    that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which no float64
-    tells apart, the result is merely finite."""
+    """Return sine and cosine, by Taylor's series on −π/4..π/4, with remainders below 5e-17, and the quadrant's signs.
+    The error is that of π/2 times the number of quadrants: negligible for people; for angles of 1e15 rad, beyond the
+    resolution of float64, the result is merely finite."""
     quarter = np.floor(angle * (2.0 / np.pi) + 0.5)
     r = min(max(angle - quarter * (np.pi / 2.0), -1.0), 1.0)
     q = r * r

@@ -24,7 +24,7 @@ _PARENTS = {
 }  # fmt: skip
 JOINT_NAMES = tuple(_PARENTS)
 ERROR_JOINTS = JOINT_NAMES[1:]
-"""The 14 joints whose mean distance is a run's error: all but the pelvis, which is the root itself."""
+"""The 14 joints of the mean joint error: all but the pelvis, the root."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Skeleton:
 
     names: J joint names, parents before children. parents: (J,), -1 for the root.
     offsets: (J, 3), a joint's place in its parent's frame, m (the root's is zero).
-    dof_names: P names. dof_joints: (P,), the joint a degree of freedom moves, non-decreasing.
-    dof_axes: (P, 3) unit vectors. The first three translate the root along the world's axes; every other one turns
-    its joint's frame about its axis. A joint's turns are multiplied in the order of the columns, outermost first.
-    limits: (P, 2), lowest and highest value, rad (m for the translations).
+    dof_names: P names. dof_joints: (P,), the joint of a degree of freedom, non-decreasing.
+    dof_axes: (P, 3) unit vectors. The first three translate the root along the world's axes; every other one rotates
+    its joint's frame about its axis. A joint's rotations are multiplied in the order of the columns, outermost first.
+    limits: (P, 2), lower and upper bound, rad (m for the translations).
     """
 
     names: tuple[str, ...]
@@ -48,11 +48,11 @@ class Skeleton:
     limits: FloatArray
 
     def joint(self, name: str) -> int:
-        """Index of the joint called `name`; raises ValueError when there is none."""
+        """Return the index of the joint of this name; raises ValueError if there is none."""
         return self.names.index(name)
 
     def dof(self, name: str) -> int:
-        """Index of the degree of freedom called `name`; raises ValueError when there is none."""
+        """Return the index of the degree of freedom of this name; raises ValueError if there is none."""
         return self.dof_names.index(name)
 
     @property
@@ -107,12 +107,12 @@ PARTS = {
     "left_arm": tuple(name for name in POSE_NAMES if name.startswith(("left_shoulder", "left_elbow"))),
     "right_arm": tuple(name for name in POSE_NAMES if name.startswith(("right_shoulder", "right_elbow"))),
 }
-"""Groups of parameters that may be named instead of each of them."""
+"""Names of groups of parameters."""
 
 
 def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return, in the pose's order, the names of the parameters that `names`, these or keys of PARTS, stand for; raises
-    InputError, naming the `option` they were given for, when one is unknown."""
+    """Return, in the pose's order, the parameters of `names`, which are parameters or keys of PARTS; raises InputError,
+    naming the `option`, if one is unknown."""
     if unknown := [name for name in names if name not in POSE_NAMES and name not in PARTS]:
         expected = f"expected parts of the body ({', '.join(PARTS)}) or some of {', '.join(POSE_NAMES)}"
         raise InputError(f"{option}: {unknown[0]!r} is unknown, {expected}")
@@ -121,7 +121,7 @@ def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def person_skeleton(shape: Shape) -> Skeleton:
-    """The 25-parameter person of paper A (reading in EQUATIONS A, "Body") with the limb lengths of `shape`."""
+    """Return the 25-parameter person of paper A (reading in EQUATIONS A, "Body") with the limb lengths of `shape`."""
     return Skeleton(
         names=JOINT_NAMES,
         parents=np.array([-1 if (p := _PARENTS[n]) is None else JOINT_NAMES.index(p) for n in JOINT_NAMES]),

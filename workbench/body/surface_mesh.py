@@ -1,4 +1,4 @@
-"""The implicit surface as triangles, for a recording; nothing is computed from them."""
+"""The implicit surface as triangles, for recordings; no result depends on them."""
 
 import importlib
 import importlib.util
@@ -10,26 +10,25 @@ from workbench.body.surface import Surface
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-_OUTSIDE = -100.0  # the log field far from every part; only its sign matters
+_OUTSIDE = -100.0  # the log field far from every part; only its sign is used
 
 
 def can_mesh() -> bool:
-    """Tell whether scikit-image, the optional extra "mesh", is installed."""
+    """Return whether scikit-image, the optional extra "mesh", is installed."""
     return importlib.util.find_spec("skimage") is not None
 
 
 def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3), m, and triangles (T, 3), seen counter-clockwise from outside, of the skin in one pose. frames:
-    of one pose, (1, J, ...). The skin of all parts together: what is inside any part is inside. By marching cubes on a
-    grid of `spacing_m` (Lewiner et al. 2003, as scikit-image has it). Each part's field is computed in a box around it
-    only: 12 ms for a person at 25 mm, 40 ms at 15 mm. Raises InputError when scikit-image, the optional extra "mesh",
-    is not installed."""
+    """Return vertices (V, 3), m, and triangles (T, 3), counter-clockwise from outside, of the skin in one pose. frames:
+    of one pose, (1, J, ...). The mesh is the union of all parts, by marching cubes on a grid of `spacing_m` (Lewiner et
+    al. 2003, as in scikit-image). Each part's field is computed only in a box around it: 12 ms for a person at 25 mm,
+    40 ms at 15 mm. Raises InputError if scikit-image, the optional extra "mesh", is not installed."""
     if not can_mesh():
         raise InputError("the mesh of a surface needs scikit-image: pip install -e '.[mesh]' in the clone")
     measure = importlib.import_module("skimage.measure")
     lows, highs = _boxes(surface, frames)
     corner = lows.min(axis=0) - 3.0 * spacing_m
-    # Two more points on every side, so that each edge of the grid that the skin cuts has both ends in the part's box.
+    # Two more points on every side, so that each grid edge cut by the skin has both ends in the part's box.
     first = np.floor((lows - corner) / spacing_m).astype(int) - 1
     last = np.ceil((highs - corner) / spacing_m).astype(int) + 2
     fields = np.full(last.max(axis=0) + 1, _OUTSIDE)
@@ -54,7 +53,8 @@ def _log_field(surface: Surface, frames: JointFrames, part: int, points: FloatAr
 
 
 def _boxes(surface: Surface, frames: JointFrames) -> tuple[FloatArray, FloatArray]:
-    """Corners (B, 3) and (B, 3), m, of a box around each part's skin: where n ellipsoids overlap, d ≤ 1 + log n / a."""
+    """Return the corners (B, 3) and (B, 3), m, of a box around each part's skin: where n ellipsoids overlap, d ≤ 1 +
+    log n / a."""
     rotations, positions = frames.rotations[0, surface.joints], frames.positions[0, surface.joints]
     centers = positions + np.einsum("eab,eb->ea", rotations, surface.centers)
     stretch = np.sqrt(1.0 + np.log(np.diff(surface.bounds)) / surface.sharpness)[surface.parts]

@@ -1,4 +1,4 @@
-"""What every likelihood offers: it looks at a frame once, and then judges poses."""
+"""Interfaces of likelihoods: prepared once for each frame, then evaluated at poses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,8 +10,8 @@ from workbench.utils.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Log likelihoods (N,) of N poses. notes: sentences about what was skipped or degraded, for the person who runs
-    this. diagnostics: scalars worth a curve, by name."""
+    """Log likelihoods (N,) of N poses. notes: messages to the user about skipped or degraded computations. diagnostics:
+    scalars to plot, by name."""
 
     log_prob: FloatArray
     notes: tuple[str, ...] = ()
@@ -19,11 +19,9 @@ class Evaluation:
 
 
 class FrameLikelihood(Protocol):
-    """A likelihood that has seen one frame: all that depends on the images alone is done.
-
-    notes: sentences about the frame itself, such as that it shows nothing to judge by. diagnostics: the names that
-    evaluations come with, and their values where nothing is evaluated, as in a first frame.
-    """
+    """A likelihood prepared for one frame: all computations that depend on the images alone are done. notes: messages
+    about the frame itself, for example that it has no usable observations. diagnostics: the names of the diagnostics of
+    evaluations, with their values where nothing is evaluated, as in a first frame."""
 
     @property
     def notes(self) -> tuple[str, ...]: ...
@@ -31,17 +29,17 @@ class FrameLikelihood(Protocol):
     def diagnostics(self) -> Mapping[str, float]: ...
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P),
-        which are lent: their memory is used again."""
+        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) with previous poses (N, P). The arrays
+        are the caller's buffers and are overwritten later; copy what must persist."""
 
     def update(self, expected_pose: FloatArray) -> "Likelihood":
-        """Return the likelihood of the next frame, which knows what was expected (P,) in this one."""
+        """Return the likelihood of the next frame, updated with this frame's expected pose (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Slope:
-    """A log likelihood at one pose of P numbers, with its gradient (P,) and the curvature (P, P) downwards, which is
-    negative in no direction."""
+class Derivatives:
+    """A log likelihood at one pose of P numbers, its gradient (P,), and its negative curvature (P, P), which is
+    positive semi-definite."""
 
     log_prob: float
     gradient: FloatArray
@@ -50,43 +48,42 @@ class Slope:
 
 @runtime_checkable
 class DifferentiableLikelihood(FrameLikelihood, Protocol):
-    """A look that knows how the likelihood changes with the pose, and smooths the image more or less for it.
-
-    levels: of smoothing, the first being the smoothest. `evaluate` judges at the last. judges: whether anything is
-    known to judge by, as in a first frame it may not be.
-    """
+    """A frame likelihood with derivatives, at several levels of an image pyramid. n_levels: of smoothing; level 0 is
+    the smoothest, and `evaluate` uses the last. informative: whether the likelihood depends on the pose; false for
+    example in a first frame."""
 
     @property
-    def levels(self) -> int: ...
+    def n_levels(self) -> int: ...
     @property
     def informative(self) -> bool: ...
 
-    def slope(self, pose: FloatArray, level: int) -> Slope:
-        """Return log likelihood and derivatives at a pose (P,), which came from any other."""
+    def derivatives(self, pose: FloatArray, level: int) -> Derivatives:
+        """Return the log likelihood and its derivatives at a pose (P,); the previous pose has no influence."""
 
-    def misfit(self, pose: FloatArray) -> FloatArray:
-        """Return how badly what every joint (J,) moves fits the image at a pose (P,): the mean loss of its points."""
+    def mean_loss(self, pose: FloatArray) -> FloatArray:
+        """Return the mean loss (J,) of the image points that each joint moves, at a pose (P,)."""
 
 
 @runtime_checkable
 class DenseLikelihood(DifferentiableLikelihood, Protocol):
-    """A sloped look that can also tell apart poses that are far from each other, by all pixels of the frame."""
+    """A differentiable likelihood that also compares distant poses, by all pixels of the frame."""
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
-        """Return by how much (N,) likelier the frame is in poses (N, P), which differ in what hangs on the joints
-        `moved` (J,) alone, than without that, nats."""
+        """Return the log likelihood ratios (N,), nats, of rendering and omitting the body parts on joints `moved` (J,).
+        poses: (N, P), which may differ only in these body parts."""
 
 
 class Likelihood(Protocol):
-    """log p(frame_t | pose_t, pose_t−1, frame_t−1): image motion needs the previous pose and frame too."""
+    """log p(frame_t | pose_t, pose_t−1, frame_t−1): image motion also depends on the previous pose and frame."""
 
     def prepare(self, previous: Frame | None, frame: Frame) -> FrameLikelihood:
-        """Look at a frame and the one before, None for the first of a run, in which nothing is evaluated."""
+        """Return the likelihood of a frame, given the previous one; None for the first frame of a run, which is not
+        evaluated."""
 
 
 @runtime_checkable
 class Refittable(Protocol):
-    """A likelihood that learns from a clip, and more so when it has been tracked before."""
+    """A likelihood that learns from a sequence, and can be learned again from tracked poses."""
 
     def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
-        """Return the likelihood of the same clip, from `frame` on, which knows poses (P,) by its frames' indices."""
+        """Return the likelihood of the same sequence, from `frame` on, learned from poses (P,) by frame index."""

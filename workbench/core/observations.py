@@ -1,4 +1,4 @@
-"""What frames show of a person that a fit can use: points of the surface, and 2-D joints in every view."""
+"""Observations used by least squares: points of the surface, and 2-D keypoints of every view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from workbench.utils.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """Joints (M,) of the skeleton that `camera` saw at marks (M, 3), [u px, v px, weight above 0]; M ≥ 1."""
+    """Detected keypoints of one view: joints (M,) of the skeleton and their marks (M, 3), [u px, v px, weight above 0];
+    M ≥ 1."""
 
     joints: IntArray
     marks: FloatArray
@@ -25,7 +26,7 @@ class Keypoints:
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What one frame shows. points: (K, 3), m. keypoints: one for every view that shows some."""
+    """The observations of one frame. points: (K, 3), m. keypoints: one entry per view that has any."""
 
     points: FloatArray
     keypoints: tuple[Keypoints, ...] = ()
@@ -33,22 +34,20 @@ class Observed:
 
 @dataclass(frozen=True)
 class Observables:
-    """What a likelihood looks at in a frame, and how exactly it takes that.
-
-    sigma: standard deviation of a point's residual of this kind, m for "distance"; None where points do not matter.
-    sigma_px: of a keypoint, px of the image used; None where keypoints do not matter. which: names of the cameras whose
-    keypoints matter, None for all. shared_m: by how much points of one part of the body, and all, are off together, m.
-    """
+    """The observations that a likelihood uses, and their standard deviations. sigma: of a point's residual, m for
+    "distance"; None if points are not used. residual: of points. sigma_px: of a keypoint, px of the image used; None if
+    keypoints are not used. cameras: names of the cameras whose keypoints are used; None for all. common_bias_std_m:
+    standard deviation of the bias shared by all points, and by the points of one body part, m."""
 
     sigma: float | None = None
-    kind: Kind = "distance"
+    residual: Kind = "distance"
     sigma_px: float | None = None
-    which: tuple[str, ...] | None = None
-    shared_m: float = 0.0
+    cameras: tuple[str, ...] | None = None
+    common_bias_std_m: float = 0.0
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Name those of "points" and "keypoints" that matter."""
+        """Return those of "points" and "keypoints" that are used."""
         return ("points",) * (self.sigma is not None) + ("keypoints",) * (self.sigma_px is not None)
 
 
@@ -56,77 +55,87 @@ EVERYTHING = Observables(sigma=1.0, sigma_px=1.0)
 
 
 def observe(
-    frames: Sequence[Frame], skeleton: Skeleton, most_points: int, rng: np.random.Generator,
+    frames: Sequence[Frame], skeleton: Skeleton, max_points: int, rng: np.random.Generator,
     observables: Observables = EVERYTHING,
 ) -> tuple[list[Observed], list[tuple[str, ...]]]:  # fmt: skip
-    """Pick what each frame shows of what matters, and warn of points left out or thinned, and of nothing seen.
+    """Return the observations of every frame, and warnings about omitted or subsampled points and frames without any.
 
-    most_points: a frame's points beyond are thinned at random. observables: what matters. Raises InputError where they
-    name a camera that no frame has.
+    Parameters
+    ----------
+    frames, skeleton : the sequence and the body's skeleton.
+    max_points : points of a frame are subsampled at random to this number.
+    rng : for the subsampling.
+    observables : the observations used.
+
+    Raises
+    ------
+    InputError : `observables` names a camera that no frame has.
     """
     cameras = dict.fromkeys(view.camera.name for frame in frames for view in frame.views)
-    if unknown := set(observables.which or ()) - set(cameras):
-        raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {', '.join(cameras)}")
-    no_points, seen, warnings = np.empty((0, 3)), [], list[list[str]]()
+    if unknown := set(observables.cameras or ()) - set(cameras):
+        raise InputError(f"keypoints: cameras: unknown camera {min(unknown)!r}; expected some of {', '.join(cameras)}")
+    no_points, observed, warnings = np.empty((0, 3)), [], list[list[str]]()
     for frame in frames:
-        points, sentences = (no_points, []) if observables.sigma is None else _points(frame, most_points, rng)
-        keypoints = () if observables.sigma_px is None else frame_keypoints(skeleton, frame, observables.which)
-        seen.append(Observed(points, keypoints))
-        warnings.append(sentences)
-    for first, sentence in _gaps(frames, seen):
-        warnings[first].append(sentence)
-    return seen, [tuple(sentences) for sentences in warnings]
+        points, messages = (no_points, []) if observables.sigma is None else _points(frame, max_points, rng)
+        keypoints = () if observables.sigma_px is None else frame_keypoints(skeleton, frame, observables.cameras)
+        observed.append(Observed(points, keypoints))
+        warnings.append(messages)
+    for first, message in _gaps(frames, observed):
+        warnings[first].append(message)
+    return observed, [tuple(messages) for messages in warnings]
 
 
-def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
+def observed_kinds(observed: Sequence[Observed]) -> tuple[str, ...]:
     """Name those of "points" and "keypoints" that some frame shows."""
-    points, keypoints = any(len(frame.points) for frame in seen), any(frame.keypoints for frame in seen)
+    points, keypoints = any(len(frame.points) for frame in observed), any(frame.keypoints for frame in observed)
     return ("points",) * points + ("keypoints",) * keypoints
 
 
-def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
-    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and weighted; None if there is
+def usable_keypoints(skeleton: Skeleton, keypoints: FloatArray, camera: Camera) -> Keypoints | None:
+    """Return the finite keypoints with positive weight among (J, 3), in the order of JOINT_NAMES; None if there are
     none."""
-    rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
+    rows = np.flatnonzero(np.isfinite(keypoints).all(axis=1) & (np.nan_to_num(keypoints[:, 2]) > 0.0))
     joints = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
-    return Keypoints(joints, given[rows], camera) if len(rows) else None
+    return Keypoints(joints, keypoints[rows], camera) if len(rows) else None
 
 
-def frame_keypoints(skeleton: Skeleton, frame: Frame, which: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
-    """Pick the usable keypoints of every view that has some, of the cameras named by `which`, None for all."""
+def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
+    """Return the usable keypoints of every view that has any, of the named cameras; None for all cameras."""
     usable = (
         usable_keypoints(skeleton, view.keypoints, view.camera)
         for view in frame.views
-        if view.keypoints is not None and (which is None or view.camera.name in which)
+        if view.keypoints is not None and (cameras is None or view.camera.name in cameras)
     )
     return tuple(keypoints for keypoints in usable if keypoints is not None)
 
 
-def person_px(seen: Sequence[Keypoints]) -> float:
-    """Measure the person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
-    return float(np.median([np.ptp(keypoints.marks[:, 1]) for keypoints in seen]))
+def person_px(observed: Sequence[Keypoints]) -> float:
+    """Return the person's height in the image, px: that of the keypoints' bounding box, the median over n ≥ 1 views."""
+    return float(np.median([np.ptp(keypoints.marks[:, 1]) for keypoints in observed]))
 
 
-def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
-    """Return the frame's usable points (K, 3), m, and what was done about the others."""
-    given = np.empty((0, 3)) if frame.points is None else frame.points
-    points, warnings = given[np.isfinite(given).all(axis=1)], []
-    if len(points) < len(given):
-        warnings.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
-    if len(points) > most:
-        warnings.append(f"frame {frame.index}: {len(points)} points thinned to {most}")
-        points = points[np.sort(rng.choice(len(points), most, replace=False))]
+def _points(frame: Frame, max_points: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
+    """Return the frame's usable points (K, 3), m, and warnings about the others."""
+    candidates = np.empty((0, 3)) if frame.points is None else frame.points
+    points, warnings = candidates[np.isfinite(candidates).all(axis=1)], []
+    if len(points) < len(candidates):
+        warnings.append(f"frame {frame.index}: {len(candidates) - len(points)} points are not finite; omitted")
+    if len(points) > max_points:
+        warnings.append(f"frame {frame.index}: {len(points)} points, subsampled to {max_points}")
+        points = points[np.sort(rng.choice(len(points), max_points, replace=False))]
     return points, warnings
 
 
-def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, str]]:
-    """Find where every run of frames that show nothing begins, and a sentence about it."""
-    expected, gaps = " or ".join(kinds_seen(seen)), []
-    for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and not seen[t].keypoints):
+def _gaps(frames: Sequence[Frame], observed: Sequence[Observed]) -> list[tuple[int, str]]:
+    """Return the first index of every run of frames without observations, and a warning about the run."""
+    expected, gaps = " or ".join(observed_kinds(observed)), []
+    for empty, run in groupby(
+        range(len(observed)), key=lambda t: not len(observed[t].points) and not observed[t].keypoints
+    ):
         first, *others = run
         place, neighbours = f"frame {frames[first].index}", "it"
         if others:
             place, neighbours = f"frames {frames[first].index} to {frames[others[-1]].index}", "them"
         if empty:
-            gaps.append((first, f"{place}: no {expected}; bridged by the frames beside {neighbours}"))
+            gaps.append((first, f"{place}: no {expected}; interpolated from the frames next to {neighbours}"))
     return gaps

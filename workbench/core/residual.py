@@ -95,7 +95,7 @@ class ResidualLikelihood(Protocol):
     @property
     def residual_loss(self) -> Loss: ...
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the residual function of one frame; without residuals if the frame has no observations for it."""
 
 

@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy
 
-from workbench.body.angles import N_POSITION, nearest_turn
+from workbench.body.angles import N_POSITION, unwrap_near
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
@@ -89,7 +89,7 @@ def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray
     """Select the numbers that are counted (P,): of the poses (N, D), their weights (N,) and of the true pose (D,)."""
     if step.frame.truth is None or step.frame.truth.pose is None:
         raise ValueError(f"frame {step.frame.index}: expected a true pose to compare with, found none")
-    poses, true = (nearest_turn(each, step.expected_pose) for each in (step.poses, step.frame.truth.pose))
+    poses, true = (unwrap_near(each, step.expected_pose) for each in (step.poses, step.frame.truth.pose))
     counted = step.spread | (np.abs(true - poses[0]) > _GIVEN)
     return poses.T[counted].T, np.exp(step.log_weights), true[counted], counted  # of which columns lie in one piece
 

@@ -1,4 +1,4 @@
-"""Common parts of the likelihoods' looks: poses that are not finite, and what is kept for the next frame."""
+"""Common frame likelihoods, and the treatment of non-finite poses."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,42 +10,42 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.utils.arrays import BoolArray, FloatArray
 
-Memory = TypeVar("Memory")
+State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
-class PoseLook:
-    """A look by which poses are judged as they are, wherever they came from. name: of the likelihood, for its notes.
-    judge: gives the log likelihoods (N,) of finite poses (N, P). then: gives the likelihood of the next frame from the
-    pose (P,) expected in this one."""
+class PoseFrameLikelihood:
+    """A frame likelihood of the present pose alone. name: of the likelihood, for its notes. log_prob: maps finite poses
+    (N, P) to log likelihoods (N,). next_likelihood: maps the frame's expected pose (P,) to the likelihood of the next
+    frame."""
 
     name: str
-    judge: Callable[[FloatArray], FloatArray]
-    then: Callable[[FloatArray], Likelihood]
+    log_prob: Callable[[FloatArray], FloatArray]
+    next_likelihood: Callable[[FloatArray], Likelihood]
     notes: tuple[str, ...] = ()
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P), −∞ and a note for those not finite; the previous ones do not matter."""
+        """Return log likelihoods (N,) of poses (N, P), −∞ and a note where not finite; previous poses are ignored."""
         finite = finite_rows(pose)
-        return among_finite(self.name, finite, self.judge(those(pose, finite)))
+        return expand_finite(self.name, finite, self.log_prob(select_finite(pose, finite)))
 
     def update(self, expected_pose: FloatArray) -> Likelihood:
-        """The likelihood of the next frame."""
-        return self.then(expected_pose)
+        """Return the likelihood of the next frame."""
+        return self.next_likelihood(expected_pose)
 
 
 @dataclass(frozen=True, eq=False)
-class Remembering(Generic[Memory]):
-    """A likelihood, which stays as it was configured, and what it keeps of the frames so far. see: looks at a frame and
-    the one before with that in mind."""
+class AdaptiveLikelihood(Generic[State]):
+    """A likelihood with a state learned from the previous frames; its configuration is constant. prepare_with: maps the
+    state, the previous frame and a frame to the frame's likelihood."""
 
-    memory: Memory
-    see: Callable[[Memory, Frame | None, Frame], FrameLikelihood]
+    state: State
+    prepare_with: Callable[[State, Frame | None, Frame], FrameLikelihood]
 
     def prepare(self, previous: Frame | None, frame: Frame) -> FrameLikelihood:
-        """Look at a frame and the one before."""
-        return self.see(self.memory, previous, frame)
+        """Return the likelihood of a frame, given the previous one."""
+        return self.prepare_with(self.state, previous, frame)
 
 
 def finite_rows(poses: FloatArray) -> BoolArray:
@@ -54,15 +54,16 @@ def finite_rows(poses: FloatArray) -> BoolArray:
     return np.ones(len(poses), dtype=np.bool_) if finite.all() else np.asarray(finite.all(axis=1))
 
 
-def those(poses: FloatArray, finite: BoolArray) -> FloatArray:
-    """Select the poses (M, P) of (N, P) that are `finite` (N,); where all are, no copy."""
+def select_finite(poses: FloatArray, finite: BoolArray) -> FloatArray:
+    """Return the poses (M, P) of (N, P) that are `finite` (N,); no copy if all are."""
     return poses if finite.all() else poses[finite]
 
 
-def among_finite(name: str, finite: BoolArray, log_prob: FloatArray, notes: tuple[str, ...] = ()) -> Evaluation:
-    """The evaluation of N poses of which some are `finite` (N,), with log likelihoods (M,), and others impossible."""
+def expand_finite(name: str, finite: BoolArray, log_prob: FloatArray, notes: tuple[str, ...] = ()) -> Evaluation:
+    """Return the evaluation of N poses from the log likelihoods (M,) of the `finite` (N,) ones; −∞ for the others. name
+    : of the likelihood, for the note about non-finite poses, which follows `notes`."""
     if finite.all():
         return Evaluation(log_prob, notes)
-    everyone = np.full(len(finite), -np.inf)
-    everyone[finite] = log_prob
-    return Evaluation(everyone, (*notes, f"{name}: {(~finite).sum()} of {len(finite)} poses were not finite"))
+    expanded = np.full(len(finite), -np.inf)
+    expanded[finite] = log_prob
+    return Evaluation(expanded, (*notes, f"{name}: {(~finite).sum()} of {len(finite)} poses were not finite"))

@@ -1,4 +1,4 @@
-"""Several cues at once: the product of likelihoods, each tempered so that none silences the rest."""
+"""The product of several likelihoods (cues), each tempered by a weight."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -12,32 +12,34 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
-from workbench.likelihoods.cues.limb_points import LimbLook, evaluate_together
+from workbench.likelihoods.cues.limb_points import LimbFrameLikelihood, evaluate_jointly
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """The product of likelihoods, each taken to the power of its weight:
+    """The product of likelihoods, each raised to its weight:
 
         log p = Σ_k w_k log p_k
 
-    Cues of the same pixels err together, so that w = 1 is too sure of itself, and the sharpest cue decides alone;
-    weights below 1 temper both.
+    Cues from the same pixels have correlated errors: with w = 1 the posterior is overconfident, and the sharpest cue
+    dominates; weights below 1 temper each cue.
 
-    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "share_<name>" are
+    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "variance_fraction_<name>" are
 
-        share_k = Cov(w_k log p_k, log p) / Var(log p),
+        Cov(w_k log p_k, log p) / Var(log p),
 
-    over the particles whose likelihood is not zero, and sum to one; all are 0 in a run's first frame. Least squares
-    minimises the residuals of all terms together, where all have some.
-    Raises InputError when there is no term, or the weights are not those of the terms or negative.
+    over the particles of non-zero likelihood, and sum to one; all are 0 in a run's first frame. Least squares minimises
+    the residuals of all terms together, if all have residuals.
+
+    Raises InputError if there is no term, the weights' names are not those of the terms, or a weight is negative.
     """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare what all terms with a weight offer but derivatives, and what any of them needs."""
+        """Declare the common capabilities of all terms with a weight, except derivatives, and the requirements of any
+        of them."""
         used = {name: term for name, term in keys["terms"].items() if keys["weights"].get(name)}
         return Traits(common_capabilities(used) - {DERIVATIVES}, combined_requirements(used))
 
@@ -48,8 +50,8 @@ class Product:
         if not self.terms:
             raise InputError("likelihood: a product needs at least one term")
         if set(self.weights) != set(self.terms):
-            found = ", ".join(self.weights) or "none"
-            raise InputError(f"likelihood: weights must be given for {', '.join(self.terms)}, found {found}")
+            weighted = ", ".join(self.weights) or "none"
+            raise InputError(f"likelihood: weights: expected {', '.join(self.terms)}, found {weighted}")
         for name, weight in self.weights.items():
             if not 0.0 <= weight < np.inf:
                 raise InputError(f"likelihood: the weight of {name} must be at least 0, found {weight}")
@@ -58,108 +60,114 @@ class Product:
     def _used(self) -> dict[str, Likelihood]:
         return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
 
-    def prepare(self, previous: Frame | None, frame: Frame) -> "_ProductLook":
-        """Let every term with a weight look."""
-        return _ProductLook(self, {name: term.prepare(previous, frame) for name, term in self._used.items()})
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_ProductFrameLikelihood":
+        """Return the product of the frame likelihoods of every term with a weight."""
+        return _ProductFrameLikelihood(self, {name: term.prepare(previous, frame) for name, term in self._used.items()})
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
-        """The terms that have a weight, by name; raises InputError where one of them has no residuals."""
+        """The terms with a weight, by name; raises InputError if one of them has no residuals."""
         terms: dict[str, ResidualLikelihood] = {}
         terms |= {name: term for name, term in self._used.items() if isinstance(term, ResidualLikelihood)}
-        if lacking := [name for name in self._used if name not in terms]:
+        if without := [name for name in self._used if name not in terms]:
             needed = "least squares needs residuals of every term of a product"
-            raise InputError(f"likelihood: {needed}, {lacking[0]} has none; give it the weight 0")
+            raise InputError(f"likelihood: {needed}, {without[0]} has none; set its weight to 0")
         return terms
 
     @property
     def observables(self) -> Observables:
-        """Join all that some term looks at; deviations are those of the first term that has them."""
-        every = [term.observables for term in self.residual_terms.values()]
-        points = next((each for each in every if each.sigma is not None), Observables())
-        keypoints = [each for each in every if each.sigma_px is not None]
+        """The union of the terms' observables; standard deviations are those of the first term that has them."""
+        observables = [term.observables for term in self.residual_terms.values()]
+        points = next((each for each in observables if each.sigma is not None), Observables())
+        keypoints = [each for each in observables if each.sigma_px is not None]
         cameras = None
-        if keypoints and all(each.which is not None for each in keypoints):
-            cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.which or ()))
+        if keypoints and all(each.cameras is not None for each in keypoints):
+            cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.cameras or ()))
         sigma_px = keypoints[0].sigma_px if keypoints else None
-        return Observables(points.sigma, points.kind, sigma_px, cameras, points.shared_m)
+        return Observables(points.sigma, points.residual, sigma_px, cameras, points.common_bias_std_m)
 
     @property
     def _common_loss(self) -> Loss | None:
-        """The loss that all terms have, where all weights are 1."""
+        """The loss that all terms share, if all weights are 1."""
         losses = {term.residual_loss for term in self.residual_terms.values()}
         return losses.pop() if len(losses) == 1 and all(self.weights[name] == 1.0 for name in self._used) else None
 
     @property
     def residual_loss(self) -> Loss:
-        """The loss of the stacked terms: their common one, or the square where each is made robust first."""
+        """The loss of the stacked terms: their common one, or the square if each term is made robust first."""
         return self._common_loss or SQUARED
 
-    def residual(self, observed: Observed) -> ResidualFunction:
-        """Stack the terms in order. Without a common loss, half the square of each is its own loss times its weight."""
-        residuals = {name: term.residual(observed) for name, term in self.residual_terms.items()}
+    def residual_function(self, observed: Observed) -> ResidualFunction:
+        """Return the stacked residuals of the terms. Without a common loss, half the square of each is its loss times
+        its weight."""
+        residuals = {name: term.residual_function(observed) for name, term in self.residual_terms.items()}
         if self._common_loss is None:
             for name, term in self.residual_terms.items():
-                own = robust(residuals[name], term.residual_loss)
-                residuals[name] = scaled(own, float(np.sqrt(self.weights[name])))
+                term_residual = robust(residuals[name], term.residual_loss)
+                residuals[name] = scaled(term_residual, float(np.sqrt(self.weights[name])))
         return stacked(list(residuals.values()))
 
 
 @dataclass(frozen=True, eq=False)
-class _ProductLook:
-    """A look at one frame by the terms of a product: `frame_likelihoods`, by name, of those with a weight."""
+class _ProductFrameLikelihood:
+    """The likelihood of one frame by the terms with a weight, `frame_likelihoods`, by name."""
 
     product: Product
     frame_likelihoods: Mapping[str, FrameLikelihood]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Collect those of the terms."""
+        """The notes of all terms."""
         return tuple(note for frame_likelihood in self.frame_likelihoods.values() for note in frame_likelihood.notes)
 
     @property
     def diagnostics(self) -> Mapping[str, float]:
-        """Collect those of the terms, and a share of 0 for each."""
-        return _merged(self.frame_likelihoods.values()) | {f"share_{name}": 0.0 for name in self.frame_likelihoods}
+        """The diagnostics of all terms, and a variance fraction of 0 for each."""
+        return _merged(self.frame_likelihoods.values()) | {
+            f"variance_fraction_{name}": 0.0 for name in self.frame_likelihoods
+        }
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
+        """Return log likelihoods (N,) of poses (N, P) with previous poses (N, P), with the terms' fractions of their
+        variance."""
         evaluations = self._evaluations(previous_pose, pose)
-        parts = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
-        total = sum(parts.values(), np.zeros(len(pose)))
-        diagnostics = {f"share_{name}": share for name, share in shares(parts, total).items()}
+        weighted = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
+        total = sum(weighted.values(), np.zeros(len(pose)))
+        fractions = variance_fractions(weighted, total)
+        diagnostics = {f"variance_fraction_{name}": fraction for name, fraction in fractions.items()}
         notes = tuple(note for each in evaluations.values() for note in each.notes)
         return Evaluation(total, notes, _merged(evaluations.values()) | diagnostics)
 
     def _evaluations(self, previous_pose: FloatArray, pose: FloatArray) -> dict[str, Evaluation]:
-        """Evaluate every term, together those that look at the limbs of one body."""
-        bodies: dict[int, dict[str, LimbLook]] = {}
+        """Evaluate every term; those of the limbs of one body jointly."""
+        bodies: dict[int, dict[str, LimbFrameLikelihood]] = {}
         for name, frame_likelihood in self.frame_likelihoods.items():
-            if isinstance(frame_likelihood, LimbLook):
+            if isinstance(frame_likelihood, LimbFrameLikelihood):
                 bodies.setdefault(id(frame_likelihood.body), {})[name] = frame_likelihood
-        together: dict[str, Evaluation] = {}
+        evaluations: dict[str, Evaluation] = {}
         for frame_likelihoods in bodies.values():
-            together |= zip(frame_likelihoods, evaluate_together(list(frame_likelihoods.values()), pose), strict=True)
+            evaluations |= zip(frame_likelihoods, evaluate_jointly(list(frame_likelihoods.values()), pose), strict=True)
         return {
-            name: together[name] if name in together else frame_likelihood.evaluate(previous_pose, pose)
+            name: evaluations[name] if name in evaluations else frame_likelihood.evaluate(previous_pose, pose)
             for name, frame_likelihood in self.frame_likelihoods.items()
         }
 
     def update(self, expected_pose: FloatArray) -> Product:
-        """The product of what the terms remember; a term without a weight stays as it is."""
-        remembering = {
+        """Return the product of the updated terms; a term without a weight is unchanged."""
+        updated = {
             name: frame_likelihood.update(expected_pose) for name, frame_likelihood in self.frame_likelihoods.items()
         }
-        return replace(self.product, terms={**self.product.terms, **remembering})
+        return replace(self.product, terms={**self.product.terms, **updated})
 
 
-def _merged(parts: Iterable[FrameLikelihood | Evaluation]) -> dict[str, float]:
-    return {name: value for part in parts for name, value in part.diagnostics.items()}
+def _merged(terms: Iterable[FrameLikelihood | Evaluation]) -> dict[str, float]:
+    return {name: value for term in terms for name, value in term.diagnostics.items()}
 
 
-def shares(parts: Mapping[str, FloatArray], total: FloatArray) -> dict[str, float]:
-    """Cov(part, total) / Var(total) over the particles (N,) with a finite total; 0 for all where nothing varies."""
+def variance_fractions(terms: Mapping[str, FloatArray], total: FloatArray) -> dict[str, float]:
+    """Return Cov(term, total) / Var(total) over the particles (N,) of finite total; 0 for all terms if the variance is
+    0."""
     finite = np.isfinite(total)
     centred = total[finite] - total[finite].mean() if finite.any() else np.zeros(0)
-    spread = float((centred**2).sum())
-    return {name: float((part[finite] * centred).sum()) / spread if spread else 0.0 for name, part in parts.items()}
+    squares = float((centred**2).sum())
+    return {name: float((term[finite] * centred).sum()) / squares if squares else 0.0 for name, term in terms.items()}

@@ -1,4 +1,4 @@
-"""How well a body's surface explains observed points: the likelihood of paper D's data for a particle filter."""
+"""Likelihood of observed 3-D points given the body's surface: that of paper D's data, for particle filters."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -13,78 +13,86 @@ from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, chec
 from workbench.core.frame import Frame
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
-from workbench.likelihoods.base import PoseLook, finite_rows
+from workbench.likelihoods.base import PoseFrameLikelihood, finite_rows
 from workbench.utils.arrays import FloatArray
 
-RANGE_M = 2.0  # over which an outlier may lie
-_BLOCK = 2**20  # distances that are held at once, 8 MiB
+RANGE_M = 2.0  # of an outlier's uniform distribution
+_BLOCK = 2**20  # distances in memory at once, 8 MiB
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points lie about the surface, or anywhere (paper D has the plain sum of squares, which knows no outliers):
+    """Points scatter about the surface, or are uniform outliers (paper D has a plain sum of squares, without outliers):
 
-        log p = temper · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / RANGE_M)
+        log p = likelihood_power · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / RANGE_M)
 
-    with r_k the distance of point k to the nearest part of the body's implicit surface. sigma: σ, m. epsilon: ε, the
-    share of outliers. temper: below 1 flattens the posterior, since points of one stereo pair err together.
+    with r_k the distance of point k to the nearest part of the body's implicit surface. Least squares instead minimises
+    a robust loss of the residuals over sigma. Raises InputError if a parameter is out of range.
 
-    Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
-    a loss, "squared", "huber" or "geman_mcclure", which bends at `scale`; sigma and scale are then in the kind's unit.
-    shared_m: m, deviation along each axis of what points of one part of the body, and all, are off together, see
-    `systematic_errors.Shared`. Raises InputError when a constant is out of range."""
+    Parameters
+    ----------
+    body : the person's body.
+    sigma : σ, in the unit of `residual`.
+    outlier_fraction : ε.
+    likelihood_power : below 1 it flattens the posterior, since the errors of points of one stereo pair are correlated.
+    residual : of least squares: "distance", m, or paper D's "field".
+    loss : of least squares: "squared", "huber" or "geman_mcclure".
+    loss_scale : residual at which the loss bends, in the unit of `residual`.
+    common_bias_std_m : standard deviation, m, along each axis, of the bias shared by the points of one body part, and
+        by all points; see `systematic_errors.Shared`.
+    """
 
     traits: ClassVar[Traits] = component_traits(RESIDUALS, dataset=POINTS)
 
     body: Body
     sigma: float = 0.02
-    epsilon: float = 0.15
-    temper: float = 0.03
-    kind: Kind = "distance"
+    outlier_fraction: float = 0.15
+    likelihood_power: float = 0.03
+    residual: Kind = "distance"
     loss: str = "geman_mcclure"
-    scale: float = 0.03
-    shared_m: float = 0.012
+    loss_scale: float = 0.03
+    common_bias_std_m: float = 0.012
 
     def __post_init__(self) -> None:
-        check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, temper=UP_TO_1)
-        check("surface points", self, kind=one_of(*KINDS), loss=one_of(*LOSSES), scale=POSITIVE)
-        check("surface points", self, shared_m=at_least(0))
+        check("surface points", self, sigma=POSITIVE, outlier_fraction=INSIDE_UNIT, likelihood_power=UP_TO_1)
+        check("surface points", self, residual=one_of(*KINDS), loss=one_of(*LOSSES), loss_scale=POSITIVE)
+        check("surface points", self, common_bias_std_m=at_least(0))
 
     @property
     def observables(self) -> Observables:
-        """Points, with the deviation sigma."""
-        return Observables(sigma=self.sigma, kind=self.kind, shared_m=self.shared_m)
+        """Points, with standard deviation sigma."""
+        return Observables(sigma=self.sigma, residual=self.residual, common_bias_std_m=self.common_bias_std_m)
 
     @property
     def residual_loss(self) -> Loss:
         """The loss of whitened residuals."""
-        return Loss(self.loss, self.scale / self.sigma)
+        return Loss(self.loss, self.loss_scale / self.sigma)
 
-    def residual(self, observed: Observed) -> ResidualFunction:
-        """Measure the residuals of the frame's points, whitened by sigma."""
-        return surface_residual(self.body.skeleton, self.surface, observed.points, self.kind, self.sigma)
+    def residual_function(self, observed: Observed) -> ResidualFunction:
+        """Return the residuals of the frame's points, whitened by sigma."""
+        return surface_residual(self.body.skeleton, self.surface, observed.points, self.residual, self.sigma)
 
     @cached_property
     def surface(self) -> Surface:
         """The body's implicit surface."""
         return person_surface(self.body)
 
-    def prepare(self, previous: Frame | None, frame: Frame) -> PoseLook:
-        """Pick out the finite points; poses are all equally likely where there are none."""
-        given = np.empty((0, 3)) if frame.points is None else frame.points
-        points = given[finite_rows(given)]
-        note = "" if len(given) else f"frame {frame.index}: there are no points"
-        if lost := len(given) - len(points):
-            note = f"frame {frame.index}: {lost} of {len(given)} points are not finite; left out"
-        judge = partial(self._log_prob, points)
-        return PoseLook("surface points", judge, lambda expected_pose: self, (note,) if note else ())
+    def prepare(self, previous: Frame | None, frame: Frame) -> PoseFrameLikelihood:
+        """Return the likelihood of the frame's finite points; constant if there are none."""
+        candidates = np.empty((0, 3)) if frame.points is None else frame.points
+        points = candidates[finite_rows(candidates)]
+        note = "" if len(candidates) else f"frame {frame.index}: no points"
+        if n_omitted := len(candidates) - len(points):
+            note = f"frame {frame.index}: {n_omitted} of {len(candidates)} points are not finite; omitted"
+        log_prob = partial(self._log_prob, points)
+        return PoseFrameLikelihood("surface points", log_prob, lambda expected_pose: self, (note,) if note else ())
 
     def _log_prob(self, points: FloatArray, pose: FloatArray) -> FloatArray:
-        log_prob, together = np.empty(len(pose)), max(1, _BLOCK // max(1, len(points)))
-        for first in range(0, len(pose), together):
-            rows = slice(first, first + together)
+        log_prob, n_poses = np.empty(len(pose)), max(1, _BLOCK // max(1, len(points)))
+        for first in range(0, len(pose), n_poses):
+            rows = slice(first, first + n_poses)
             z = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
-            near = (1.0 - self.epsilon) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
-            near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
-            log_prob[rows] = self.temper * np.log(near + self.epsilon / RANGE_M).sum(axis=1)
+            inlier = (1.0 - self.outlier_fraction) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
+            inlier = np.nan_to_num(inlier, copy=False)  # squares overflow far away
+            log_prob[rows] = self.likelihood_power * np.log(inlier + self.outlier_fraction / RANGE_M).sum(axis=1)
         return log_prob

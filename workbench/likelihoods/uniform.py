@@ -1,4 +1,4 @@
-"""The likelihood that knows nothing: every pose is equally likely (paper A, fig. 7: the prior alone)."""
+"""The constant likelihood: every pose is equally likely (paper A, fig. 7: the prior alone)."""
 
 from typing import ClassVar
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from workbench.core.capabilities import UNIFORM_WEIGHTS, Traits, component_traits
 from workbench.core.frame import Frame
-from workbench.likelihoods.base import PoseLook
+from workbench.likelihoods.base import PoseFrameLikelihood
 
 
 class Uniform:
-    """log p = 0 whatever the images show, so that a run shows what the temporal prior does by itself."""
+    """log p = 0 for all images, so that the posterior is the temporal prior."""
 
     traits: ClassVar[Traits] = component_traits(UNIFORM_WEIGHTS)
 
-    def prepare(self, previous: Frame | None, frame: Frame) -> PoseLook:
-        """See nothing."""
-        return PoseLook("uniform", lambda pose: np.zeros(len(pose)), lambda expected_pose: self)
+    def prepare(self, previous: Frame | None, frame: Frame) -> PoseFrameLikelihood:
+        """Return the constant likelihood of a frame."""
+        return PoseFrameLikelihood("uniform", lambda pose: np.zeros(len(pose)), lambda expected_pose: self)

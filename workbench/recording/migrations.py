@@ -46,6 +46,9 @@ _MODULES = {
 }
 """Modules of targets that have moved."""
 _ALIGNMENT = "workbench.likelihoods.dense.dense_alignment.DenseAlignment"
+_IMAGE_MOTION = "workbench.likelihoods.image_motion.ImageMotion"
+_CUES = "workbench.likelihoods.cues"
+_PIXELS = {"k": "effective_pixels", "epsilon": "outlier_fraction"}
 _EKF = "workbench.inference.ekf.iterated_ekf.IteratedEkf"
 _REINITIALIZING = "workbench.inference.smc.reinitializing.Reinitializing"
 _CLASSES = {
@@ -70,7 +73,7 @@ _FIXED: dict[str, dict[str, Any]] = {
     "workbench.likelihoods.cues.background.Background": {"least_sigma": 3.0, "blur_px": 0.7, "seed": 0},
     "workbench.likelihoods.cues.silhouette.Silhouette": {"least_sigma": 3.0},
     _ALIGNMENT: {"blurs_px": [6.0, 3.0, 1.2], "outline": 0.25, "facing": 0.3},
-    "workbench.likelihoods.image_motion.ImageMotion": {"p_occluded": 0.01, "blur_px": 2.0**0.5, "seed": 0},
+    _IMAGE_MOTION: {"p_occluded": 0.01, "blur_px": 2.0**0.5, "seed": 0},
     "workbench.likelihoods.keypoints.KeypointLikelihood": {"nu": 4.0},
     "workbench.likelihoods.product.Product": {"device": "cpu"},
     "workbench.likelihoods.surface_points.SurfacePoints": {"range_m": 2.0},
@@ -91,6 +94,7 @@ _FIXED: dict[str, dict[str, Any]] = {
 
 _OPTIONS: dict[str, dict[str, str]] = {
     "inference": {"kalman": "iterated_ekf", "restarting": "reinitializing"},
+    "likelihood": {"alignment": "dense_alignment"},
     "prior": {
         "flipping": "kinematic_flips", "following": "fitted_rest", "following_implicit": "fitted_rest_implicit",
         "jitter": "ar_offsets", "jitter_gait": "ar_offsets_gait",
@@ -159,6 +163,21 @@ _KEYS: dict[str, dict[str, str]] = {
     f"{_PRIORS}.smooth.Smooth": {
         "lowest": "lower", "highest": "upper", "start_pose": "initial_pose_scale", "start_uniform": "initial_uniform",
     },
+    _ALIGNMENT: {"count": "pixel_weight", "rate": "learning_rate", "epsilon": "outlier_fraction"},
+    f"{_CUES}.appearance.Appearance": {**_PIXELS, "rate": "learning_rate"},
+    f"{_CUES}.background.Background": _PIXELS,
+    f"{_CUES}.edges.Edges": {"k": "effective_responses"},
+    f"{_CUES}.silhouette.Silhouette": {
+        **_PIXELS, "rim_px": "dilation_px", "standing": "background_from_first_pose",
+    },
+    _IMAGE_MOTION: {**_PIXELS, "exponent": "reduction", "points": "sampling"},
+    "workbench.likelihoods.keypoints.KeypointLikelihood": {
+        "temper": "likelihood_power", "scale": "loss_scale", "which": "cameras",
+    },
+    "workbench.likelihoods.surface_points.SurfacePoints": {
+        "epsilon": "outlier_fraction", "temper": "likelihood_power", "kind": "residual", "scale": "loss_scale",
+        "shared_m": "common_bias_std_m",
+    },
 }  # fmt: skip
 """Keys of components that have another name today, by target: old and new."""
 _INITIALIZATION = {"initialization": {"given": "perturbed_truth"}}
@@ -166,6 +185,7 @@ _VALUES: dict[str, dict[str, dict[Any, Any]]] = {
     _POINTS: _INITIALIZATION,
     f"{_DATASETS}.points.Points": _INITIALIZATION,
     f"{_DATASETS}.stereo.Stereo": _INITIALIZATION,
+    _IMAGE_MOTION: {"background": {"still": "static"}, "sampling": {"spread": "regular", "drawn": "random"}},
 }
 """Values of keys that have another name today, by target and today's key: old and new."""
 _INVERSES = {"exact": "perturb"}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from single_steps import SKELETON
 
-from workbench.body.angles import FLEXIONS, exchanged, flexions, nearest_turn
+from workbench.body.angles import FLEXIONS, flexions, swap_left_right, unwrap_near
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
@@ -58,17 +58,17 @@ def test_errors_on_a_full_skeleton_are_those_of_both_legs():
 
 def test_sides_are_exchanged_and_the_root_stays():
     poses = np.arange(50.0).reshape(2, 25)
-    other = exchanged(poses)
+    other = swap_left_right(poses)
     left, right = POSE_NAMES.index("left_knee_flexion"), POSE_NAMES.index("right_knee_flexion")
     assert (other[:, [left, right]] == poses[:, [right, left]]).all()
     assert (other[:, :9] == poses[:, :9]).all()
-    assert (exchanged(other) == poses).all()
-    assert (exchanged(poses[0]) == other[0]).all()
+    assert (swap_left_right(other) == poses).all()
+    assert (swap_left_right(poses[0]) == other[0]).all()
 
 
 def test_other_parameters_than_a_persons_stay_as_they_are():
     pose = np.arange(66.0)
-    assert exchanged(pose) is pose
+    assert swap_left_right(pose) is pose
 
 
 POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
@@ -77,7 +77,7 @@ POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
 @settings(deadline=None)  # the first call loads compiled kernels
 @given(POSES, arrays(float, 25, elements=st.floats(-20.0, 20.0)))
 def test_the_pose_stays_and_its_angles_come_near(poses, reference):
-    moved = nearest_turn(poses, reference)
+    moved = unwrap_near(poses, reference)
     assert np.abs(moved[:, 3:] - reference[3:]).max() <= np.pi + 1e-9
     assert (moved[:, :3] == poses[:, :3]).all()
     assert np.abs(joints(SKELETON, moved) - joints(SKELETON, poses)).max() < 1e-9
@@ -85,4 +85,4 @@ def test_the_pose_stays_and_its_angles_come_near(poses, reference):
 
 def test_what_is_near_is_returned_as_it_is():
     poses = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 25))
-    assert nearest_turn(poses, np.zeros(25)) is poses
+    assert unwrap_near(poses, np.zeros(25)) is poses

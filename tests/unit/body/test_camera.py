@@ -82,7 +82,7 @@ def test_scaling_there_and_back_is_the_same_camera():
 
 @pytest.mark.parametrize("target", [(3.0, -2.0, 1.5), (3.0, -2.0, 9.0), (3.0, -2.0, 0.0)])
 def test_plain_camera_cannot_look_at_itself_or_straight_up(target):
-    with pytest.raises(InputError, match="cannot look from"):
+    with pytest.raises(InputError, match="is at, above or below look_at"):
         plain_camera(64, 48, 50.0, (3.0, -2.0, 1.5), target)
 
 
@@ -100,7 +100,7 @@ def test_cameras_of_a_file(tmp_path):
     ("old", "new", "message"),
     [
         ("[cam]", "[cam", "expected TOML"),
-        ("size = [640.0, 480.0]\n", "", "camera [cam] lacks 'size'"),
+        ("size = [640.0, 480.0]\n", "", "camera [cam] has no 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
         ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
         ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 numbers"),

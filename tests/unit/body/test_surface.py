@@ -156,7 +156,7 @@ def test_of_equally_near_parts_it_is_the_first(kind):
 def test_bad_input_is_refused_in_one_sentence():
     skeleton, surface = scenes.PERSON
     frames = forward(skeleton, np.zeros((1, 25)))
-    with pytest.raises(InputError, match="finite points, found 2 others"):
+    with pytest.raises(InputError, match="finite points, found 2 non-finite ones"):
         attach(surface, frames, np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]]))
     with pytest.raises(InputError, match="positive half sizes"):
         replace(surface, half_sizes=-surface.half_sizes)

@@ -84,9 +84,9 @@ def test_points_far_beyond_every_part_still_have_one():
 
 def test_points_that_are_not_finite_are_refused():
     points = np.array([[0.0, 0.0, 1.0], [0.0, np.nan, 0.0]])
-    with pytest.raises(InputError, match="expected finite points, found 1 others"):
+    with pytest.raises(InputError, match="expected finite points, found 1 non-finite ones"):
         nearest_residual_jacobian(*scenes.PERSON, np.zeros(25), points, "distance")
-    with pytest.raises(InputError, match="expected finite points, found 1 others"):
+    with pytest.raises(InputError, match="expected finite points, found 1 non-finite ones"):
         nearest_distances(*scenes.PERSON, np.zeros((2, 25)), points)
 
 

@@ -24,7 +24,7 @@ RUNS = (
     "component_packages=no_such_package",
     "study=nothing", "inference=hybrid likelihood=image_motion", "likelihood=keypoints", "dataset=blank",
     "dataset=points likelihood=image_motion", "inference=least_squares", "prior.motions=everything",
-    "dataset.n_frames=100000", "body=height body.height_m=180", "likelihood.exponent=total", "prior.motions=cmu",
+    "dataset.n_frames=100000", "body=height body.height_m=180", "likelihood.reduction=total", "prior.motions=cmu",
     "experiment=impute_gaps study.fractions=[1.5]", "experiment=learn_walk_run study.activities=[swim]",
     "--experimental-rerun=x.pickle",
 )  # fmt: skip

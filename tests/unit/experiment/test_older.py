@@ -115,3 +115,10 @@ def test_keys_outside_of_components_and_experiments_get_todays_names():
     words = {"experiment": "walk_best", "choices": ["experiment=walk_best", "prior=track"], "seed": 3}
     renamed = {"experiment": "walk_multi_cue", "choices": ["experiment=walk_multi_cue", "prior=track"], "seed": 3}
     assert provenance_in_todays_words(words) == renamed
+
+
+def test_likelihoods_get_the_keys_and_values_of_today():
+    motion = {"_target_": "workbench.likelihoods.image_motion.ImageMotion"}
+    recorded = {"likelihood": {**motion, "k": 2.0, "exponent": "sum", "points": "drawn", "background": "still"}}
+    today = {**motion, "effective_pixels": 2.0, "reduction": "sum", "sampling": "random", "background": "static"}
+    assert in_todays_words(PATH, recorded) == {"likelihood": today}

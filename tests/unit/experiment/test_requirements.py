@@ -12,10 +12,10 @@ NAMES = {"dataset": "video", "body": "height"}
     ("words", "reason"),
     [
         (["experiment=walk_straight"], "likelihood=ImageMotion is not a density of the data"),
-        (["experiment=walk_straight", "likelihood.exponent=sum"], "likelihood=ImageMotion is not"),
+        (["experiment=walk_straight", "likelihood.reduction=sum"], "likelihood=ImageMotion is not"),
         (["experiment=walk_multi_cue"], "likelihood=Product is not"),
         (["experiment=walk_keypoints_synthetic", "inference=particle_filter"], "likelihood=KeypointLikelihood is not"),
-        (["experiment=walk_keypoints_synthetic", "inference=particle_filter", "likelihood.temper=1.0"], None),
+        (["experiment=walk_keypoints_synthetic", "inference=particle_filter", "likelihood.likelihood_power=1.0"], None),
         (["experiment=synthesize_run"], "there is no likelihood"),
     ],
     ids=str,

@@ -63,7 +63,7 @@ def test_a_typo_in_any_group_names_the_key(group):
     ("override", "match"),
     [
         ("likelihood.terms.background.no_such_key=1", "no_such_key"),
-        ("likelihood.terms.background.k=many", "many"),
+        ("likelihood.terms.background.effective_pixels=many", "many"),
         ("prior.base.no_such_key=1", "no_such_key"),
         ("training.no_such_key=1", "no_such_key"),
         ("if_chosen=walk_multi_cue", "if_chosen"),
@@ -102,7 +102,7 @@ def test_a_file_with_a_key_that_is_none_is_named(text, match):
 
 
 def test_the_terms_of_a_product_are_built_with_the_live_objects():
-    config = compose("config", overrides=["likelihood=product", "likelihood.terms.background.k=0.7"])
+    config = compose("config", overrides=["likelihood=product", "likelihood.terms.background.effective_pixels=0.7"])
     body, clip = person(from_height(1.7)), object()
     product = build(config.likelihood, body=body, clip=clip)
     assert list(product.terms) == list(product.weights) == [
@@ -110,7 +110,7 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     ]  # fmt: skip
     assert all(term.body is body for term in product.terms.values())
     assert product.terms["background"].clip is clip
-    assert product.terms["background"].k == 0.7
+    assert product.terms["background"].effective_pixels == 0.7
     assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
 
 
@@ -174,8 +174,8 @@ def test_an_experiment_of_no_paper_is_refused_in_one_sentence(experiment):
 
 
 def test_the_command_line_wins_over_the_paper():
-    config = composed("experiment=walk_straight", "paper=literal", "likelihood.exponent=mean", "prior.n_components=3")
-    assert (config["likelihood"]["exponent"], config["likelihood"]["occlusion"]) == ("mean", "limb")
+    config = composed("experiment=walk_straight", "paper=literal", "likelihood.reduction=mean", "prior.n_components=3")
+    assert (config["likelihood"]["reduction"], config["likelihood"]["occlusion"]) == ("mean", "limb")
     assert (config["prior"]["n_components"], config["prior"]["transition"]) == (3, "A")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_up_looks import MadeUpLook
 
-from workbench.core.likelihood import DenseLikelihood, Slope
+from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.dense_refinement import refine_pose
 from workbench.inference.ekf.levenberg_marquardt import heavy_tailed_prior
 
@@ -18,10 +18,10 @@ class Image(MadeUpLook):
     def __init__(self, points, precision, layers, sharp):
         self.points, self.precision, self.layers, self.sharp, self.asked = points, precision, layers, sharp, 0
 
-    def slope(self, pose, level, derive=True):
+    def derivatives(self, pose, level, derive=True):
         assert level == 1
         off = pose - self.points
-        return Slope(-0.5 * float(off @ self.precision @ off), -self.precision @ off, self.precision)
+        return Derivatives(-0.5 * float(off @ self.precision @ off), -self.precision @ off, self.precision)
 
     def compare(self, poses, moved):
         assert moved is JOINTS
@@ -48,7 +48,9 @@ def scene(seed, sharp, unseen=0):
 @pytest.mark.parametrize("seed", range(5))
 def test_it_climbs_to_the_peak_of_three_gaussians(seed):
     frame_likelihood, prior, start, alone, _ = scene(seed, 500.0)
-    pose, slope, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
+    pose, slope, count = refine_pose(
+        frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS
+    )
     expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * frame_likelihood.layers)
 
     def below(place):
@@ -56,14 +58,14 @@ def test_it_climbs_to_the_peak_of_three_gaussians(seed):
         return 0.5 * off @ (alone + 500.0 * np.eye(D)) @ off
 
     assert below(pose) < 0.02 * below(start)  # what is shared off the axes is not looked at
-    assert slope.log_prob == frame_likelihood.slope(pose, 1).log_prob
+    assert slope.log_prob == frame_likelihood.derivatives(pose, 1).log_prob
     assert count == frame_likelihood.asked
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
     frame_likelihood, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
-    pose, _, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)
+    pose, _, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS)
     moved = np.abs(pose - start).max()
     np.testing.assert_allclose(unseen.T @ (pose - start), 0.0, atol=1e-6 * moved)
     assert moved > 0.01
@@ -73,14 +75,14 @@ def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
 def test_it_stays_at_the_peak_of_the_points_where_layers_say_nothing():
     frame_likelihood, prior, start, *_ = scene(0, 0.0)
     np.testing.assert_array_equal(
-        refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), WIDE, JOINTS)[0], start
+        refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS)[0], start
     )
 
 
 def test_it_keeps_within_limits():
     frame_likelihood, prior, start, *_ = scene(1, 500.0)
     limits = np.stack([start - 0.01, start + 0.01], axis=1)
-    pose, _, _ = refine_pose(frame_likelihood, prior, start, frame_likelihood.slope(start, 1), limits, JOINTS)
+    pose, _, _ = refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), limits, JOINTS)
     assert (pose >= limits[:, 0]).all()
     assert (pose <= limits[:, 1]).all()
     assert (pose != start).any()

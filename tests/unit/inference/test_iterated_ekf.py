@@ -11,7 +11,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Slope
+from workbench.core.likelihood import Derivatives
 from workbench.core.pose_prior import PosePrior
 from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.inference.ekf.levenberg_marquardt import find_mode, heavy_tailed_prior
@@ -49,7 +49,7 @@ def model(rng):
 class Seen(MadeUpLook):
     """A likelihood that sees every number of a pose with noise, but for the first frame; its misfit widens nothing."""
 
-    levels, informative = 1, False
+    n_levels, informative = 1, False
 
     def __init__(self, marks, frame=None):
         self.marks, self.at = marks, frame
@@ -57,11 +57,11 @@ class Seen(MadeUpLook):
     def prepare(self, previous, frame):
         return type(self)(self.marks, frame.index)
 
-    def slope(self, pose, level):
+    def derivatives(self, pose, level):
         miss = (pose - self.marks[self.at]) / SIGMA
-        return Slope(-0.5 * float(miss @ miss), -miss / SIGMA, np.eye(N) / SIGMA**2)
+        return Derivatives(-0.5 * float(miss @ miss), -miss / SIGMA, np.eye(N) / SIGMA**2)
 
-    def misfit(self, pose):
+    def mean_loss(self, pose):
         return np.full(len(PERSON.names), 0.7)
 
 
@@ -209,9 +209,9 @@ class Bowl(MadeUpLook):
     def __init__(self, marks, sigma):
         self.marks, self.sigma = marks, sigma
 
-    def slope(self, pose, level):
+    def derivatives(self, pose, level):
         apart = (pose - self.marks) / self.sigma
-        return Slope(-0.5 * float(apart @ apart), -apart / self.sigma, np.eye(len(pose)) / self.sigma**2)
+        return Derivatives(-0.5 * float(apart @ apart), -apart / self.sigma, np.eye(len(pose)) / self.sigma**2)
 
 
 def spread(rng, n=4):
@@ -305,7 +305,7 @@ class Misfit(Seen):
     def prepare(self, previous, frame):
         return Misfit(self.marks, self.knee, frame.index)
 
-    def misfit(self, pose):
+    def mean_loss(self, pose):
         return np.where(np.array(PERSON.names) == "left_knee", self.knee, 0.7)
 
 

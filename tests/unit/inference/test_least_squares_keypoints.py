@@ -6,7 +6,7 @@ from keypoint_scenes import BODY, CAMERA, NOTHING, PX_M, errors_mm, frames, keyp
 from least_squares_scenes import Knowing, SineModel
 
 from workbench.core.frame import Frame
-from workbench.core.observations import kinds_seen, observe
+from workbench.core.observations import observe, observed_kinds
 from workbench.core.residual import Loss
 from workbench.inference.least_squares.all_frames import fit_problem
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
@@ -73,12 +73,12 @@ def test_frames_between_keypoints_are_bridged_and_named():
     steps = run(frames(times, seen), start=poses[0])
     said = {t: step.warnings for t, step in enumerate(steps) if step.warnings}
     assert said == {
-        0: ("frame 20: no keypoints; bridged by the frames beside it",),
-        3: ("frames 23 to 25: no keypoints; bridged by the frames beside them",),
-        7: ("frames 27 to 29: no keypoints; bridged by the frames beside them",),
-        11: ("frames 31 to 32: no keypoints; bridged by the frames beside them",),
-        14: ("frame 34: no keypoints; bridged by the frames beside it",),
-        16: ("frames 36 to 37: no keypoints; bridged by the frames beside them",),
+        0: ("frame 20: no keypoints; interpolated from the frames next to it",),
+        3: ("frames 23 to 25: no keypoints; interpolated from the frames next to them",),
+        7: ("frames 27 to 29: no keypoints; interpolated from the frames next to them",),
+        11: ("frames 31 to 32: no keypoints; interpolated from the frames next to them",),
+        14: ("frame 34: no keypoints; interpolated from the frames next to it",),
+        16: ("frames 36 to 37: no keypoints; interpolated from the frames next to them",),
     }
     # between two that are a third of a second apart a person is where both say, to a joint's noise or so
     between = [3, 4, 5, 7, 8, 9, 11, 12, 14]
@@ -92,7 +92,7 @@ def test_several_frames_tell_what_one_leaves_open():
     times, phases, poses = walk(6, phase=0.3)
     seen = keypoints(poses)
     seen[:, HIDDEN_ANKLES] = np.nan
-    one = KeypointLikelihood(BODY, sigma_px=3.0).residual(observed(frames(times, seen))[0])
+    one = KeypointLikelihood(BODY, sigma_px=3.0).residual_function(observed(frames(times, seen))[0])
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
     twin = decoder.poses(decoder.states(np.array([0.5, -0.5]), -phases[:1], poses[:1, :6]))[0]
     assert np.abs(twin - poses[0]).max() > 0.1
@@ -122,17 +122,17 @@ def test_points_and_keypoints_are_seen_together():
     both = [Frame(frame.index, frame.time_s, frame.views, points=cloud) for frame in frames(times, keypoints(poses))]
     both[2] = Frame(22, times[2], ())
     seen, warnings = observe(both, BODY.skeleton, 1000, rng)
-    assert kinds_seen(seen) == ("points", "keypoints")
-    assert warnings[2] == ("frame 22: no points or keypoints; bridged by the frames beside it",)
+    assert observed_kinds(seen) == ("points", "keypoints")
+    assert warnings[2] == ("frame 22: no points or keypoints; interpolated from the frames next to it",)
     alone, warnings = observe(both, BODY.skeleton, 10, rng, KeypointLikelihood(BODY).observables)
-    assert kinds_seen(alone) == ("keypoints",)
-    assert warnings == [(), (), ("frame 22: no keypoints; bridged by the frames beside it",), ()]
+    assert observed_kinds(alone) == ("keypoints",)
+    assert warnings == [(), (), ("frame 22: no keypoints; interpolated from the frames next to it",), ()]
 
 
 def test_a_camera_that_is_not_there_is_an_error():
     times, _, poses = walk(2)
-    with pytest.raises(InputError, match="no camera 'ceiling', expected some of camera"):
-        run(frames(times, keypoints(poses)), poses[0], which=["ceiling"])
+    with pytest.raises(InputError, match="unknown camera 'ceiling'; expected some of camera"):
+        run(frames(times, keypoints(poses)), poses[0], cameras=["ceiling"])
 
 
 def test_without_a_motion_the_poses_prior_holds_what_one_camera_does_not_see():

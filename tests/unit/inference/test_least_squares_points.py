@@ -82,7 +82,7 @@ def fitting(problem=None, likelihood=None, model=True, **given):
     return LeastSquares(BODY, likelihood, prior, problem=problem, **given)
 
 
-FIELD = SurfacePoints(BODY, kind="field", sigma=0.5, scale=0.5)
+FIELD = SurfacePoints(BODY, residual="field", sigma=0.5, loss_scale=0.5)
 
 
 @pytest.mark.parametrize(
@@ -103,8 +103,8 @@ def test_a_walk_is_found_in_points_without_a_start(problem, likelihood):
 def test_a_fit_is_unsure_of_what_points_share_however_many_there_are():
     poses = truth()
 
-    def fitted(shared_m, problem=None, n=400):
-        inference = fitting(problem, SurfacePoints(BODY, shared_m=shared_m))
+    def fitted(common_bias_std_m, problem=None, n=400):
+        inference = fitting(problem, SurfacePoints(BODY, common_bias_std_m=common_bias_std_m))
         return inference.fit_frames(frames(poses, n=n), None, np.random.default_rng(0))[0]
 
     def root_mm(fit):
@@ -166,7 +166,7 @@ def test_frames_it_cannot_use_are_bridged_and_named():
     assert f"frame 11: {len(broken[::10])} points are not finite" in said[6]
     assert "30 points are not finite" in said[7]
     assert "no points" in said[7]
-    assert "points thinned to 1000" in said[8]
+    assert "points, subsampled to 1000" in said[8]
     assert "of the points lie near the body" in said[9]
     assert error_mm(np.array([step.expected_pose for step in steps[:9]]), poses[:9]) < 20.0
 

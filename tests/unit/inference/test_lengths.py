@@ -28,7 +28,7 @@ def test_who_may_be_a_twentieth_taller_may_be_a_twentieth_farther_away():
     taller = 0.05 * SKELETON.offsets[:, :, None]
     covariances = []
     for doubt in (taller, 0.0 * taller):
-        body = replace(BODY, length_doubt=doubt)
+        body = replace(BODY, limb_length_std=doubt)
         fitting = LeastSquares(body, KeypointLikelihood(body))
         shown = frames(SKELETON, times, poses, CAMERAS[:1])
         fit, _, _ = fitting.fit_frames(shown, poses[0], streams()["start"])
@@ -43,7 +43,7 @@ def test_a_fit_to_someone_larger_is_off_as_it_says_it_may_be():
     times, poses = swinging(SKELETON, 8)
     cause = 0.03 * SKELETON.offsets
     larger = replace(SKELETON, offsets=SKELETON.offsets + cause)
-    unsure, sure = (replace(BODY, length_doubt=factor * cause[:, :, None]) for factor in (1.0, 0.0))
+    unsure, sure = (replace(BODY, limb_length_std=factor * cause[:, :, None]) for factor in (1.0, 0.0))
 
     def fitted(shown, body):
         fitting = LeastSquares(body, KeypointLikelihood(body, loss="squared"))
@@ -72,6 +72,6 @@ def test_a_measured_size_is_as_sure_as_what_is_known_of_it():
 
 
 def test_a_body_of_another_size_is_as_unsure_of_itself():
-    body = replace(BODY, length_doubt=default_length_uncertainty(SKELETON))
-    assert np.allclose(body.scaled(2.0).length_doubt, 2.0 * body.length_doubt)
-    assert BODY.scaled(2.0).length_doubt is None
+    body = replace(BODY, limb_length_std=default_length_uncertainty(SKELETON))
+    assert np.allclose(body.scaled(2.0).limb_length_std, 2.0 * body.limb_length_std)
+    assert BODY.scaled(2.0).limb_length_std is None

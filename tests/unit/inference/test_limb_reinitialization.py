@@ -9,7 +9,7 @@ from made_up_looks import MadeUpLook
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
-from workbench.core.likelihood import DenseLikelihood, Slope
+from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.gaussian_state import GaussianState, smooth_backward
 from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.inference.ekf.limb_reinitialization import MIN_GAIN, is_better, reinitialization_cost, reinitialize_limb
@@ -121,8 +121,8 @@ class Likelihood(Image):
             self.leapt.add(self.frame)
         return super().compare(poses, moved)
 
-    def slope(self, pose, level, derive=True):
-        return Slope(0.0, np.zeros(len(pose)), np.eye(len(pose)))
+    def derivatives(self, pose, level, derive=True):
+        return Derivatives(0.0, np.zeros(len(pose)), np.eye(len(pose)))
 
 
 def test_nobody_leaps_from_where_the_start_is_given():

@@ -12,7 +12,7 @@ from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
-from workbench.core.likelihood import DenseLikelihood, Slope
+from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.gaussian_state import LIKELIHOOD_POWER, PASS_STD_M, first_pass_weights, fuse_passes
 from workbench.inference.ekf.iterated_ekf import IteratedEkf
 from workbench.priors.smooth import Smooth
@@ -131,11 +131,11 @@ class Twice(Image):
     def compare(self, poses, moved):
         return -self.pixels * ((poses[:, ARM] - 0.1) ** 2).sum(axis=1)
 
-    def slope(self, pose, level, derive=True):
+    def derivatives(self, pose, level, derive=True):
         off, precision = np.zeros(N), np.zeros((N, N))
         off[ARM] = pose[ARM] - self.place
         precision[ARM, ARM] = 1e4
-        return Slope(-0.5 * 1e4 * float(off @ off), -1e4 * off, precision)
+        return Derivatives(-0.5 * 1e4 * float(off @ off), -1e4 * off, precision)
 
 
 def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_for():

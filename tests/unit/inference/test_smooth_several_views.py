@@ -64,7 +64,7 @@ def test_a_smooth_fit_bridges_frames_that_show_nothing():
         shown[t] = replace(shown[t], views=())
     steps = run(shown, SmoothFit())
     assert errors_mm(SKELETON, found(steps)[6:8], poses[6:8]) < 40.0  # the arm moves by 100 mm between frames
-    assert steps[6].warnings == ("frames 6 to 7: no keypoints; bridged by the frames beside them",)
+    assert steps[6].warnings == ("frames 6 to 7: no keypoints; interpolated from the frames next to them",)
     assert errors_mm(SKELETON, found(run(shown, FrameByFrame()))[6:8], poses[6:8]) > 40.0
 
 

@@ -13,29 +13,29 @@ from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import DifferentiableLikelihood, Refittable
 from workbench.datasets.rendering import render
 from workbench.likelihoods.dense.background_model import (
-    LEAST_PX,
-    OWN,
-    _lasting,
+    ENOUGH_FRAMES,
+    MIN_OCCLUDER_PX,
     _median,
-    first_scene,
-    nothing_passing,
-    tracked_scene,
+    _persistent_levels,
+    initial_background,
+    no_occluders,
+    refitted_background,
 )
 from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.surface_elements import (
-    beside,
-    motion_of,
-    moved_by,
-    placed,
-    surface_cells,
-    visible,
+    contour_samples,
+    dof_mask,
+    point_motion,
+    project_elements,
+    surface_elements,
+    visible_elements,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, interpolated, person_mask, picture
+from workbench.likelihoods.dense.view_likelihood import Residuals, interpolate, person_mask, smoothed_image
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
 SHAPE = (240, 320)
-CELLS = surface_cells(BODY.limbs)
+CELLS = surface_elements(BODY.limbs)
 
 
 def walking_pose(seed=0):
@@ -64,11 +64,11 @@ def test_what_lasts_is_the_first_level_or_the_median_where_that_is_seen_more_oft
     passed = rng.integers(0, 30, (70, 6))
     stack[np.arange(30)[:, None, None] < passed] += 60.0  # in so many first images something stands there
     stack, wanted = stack.astype(np.float32), rng.random((70, 6)) < 0.9
-    found = _lasting(stack, wanted, apart)
+    found = _persistent_levels(stack, wanted, apart)
     for row, column in np.argwhere(wanted):
         levels = stack[:, row, column].astype(np.float64)
         as_first, as_median = (np.abs(levels - each) < apart for each in (levels[0], np.median(levels)))
-        own = as_first.sum() >= min(as_median.sum(), OWN)
+        own = as_first.sum() >= min(as_median.sum(), ENOUGH_FRAMES)
         np.testing.assert_allclose(found[row, column], levels[as_first if own else as_median].mean(), rtol=1e-12)
     assert (found[~wanted] == 0.0).all()
 
@@ -93,8 +93,8 @@ def test_cells_lie_on_their_limbs_and_face_outwards():
 @pytest.mark.parametrize("seed", range(3))
 def test_what_counts_as_visible_is_what_rays_meet_first(seed):
     pose = walking_pose(seed)
-    cells = placed(CELLS, frames_of(pose), CAMERA)
-    shown = visible(cells, SHAPE, 0.3)
+    cells = project_elements(CELLS, frames_of(pose), CAMERA)
+    shown = visible_elements(cells, SHAPE, 0.3)
     texture = render.clothes(BODY, np.random.default_rng(0), 1.0)
     wall = np.full(SHAPE, -1000.0)
     scene = render.RenderedScene(BODY, CAMERA, texture, wall)
@@ -128,13 +128,13 @@ def _crosses_another(eye, point, limb, pose):
 def test_slopes_are_the_derivatives_of_pixels_carried_by_the_body():
     pose, gradients = walking_pose(3), np.random.default_rng(0).standard_normal((len(CELLS.limbs), 2))
     frames = frames_of(pose)
-    motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames)
-    cells = placed(CELLS, frames, CAMERA)
+    motion = point_motion(BODY.skeleton, dof_mask(BODY.skeleton), pose, frames)
+    cells = project_elements(CELLS, frames, CAMERA)
     found = oracle.slopes(motion, cells.points, oracle.pixel_forces(CAMERA, cells.points, gradients), CELLS.joints)
     for k in range(25):
         step = np.zeros(25)
         step[k] = 1e-6
-        ahead, behind = (placed(CELLS, frames_of(pose + way * step), CAMERA).pixels for way in (1, -1))
+        ahead, behind = (project_elements(CELLS, frames_of(pose + way * step), CAMERA).pixels for way in (1, -1))
         expected = ((ahead - behind) / 2e-6 * gradients).sum(axis=1)
         np.testing.assert_allclose(found[:, k], expected, atol=1e-4 * max(1.0, np.abs(expected).max()))
 
@@ -142,7 +142,7 @@ def test_slopes_are_the_derivatives_of_pixels_carried_by_the_body():
 def test_the_loss_and_its_slope_agree():
     rng = np.random.default_rng(1)
     pose = walking_pose(2)
-    motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames_of(pose))
+    motion = point_motion(BODY.skeleton, dof_mask(BODY.skeleton), pose, frames_of(pose))
     points, joints = 0.5 * rng.standard_normal((40, 3)), rng.integers(0, 15, 40)
     gradients, misses, counts = rng.standard_normal((40, 2)), 2.0 * rng.standard_normal(40), rng.integers(0, 2, 40)
     slopes = oracle.slopes(motion, points, oracle.pixel_forces(CAMERA, points, gradients), joints)
@@ -150,7 +150,7 @@ def test_the_loss_and_its_slope_agree():
     def residuals(step):
         return Residuals(misses + slopes @ step, gradients, points, joints, counts.astype(float), 2.0)
 
-    gradient, curvature = residuals(np.zeros(25)).normal(motion, CAMERA)
+    gradient, curvature = residuals(np.zeros(25)).normal_equations(motion, CAMERA)
     unit = 1e-6 * np.eye(25)
     expected = [(residuals(step).loss - residuals(-step).loss) / 2e-6 for step in unit]
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-5)
@@ -160,19 +160,21 @@ def test_the_loss_and_its_slope_agree():
 def test_points_beside_a_limb_are_as_far_from_it_as_asked():
     pose = walking_pose(1)
     frames = frames_of(pose)
-    near, far = (beside(BODY.limbs, frames, CAMERA, (distance,))[2] for distance in (0.0, 8.0))
+    near, far = (contour_samples(BODY.limbs, frames, CAMERA, (distance,))[2] for distance in (0.0, 8.0))
     np.testing.assert_allclose(np.linalg.norm(far - near, axis=1), 8.0, atol=0.9)  # but where a limb points at us
-    drawn = person_mask(BODY, CAMERA, frames, SHAPE)
+    mask = person_mask(BODY, CAMERA, frames, SHAPE)
     x, y = np.rint(far).astype(int).T
     kept = (x >= 0) & (y >= 0) & (x < 320) & (y < 240)
-    on_others = drawn[y[kept], x[kept]].mean()
+    on_others = mask[y[kept], x[kept]].mean()
     x, y = np.rint(near).astype(int).T
-    assert on_others < 0.6 < drawn[y[kept], x[kept]].mean()
+    assert on_others < 0.6 < mask[y[kept], x[kept]].mean()
 
 
 def test_pictures_have_the_slope_of_a_plane():
     rows, columns = np.mgrid[:40, :50].astype(np.float32)
-    values, gradients = interpolated(picture(3.0 * columns - 2.0 * rows, 1.5), np.array([[20.25, 18.5], [30.0, 20.75]]))
+    values, gradients = interpolate(
+        smoothed_image(3.0 * columns - 2.0 * rows, 1.5), np.array([[20.25, 18.5], [30.0, 20.75]])
+    )
     np.testing.assert_allclose(values, [3.0 * 20.25 - 2.0 * 18.5, 90.0 - 41.5], atol=1e-3)
     np.testing.assert_allclose(gradients, [[3.0, -2.0], [3.0, -2.0]], atol=1e-4)
 
@@ -199,11 +201,11 @@ def test_the_scene_is_found_about_and_behind_who_leaves_and_not_behind_who_stays
         if i == 0:
             image[:10, :10] = 250.0  # something at the edge, gone in the next frame
         images.append(noisy(image, i))
-    found = first_scene(images, stays | leaves)
+    found = initial_background(images, stays | leaves)
     middle = block(slice(22, 48), slice(52, 58))
-    assert found.known[middle].all()
+    assert found.observed[middle].all()
     np.testing.assert_allclose(found.level[middle], wall[middle], atol=6.0)
-    assert not found.known[stays].any()
+    assert not found.observed[stays].any()
     np.testing.assert_allclose(found.level[:10, :10], wall[:10, :10], atol=6.0)
     assert 2.0 < found.noise < 4.0
     ratio = found.log_ratio(images[0], 0.05)
@@ -220,22 +222,22 @@ def test_the_scene_is_learned_where_the_person_was_not():
         image[mask] = 240.0
         images.append(noisy(image, i))
         masks.append(mask)
-    found = tracked_scene(images, masks)
-    assert found.known.mean() > 0.9
-    assert not found.known[31:33, 31:33].any()
-    np.testing.assert_allclose(found.level[found.known], wall[found.known], atol=8.0)
+    found = refitted_background(images, masks)
+    assert found.observed.mean() > 0.9
+    assert not found.observed[31:33, 31:33].any()
+    np.testing.assert_allclose(found.level[found.observed], wall[found.observed], atol=8.0)
 
 
 def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
     images = [noisy(np.full((60, 80), 100.0), i) for i in range(3)]
     person = block(slice(20, 40), slice(30, 50))
-    scene = first_scene(images, person)
+    scene = initial_background(images, person)
     shown = images[0].copy()
     shown[:10] = 200.0
-    later = scene.seen(shown, block(slice(20, 40), slice(10, 30)))
-    assert later.known[30, 45]  # the person has left from here
+    later = scene.updated(shown, block(slice(20, 40), slice(10, 30)))
+    assert later.observed[30, 45]  # the person has left from here
     np.testing.assert_allclose(later.level[:10], scene.level[:10])
-    assert not scene.known[30, 45]  # and what was known before stays as it was
+    assert not scene.observed[30, 45]  # and what was known before stays as it was
 
 
 def board_clip(n=20):
@@ -254,10 +256,10 @@ def board_clip(n=20):
 
 def test_what_passes_is_followed_over_the_person_and_beyond():
     clip = list(board_clip())
-    passing = nothing_passing(clip[0][0])
+    passing = no_occluders(clip[0][0])
     for image, standing, board in clip:
         unknown = standing
-        passing = passing.followed(image, np.abs(image - 110.0) > 15.0, standing, unknown)
+        passing = passing.tracked(image, np.abs(image - 110.0) > 15.0, standing, unknown)
         shared = (passing.mask & board).sum() / (passing.mask | board).sum()
         assert shared > 0.85
         assert (passing.mask & standing & ~board).sum() < 60
@@ -267,9 +269,9 @@ def test_an_arm_that_reaches_out_does_not_pass():
     clip = list(board_clip(3))
     image, person, _ = clip[0]
     arm = block(slice(40, 52), slice(110, 160), (120, 200))
-    assert arm.sum() > LEAST_PX
+    assert arm.sum() > MIN_OCCLUDER_PX
     image = np.where(arm | person, 30.0, 110.0).astype(np.float32)
-    assert not nothing_passing(image).followed(image, arm | person, person, person).mask.any()
+    assert not no_occluders(image).tracked(image, arm | person, person, person).mask.any()
 
 
 def test_the_truth_is_likelier_than_what_is_beside_it():
@@ -286,13 +288,13 @@ def test_its_slope_points_back_to_the_truth():
     assert frame_likelihood.informative
     for seed in range(5):
         off = np.where(np.arange(25) < 3, 0.02, 0.04) * np.random.default_rng(seed).standard_normal(25)
-        for level in range(frame_likelihood.levels):
-            slope = frame_likelihood.slope(truth + off, level)
+        for level in range(frame_likelihood.n_levels):
+            slope = frame_likelihood.derivatives(truth + off, level)
             assert slope.gradient @ -off > 0.0
             assert np.linalg.eigvalsh(slope.curvature).min() > -1e-6
         judged = frame_likelihood.evaluate(truth[None], (truth + off)[None]).log_prob
         np.testing.assert_array_equal(
-            judged, [frame_likelihood.slope(truth + off, frame_likelihood.levels - 1).log_prob]
+            judged, [frame_likelihood.derivatives(truth + off, frame_likelihood.n_levels - 1).log_prob]
         )
 
 
@@ -300,7 +302,7 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
     (frame_likelihood, truth), skeleton = third(), BODY.skeleton
     off = truth.copy()
     off[skeleton.dof("left_shoulder_flexion")] += 0.8
-    fits, misses = frame_likelihood.misfit(truth), frame_likelihood.misfit(off)
+    fits, misses = frame_likelihood.mean_loss(truth), frame_likelihood.mean_loss(off)
     worse = misses / fits
     arm = [skeleton.joint("left_shoulder"), skeleton.joint("left_elbow")]
     assert (worse[arm] > 1.3).all()

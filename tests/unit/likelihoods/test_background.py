@@ -10,9 +10,9 @@ from still_clips import EPSILON, by_hand, clip, of_frames, with_block
 from tests.oracles.image_motion import PosedView, limb_patches
 from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.cues.background import Background, points_about
-from workbench.likelihoods.cues.image_levels import log_ratio, still_scene
-from workbench.likelihoods.image_motion import ImageMotion, patch_samples
+from workbench.likelihoods.cues.background import Background, contour_samples
+from workbench.likelihoods.cues.image_levels import log_ratio, static_background
+from workbench.likelihoods.image_motion import ImageMotion, regular_samples
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -20,10 +20,10 @@ ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 def test_median_and_deviation_of_a_pixel_are_robust():
     """Of seven frames two show a person; the others lie about 100 by −4, −2, 0, 2, 4."""
     levels = np.array([96.0, 98.0, 230.0, 100.0, 102.0, 250.0, 104.0], np.float32)
-    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2, 1))
+    found = static_background(np.repeat(levels, 4).reshape(7, 2, 2, 1))
     np.testing.assert_array_equal(found.median, 102.0)
     np.testing.assert_allclose(found.sigma, 1.4826 * 4.0, rtol=1e-6)  # |deviations| 6 4 128 2 0 148 2
-    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2, 1), 7.0, np.float32)).sigma, 3.0)
+    np.testing.assert_array_equal(static_background(np.full((3, 2, 2, 1), 7.0, np.float32)).sigma, 3.0)
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def sharp(monkeypatch):
 def test_ratio_of_a_pixel(difference, sharp):
     still, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
     likelihood = Background(ROD, still)
-    found = log_ratio(frames[-1].views[0], likelihood.scenes, 0.0, EPSILON)
+    found = log_ratio(frames[-1].views[0], likelihood.backgrounds, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
 
 
@@ -45,7 +45,7 @@ def test_channels_count_as_one(channels, sharp):
     """Their deviations are averaged: three equal ones say what a grey image says."""
     empty = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 100, np.uint8)
     still, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
-    scene = Background(ROD, still).scenes["front"]
+    scene = Background(ROD, still).backgrounds["front"]
     assert scene.median.shape == empty.shape
     found = log_ratio(frames[-1].views[0], {"front": scene}, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
@@ -58,7 +58,7 @@ def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside(sharp):
     (left, top), (right, bottom) = np.ceil(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
-    likelihood = Background(ROD, still, k=2.0)
+    likelihood = Background(ROD, still, effective_pixels=2.0)
     poses = np.concatenate(
         [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
     )
@@ -68,8 +68,8 @@ def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside(sharp):
 
 
 def test_points_about_a_limb_lie_beside_it_and_beyond_its_end():
-    inside = patch_samples(300, np.random.default_rng(0))
-    about = points_about(inside)
+    inside = regular_samples(300, np.random.default_rng(0))
+    about = contour_samples(inside)
     beyond = about[:, 0] > 1.0
     assert beyond.sum() == 100
     assert (about[beyond, 0] >= 1.25).all()
@@ -102,5 +102,5 @@ def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(
 def test_the_frames_it_is_learned_from_are_spread_over_the_clip():
     """Of seven frames the first, the middle and the last, whose median is the middle one's level."""
     still, _ = clip(*[scenes.flat(level) for level in (10, 0, 0, 20, 0, 0, 90)])
-    np.testing.assert_array_equal(Background(ROD, still, n_frames=3).scenes["front"].median, 20.0)
-    np.testing.assert_array_equal(Background(ROD, still, n_frames=60).scenes["front"].median, 0.0)
+    np.testing.assert_array_equal(Background(ROD, still, n_frames=3).backgrounds["front"].median, 20.0)
+    np.testing.assert_array_equal(Background(ROD, still, n_frames=60).backgrounds["front"].median, 0.0)

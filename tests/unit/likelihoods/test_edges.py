@@ -11,14 +11,14 @@ from workbench.likelihoods.cues.edge_filters import (
     ALONG,
     POINTS,
     RIDGE_SCALES_PX,
-    Smoothed,
+    SmoothedBox,
     SmoothedView,
     filtered,
     responses,
     smoothed,
 )
-from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges, learn_edges, response_log_ratio
-from workbench.likelihoods.cues.limb_points import limb_points, looked_up
+from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges, learn_edge_model, response_log_ratio
+from workbench.likelihoods.cues.limb_points import bounding_box, limb_points
 from workbench.motion.models.store import Provenance, load, save
 from workbench.utils.errors import InputError
 
@@ -99,27 +99,27 @@ def test_a_part_is_smoothed_as_the_whole(corner):
     view = View(scenes.FRONT, scenes.texture(np.random.default_rng(2)))
     whole, part, twice = smoothed(view), SmoothedView(view), SmoothedView(view)
     box = (*corner, corner[0] + 45, corner[1] + 45)
-    twice.about((120, 100, 160, 110))
-    assert part.about(box).levels.shape[1] < scenes.HEIGHT
+    twice.smoothed_around((120, 100, 160, 110))
+    assert part.smoothed_around(box).levels.shape[1] < scenes.HEIGHT
     expected = filtered(whole, box)
     for each in (part, twice):
-        found = filtered(each.about(box), box)
+        found = filtered(each.smoothed_around(box), box)
         np.testing.assert_array_equal(found.gradient, expected.gradient)
         np.testing.assert_array_equal(found.ridges, expected.ridges)
-    assert part.about(box) is part.about((*corner, corner[0] + 20, corner[1] + 30))
+    assert part.smoothed_around(box) is part.smoothed_around((*corner, corner[0] + 20, corner[1] + 30))
 
 
 def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     """Bars of random contrast are learned; then the true place of a bar beats all places aside."""
     rng = np.random.default_rng(1)
     seen = [(ROD, View(scenes.FRONT, bar(int(level))), scenes.root()[0]) for level in rng.integers(120, 250, 8)]
-    model = learn_edges(seen, rng)
+    model = learn_edge_model(seen, rng)
     assert model.on.sum(axis=-1).tolist() == [[8 * 2 * ALONG], [8 * ALONG]]  # at both sides, on the axis
     save(tmp_path / "edges.h5", model, PROVENANCE)
     kept = load(EdgeModel, tmp_path / "edges.h5")
     np.testing.assert_array_equal(kept.log_ratio(["rod_0"]), model.log_ratio(["rod_0"]))
 
-    likelihood = Edges(ROD, k=2.0)
+    likelihood = Edges(ROD, effective_responses=2.0)
     likelihood.__dict__["log_ratio"] = kept.log_ratio(ROD.limbs.names)  # instead of that of rendered people
     places = np.repeat(scenes.root(), 9, axis=0)
     places[:, 1] = np.linspace(-0.4, 0.4, 9)
@@ -145,15 +145,15 @@ def test_neck_and_feet_say_nothing_and_that_is_told(caplog):
     found = model.log_ratio(["neck", "left_calf", "left_foot"])
     assert np.array_equal(found[:, 1:2], model.log_ratio(["right_calf"]))
     assert not found[:, [0, 2]].any()
-    assert caplog.messages == ["edges: not looked at on foot and neck, of which nothing is learned"]
+    assert caplog.messages == ["edges: the model has no foot and neck; their edges are ignored"]
 
 
 def test_limbs_that_were_not_learned_are_an_error():
     model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
-    with pytest.raises(InputError, match="knows thigh, but not the limb 'tail'"):
+    with pytest.raises(InputError, match="no limb 'tail' in the model; expected thigh"):
         model.log_ratio(["left_thigh", "tail"])
-    with pytest.raises(InputError, match="k must be positive"):
-        Edges(ROD, k=0.0)
+    with pytest.raises(InputError, match="effective_responses must be positive"):
+        Edges(ROD, effective_responses=0.0)
 
 
 @pytest.mark.parametrize("size", [(90, 70), (3, 2), (1, 5)])
@@ -161,7 +161,7 @@ def test_derivatives_are_those_of_opencv_to_the_bit_in_any_box(size):
     rng = np.random.default_rng(2)
     height, width = size
     levels = rng.uniform(0.0, 255.0, (1 + len(RIDGE_SCALES_PX), height, width)).astype(np.float32)
-    images = Smoothed(levels, rng.uniform(4.0, 50.0, size).astype(np.float32), (0, 0, width, height))
+    images = SmoothedBox(levels, rng.uniform(4.0, 50.0, size).astype(np.float32), (0, 0, width, height))
     expected, found = oracle.filtered(images), filtered(images)
     np.testing.assert_array_equal(found.gradient, expected.gradient)
     np.testing.assert_array_equal(found.ridges, expected.ridges)
@@ -178,12 +178,12 @@ def test_only_what_is_looked_up_is_filtered():
     images, poses = smoothed(View(scenes.FRONT, scenes.texture(rng))), scenes.people(rng, 40)
     table = rng.standard_normal((2, len(scenes.PERSON.limbs), BINS)).astype(np.float32)
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
-    left, top, right, bottom = looked_up(points)
-    seen = points.pixels[points.counts]
+    left, top, right, bottom = bounding_box(points)
+    seen = points.pixels[points.valid]
     assert (left, top) == tuple(np.floor(seen.min(axis=0)))
     assert (right, bottom) == tuple(np.floor(seen.max(axis=0)) + 2)
     within, whole = filtered(images, (left, top, right, bottom)), filtered(images)
     np.testing.assert_array_equal(*(response_log_ratio(each, points, table) for each in (within, whole)))
     poses[:, 0] = 5.0  # behind the camera
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
-    assert not response_log_ratio(filtered(images, looked_up(points)), points, table).any()
+    assert not response_log_ratio(filtered(images, bounding_box(points)), points, table).any()

@@ -7,7 +7,7 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.core.frame import View
-from workbench.likelihoods.cues.image_levels import StillScene, colour_levels, scene_log_ratio
+from workbench.likelihoods.cues.image_levels import StaticBackground, background_log_ratio, colour_levels
 
 
 @pytest.mark.parametrize(("blur_px", "height"), [(0.0, 128), (1.5, 149)])
@@ -19,13 +19,13 @@ def test_the_log_ratio_in_strips_is_that_of_the_whole_image(blur_px, height, col
     view = View(camera, rng.integers(0, 256, (height, 70, *colours), dtype=np.uint8))
     levels, epsilon = colour_levels(view, blur_px), 0.05
     median = np.clip(levels + rng.normal(0.0, 8.0, levels.shape), 0.0, 255.0).astype(np.float32)
-    scene = StillScene(median, rng.uniform(3.0, 6.0, levels.shape).astype(np.float32))
+    scene = StaticBackground(median, rng.uniform(3.0, 6.0, levels.shape).astype(np.float32))
     normal = (scene.log_peak - 0.5 * ((levels - median) / scene.sigma) ** 2).mean(axis=2)
     expected = -np.log(epsilon + (1.0 - epsilon) * np.exp(normal))
     usual = numba.get_num_threads()
     try:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-        found = scene_log_ratio(view, scene, blur_px, epsilon)
+        found = background_log_ratio(view, scene, blur_px, epsilon)
     finally:
         numba.set_num_threads(usual)
     assert found.dtype == np.float32

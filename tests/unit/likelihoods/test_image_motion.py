@@ -12,7 +12,7 @@ from tests.oracles.image_motion import PosedView, hidden_samples, limb_patches
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.image_motion import ImageMotion, drawn_samples, patch_samples
+from workbench.likelihoods.image_motion import ImageMotion, random_samples, regular_samples
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))
 BALL = scenes.rods(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2))
@@ -55,7 +55,7 @@ def test_turning_in_the_image_plane_leaves_alpha_at_zero():
 @pytest.mark.parametrize("difference", [3, 11, 60])
 @pytest.mark.parametrize(("exponent", "n"), [("mean", 1), ("sum", 50)])
 def test_image_that_brightens_everywhere(alpha, difference, exponent, n):
-    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), exponent=exponent)
+    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), reduction=exponent)
     np.testing.assert_allclose(found, np.log(p_limb(alpha, difference, n=n)), atol=n * difference * GREY / SIGMA**2)
 
 
@@ -63,7 +63,7 @@ def test_image_that_brightens_everywhere(alpha, difference, exponent, n):
 @pytest.mark.parametrize("difference", [0, 11, 60])
 def test_a_still_background_is_paid_for_by_what_it_would_have_said(alpha, difference):
     """log p of the limb less log p of the same points under no motion, which is 0 where nothing changes."""
-    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), background="still")
+    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), background="static")
     unmoved = np.log(p_limb(0.0, difference) / p_limb(0.0))
     atol = 2 * difference * GREY / SIGMA**2
     np.testing.assert_allclose(found, np.log(p_limb(alpha, difference)) - unmoved, atol=max(atol, 1e-12))
@@ -81,14 +81,14 @@ def test_before_a_still_background_the_limb_that_moves_beats_the_one_at_rest():
     previous, poses = np.concatenate([scenes.root(), at_rest]), np.concatenate([moved, at_rest])
     paper, still = (
         scenes.log_prob(ImageMotion(ROD, sigma=SIGMA, background=kind), *frames, previous, poses)
-        for kind in ("none", "still")
+        for kind in ("none", "static")
     )
     assert abs(paper[0] - paper[1]) < 0.1  # the paper's likelihood cannot tell them apart
     assert still[0] - still[1] > 2.0
 
 
 def test_k_multiplies_the_exponent():
-    found = log_prob(ROD, 128 + 5, scenes.root(), k=2.5)
+    found = log_prob(ROD, 128 + 5, scenes.root(), effective_pixels=2.5)
     np.testing.assert_allclose(found, np.log(p_limb(0.0, 5.0 * np.sqrt(2.5))), atol=2.5 * 5.0 * GREY / SIGMA**2)
 
 
@@ -103,7 +103,7 @@ def test_sphere_seen_along_its_own_axis_has_no_upright_patch():
 
 def test_without_outliers_and_occlusion_there_is_no_floor():
     """ε = 0 and q = 1: the logarithm goes on falling where the density itself underflows."""
-    found = log_prob(BALL, 255, scenes.root(), before=0, epsilon=0.0, exponent="sum")
+    found = log_prob(BALL, 255, scenes.root(), before=0, outlier_fraction=0.0, reduction="sum")
     gaussian = -50 * 255.0**2 / (2 * SIGMA**2) - np.log(np.sqrt(2 * np.pi) * SIGMA)
     np.testing.assert_allclose(found, gaussian, atol=50 * 255.0 * GREY / SIGMA**2)
 
@@ -192,7 +192,7 @@ def test_arm_before_the_torso_hides_what_it_covers():
 
 
 def test_arm_behind_the_torso_is_hidden():
-    body, samples = arm_before_torso(-0.3), patch_samples(200, np.random.default_rng(0))
+    body, samples = arm_before_torso(-0.3), regular_samples(200, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "sample")[0]
     expected = np.abs(samples[:, 0] - 0.5) < 0.3 * shadow(-0.3)  # the arm is 1 m long, the torso 0.6 m
     assert 20 < expected.sum() < 180
@@ -202,7 +202,7 @@ def test_arm_behind_the_torso_is_hidden():
 
 @pytest.mark.parametrize(("distance", "hides"), [(0.119, False), (0.121, True)])
 def test_limbs_closer_than_half_the_sum_of_their_radii_do_not_hide_each_other(distance, hides):
-    body, samples = arm_before_torso(distance), patch_samples(100, np.random.default_rng(0))
+    body, samples = arm_before_torso(distance), regular_samples(100, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "sample")
     assert hidden.any() == hides
 
@@ -214,7 +214,7 @@ def test_limb_rule_silences_all_of_the_farther_limb():
 
 def test_limb_rule_orders_limbs_by_their_nearest_surface():
     """The thin rod's axis is nearer by 0.1 m, but the broad one's surface, 0.2 m from its axis, is nearer still."""
-    body, samples = arm_before_torso(0.1), patch_samples(100, np.random.default_rng(0))
+    body, samples = arm_before_torso(0.1), regular_samples(100, np.random.default_rng(0))
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "limb")[0]
     assert hidden[1].all()
     assert not hidden[0].any()
@@ -227,7 +227,7 @@ def test_without_occlusion_nothing_is_hidden():
 
 def test_sphere_hides_a_disc():
     body = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.2), ((0.5, 0.05, 0.02), (0.5, 0.05, 0.02), 0.12))
-    samples = patch_samples(300, np.random.default_rng(0))
+    samples = regular_samples(300, np.random.default_rng(0))
     found = patches(body, scenes.root())
     hidden = hidden_samples(body.limbs, found, samples, "sample")[0, 0]
     ratio = scenes.FOCAL / (scenes.DISTANCE - 0.5)
@@ -262,7 +262,7 @@ def test_only_the_points_compared_enter_the_exponent(exponent, n):
     """A rod half below the picture while everything brightens: the mean, or sum, is over what is seen of it."""
     pose = scenes.root((0.0, 0.0, -1.5))
     inside = 119.5 + 75.0 * (1.8 - 0.6 * ImageMotion(ROD, n_samples=N).samples[:, 0]) < 239.0
-    found = log_prob(ROD, 128 + 7, pose, exponent=exponent)
+    found = log_prob(ROD, 128 + 7, pose, reduction=exponent)
     expected = np.log(p_limb(0.0, 7.0, visible=inside.mean(), n=n(inside.sum())))
     np.testing.assert_allclose(found, expected, atol=50 * 7.0 * GREY / SIGMA**2)
 
@@ -275,7 +275,7 @@ def test_smoothing_is_a_gaussian_of_the_grey_levels():
 
 
 def test_samples_are_spread_evenly():
-    samples = patch_samples(50, np.random.default_rng(0))
+    samples = regular_samples(50, np.random.default_rng(0))
     assert samples.shape == (50, 2)
     for column, (low, high) in zip(samples.T, ((0.08, 0.92), (-0.8, 0.8)), strict=True):
         counts, _ = np.histogram(column, bins=10, range=(low, high))
@@ -284,7 +284,7 @@ def test_samples_are_spread_evenly():
 
 
 def test_samples_as_in_the_paper_are_uniform_over_the_whole_patch():
-    samples = drawn_samples(20_000, np.random.default_rng(0))
+    samples = random_samples(20_000, np.random.default_rng(0))
     for column, (low, high) in zip(samples.T, ((0.0, 1.0), (-1.0, 1.0)), strict=True):
         assert kstest(column, "uniform", (low, high - low)).pvalue > 0.01
     assert abs(np.corrcoef(samples.T)[0, 1]) < 0.03

@@ -23,7 +23,7 @@ def tolerance(likelihood):
     k/n √(Σ r²) δ / σ². A limb whose exponent is above 10 sits on its floor, which caps √(Σ r²) at √(20 n/k) σ; 12
     limbs add up √12 times as much. The sum (n = 1 above) of n points is a mean with k times n.
     """
-    k = likelihood.k / (1 if likelihood.exponent == "sum" else likelihood.n_samples)
+    k = likelihood.effective_pixels / (1 if likelihood.reduction == "sum" else likelihood.n_samples)
     return 3.0 * np.sqrt(12 * 20 * k / 6) * image_motion_kernel.GREY_STEP / likelihood.sigma
 
 
@@ -62,10 +62,10 @@ def by_reference(likelihood, previous, frame, previous_poses, poses):
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
-@pytest.mark.parametrize("exponent", ["mean", "sum"])
+@pytest.mark.parametrize("reduction", ["mean", "sum"])
 @pytest.mark.parametrize("occlusion", ["sample", "limb", "none"])
-def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
-    likelihood = ImageMotion(scenes.PERSON, exponent=exponent, occlusion=occlusion, k=1.5)
+def test_kernel_agrees_with_the_reference(camera, reduction, occlusion):
+    likelihood = ImageMotion(scenes.PERSON, reduction=reduction, occlusion=occlusion, effective_pixels=1.5)
     (expected, outside), (found, found_outside) = by_reference(likelihood, *scene(camera, 60))
     assert expected.std() > 1.0  # the scene tells poses apart, or the comparison would say little
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance(likelihood))
@@ -75,12 +75,12 @@ def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
 @pytest.mark.parametrize(
     "options",
     [
-        {"epsilon": 0.0},
-        {"background": "still"},
-        {"background": "still", "exponent": "sum", "occlusion": "limb", "n_samples": 10},
-        {"background": "still", "epsilon": 0.0},
+        {"outlier_fraction": 0.0},
+        {"background": "static"},
+        {"background": "static", "reduction": "sum", "occlusion": "limb", "n_samples": 10},
+        {"background": "static", "outlier_fraction": 0.0},
         {"sigma": 2.0},
-        {"exponent": "sum", "occlusion": "limb", "points": "drawn"},
+        {"reduction": "sum", "occlusion": "limb", "sampling": "random"},
         {"n_samples": 1},
         {"n_samples": 37},
     ],
@@ -90,9 +90,13 @@ def test_kernel_agrees_with_the_reference_for_other_constants(options):
     likelihood = ImageMotion(scenes.PERSON, **options)
     (expected, _), (found, _) = by_reference(likelihood, *scene(CAMERAS["close and oblique"], 60))
     # without a floor under the Gaussian √(Σ r²) may be √n times 100 grey levels, which are not √20 σ
-    more = 100.0 / likelihood.sigma / np.sqrt(20.0 / likelihood.k) if likelihood.epsilon == 0.0 else 1.0
+    more = (
+        100.0 / likelihood.sigma / np.sqrt(20.0 / likelihood.effective_pixels)
+        if likelihood.outlier_fraction == 0.0
+        else 1.0
+    )
     # a still background is one more such term
-    more *= 2.0 if likelihood.background == "still" else 1.0
+    more *= 2.0 if likelihood.background == "static" else 1.0
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=more * tolerance(likelihood))
 
 
@@ -140,7 +144,7 @@ def test_the_scenes_hold_what_they_should():
 @pytest.mark.parametrize("camera", ["front", "cut off"])
 def test_what_children_of_one_parent_share_changes_no_bit(camera):
     """Runs of equal poses before, of all lengths, across the particles that are handled together."""
-    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.SHARED + 7
+    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.PARENT_BLOCK + 7
     previous, frame, previous_poses, poses = scene(CAMERAS[camera], n)
     lengths = np.random.default_rng(0).integers(1, 40, n)
     shared = np.repeat(previous_poses, lengths, axis=0)[:n]

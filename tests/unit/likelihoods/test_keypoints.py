@@ -21,7 +21,7 @@ def test_it_is_student_s_density_of_every_joint_in_every_view():
     views[1].keypoints[3] = np.nan
     views[1].keypoints[4, 2] = 0.0
     some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
-    likelihood = KeypointLikelihood(BODY, sigma_px=3.0, temper=0.4)
+    likelihood = KeypointLikelihood(BODY, sigma_px=3.0, likelihood_power=0.4)
     found = log_prob(likelihood, frame, Frame(0, 0.0, tuple(views)), some, some)
     for pose, value in zip(some, found, strict=True):
         expected = 0.0
@@ -54,4 +54,4 @@ def test_what_cannot_be_is_impossible_and_what_is_not_there_is_told():
     assert frame_likelihood.notes + frame_likelihood.evaluate(poses, behind[None]).notes == ()
     blind = Frame(7, 0.1, ())
     assert log_prob(likelihood, frame, blind, poses, poses).tolist() == [0.0]
-    assert likelihood.prepare(frame, blind).notes == ("frame 7: there are no keypoints",)
+    assert likelihood.prepare(frame, blind).notes == ("frame 7: no usable keypoints",)

@@ -14,18 +14,18 @@ from workbench.body.shape import from_height
 from workbench.core.likelihood import DenseLikelihood
 from workbench.likelihoods.dense.layer_rendering import (
     LayerImage,
-    drawn,
-    log_ratios,
+    layer_log_ratios,
+    render_layer,
     surface_facets,
 )
-from workbench.likelihoods.dense.surface_elements import surface_cells
+from workbench.likelihoods.dense.surface_elements import surface_elements
 from workbench.likelihoods.dense.view_likelihood import person_mask
 
 BODY = person(from_height(1.75))
 SKELETON = BODY.skeleton
 SHAPE = (96, 128)
 CAMERA = plain_camera(128, 96, 130.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
-CELLS = surface_cells(BODY.limbs)
+CELLS = surface_elements(BODY.limbs)
 FACETS = surface_facets(BODY.limbs, CELLS)
 NOTHING = np.full(SHAPE, -1), np.full(SHAPE, np.inf)
 
@@ -44,8 +44,8 @@ def carried(name):
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_drawn_is_what_numpy_draws(seed):
     frames = forward(SKELETON, poses(1, seed))
-    cells, depths = drawn(FACETS, frames, CAMERA, SHAPE)
-    expected, expected_depths = oracle.drawn(FACETS, frames, CAMERA, NOTHING)
+    cells, depths = render_layer(FACETS, frames, CAMERA, SHAPE)
+    expected, expected_depths = oracle.render_layer(FACETS, frames, CAMERA, NOTHING)
     assert (cells != expected).mean() < 1e-3  # a pixel's middle may lie on an edge, but for rounding
     same = cells == expected
     np.testing.assert_allclose(depths[same], expected_depths[same], rtol=1e-12)
@@ -55,7 +55,7 @@ def test_what_is_drawn_is_what_numpy_draws(seed):
 def test_what_is_drawn_is_where_the_limbs_patches_are(seed):
     frames, shape = forward(SKELETON, poses(1, seed)), (480, 640)
     camera = CAMERA.scaled(5.0)
-    covered, mask = drawn(FACETS, frames, camera, shape)[0] >= 0, person_mask(BODY, camera, frames, shape)
+    covered, mask = render_layer(FACETS, frames, camera, shape)[0] >= 0, person_mask(BODY, camera, frames, shape)
     assert (covered & mask).sum() > 0.93 * (covered | mask).sum()  # patches are flat, and round to whole pixels
 
 
@@ -63,12 +63,12 @@ def test_what_is_partly_out_of_sight_is_drawn_as_far_as_it_is_seen():
     pose = poses(1)
     pose[:, 0] += 2.4  # close to the camera, and partly beside the image
     frames = forward(SKELETON, pose)
-    cells, _ = drawn(FACETS, frames, CAMERA, SHAPE)
-    assert (cells != oracle.drawn(FACETS, frames, CAMERA, NOTHING)[0]).mean() < 1e-3
+    cells, _ = render_layer(FACETS, frames, CAMERA, SHAPE)
+    assert (cells != oracle.render_layer(FACETS, frames, CAMERA, NOTHING)[0]).mean() < 1e-3
     assert (cells >= 0).any()
     behind = poses(1)
     behind[:, 0] += 30.0
-    assert (drawn(FACETS, forward(SKELETON, behind), CAMERA, SHAPE)[0] == -1).all()
+    assert (render_layer(FACETS, forward(SKELETON, behind), CAMERA, SHAPE)[0] == -1).all()
 
 
 def shown(seed=0):
@@ -85,16 +85,16 @@ def test_log_ratios_are_the_difference_of_two_layers_in_numpy():
     arm = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(("left_shoulder", "left_elbow"))]
     tried[:, arm] = 0.6 * np.random.default_rng(2).standard_normal((9, len(arm)))
     frames = forward(SKELETON, tried)
-    behind = drawn(FACETS.on(~moved), frames, CAMERA, SHAPE)
-    found = log_ratios(behind, FACETS.on(moved), frames, CAMERA, what)
+    behind = render_layer(FACETS.on_joints(~moved), frames, CAMERA, SHAPE)
+    found = layer_log_ratios(behind, FACETS.on_joints(moved), frames, CAMERA, what)
     for i in range(len(tried)):
-        layer = oracle.drawn(FACETS.on(moved), forward(SKELETON, tried[i : i + 1]), CAMERA, behind)
+        layer = oracle.render_layer(FACETS.on_joints(moved), forward(SKELETON, tried[i : i + 1]), CAMERA, behind)
         assert found[i] == pytest.approx(
             oracle.layer_log_ratio(layer, what) - oracle.layer_log_ratio(behind, what), abs=4.0
         )
     assert np.ptp(found) > 20.0
-    whole = log_ratios(NOTHING, FACETS, frames, CAMERA, what)
-    apart = log_ratios(NOTHING, FACETS.on(~moved), frames, CAMERA, what)
+    whole = layer_log_ratios(NOTHING, FACETS, frames, CAMERA, what)
+    apart = layer_log_ratios(NOTHING, FACETS.on_joints(~moved), frames, CAMERA, what)
     np.testing.assert_allclose(whole, apart + found, atol=1e-8)  # the chain rule
 
 
@@ -104,7 +104,7 @@ def test_log_ratios_are_the_same_on_any_number_of_threads(monkeypatch):
     frames, found = forward(SKELETON, poses(40)), []
     for threads in (1, 2):
         monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
-        found.append(log_ratios(NOTHING, FACETS, frames, CAMERA, shown()))
+        found.append(layer_log_ratios(NOTHING, FACETS, frames, CAMERA, shown()))
     np.testing.assert_array_equal(*found)
 
 
@@ -122,15 +122,17 @@ def test_a_limb_is_likelier_where_it_is_than_elsewhere(limb):
 def test_an_arm_that_is_seen_cannot_hide_for_nothing():
     frame_likelihood, truth = third()
     everything = np.ones(len(SKELETON.names), dtype=bool)
-    visible = max(
+    side = max(
         ("left", "right"), key=lambda side: frame_likelihood.compare(truth[None], carried(f"{side}_shoulder"))[0]
     )
-    without = frame_likelihood.compare(truth[None], ~carried(f"{visible}_shoulder"))[0]
+    without = frame_likelihood.compare(truth[None], ~carried(f"{side}_shoulder"))[0]
     assert frame_likelihood.compare(truth[None], everything)[0] > without + 5.0
 
 
 def test_what_passes_before_the_person_says_nothing():
     frame_likelihood, truth = third()
-    (sight, known), = frame_likelihood.sights  # fmt: skip
-    hidden = replace(frame_likelihood, sights=((replace(sight, free=np.zeros_like(sight.free)), known),))
+    (sight, known), = frame_likelihood.view_likelihoods  # fmt: skip
+    hidden = replace(
+        frame_likelihood, view_likelihoods=((replace(sight, unoccluded=np.zeros_like(sight.unoccluded)), known),)
+    )
     assert hidden.compare(truth[None], carried("left_hip"))[0] == 0.0

@@ -9,19 +9,19 @@ from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.kinematics import forward
 from workbench.likelihoods.cues.image_levels import bilinear
 from workbench.likelihoods.cues.limb_points import (
-    LimbLook,
-    ViewJudge,
-    evaluate_together,
+    LimbFrameLikelihood,
+    LimbViewLikelihood,
+    evaluate_jointly,
     levels_at,
+    limb_point_sets,
     limb_points,
-    limb_points_of_all,
     mean_at,
 )
-from workbench.likelihoods.image_motion import patch_samples
+from workbench.likelihoods.image_motion import regular_samples
 from workbench.likelihoods.product import Product
 
 LIMBS = scenes.PERSON.limbs
-SAMPLES = patch_samples(30, np.random.default_rng(0))
+SAMPLES = regular_samples(30, np.random.default_rng(0))
 BESIDE = SAMPLES * [1.0, 2.0]  # some within, most beside
 
 
@@ -55,7 +55,7 @@ def test_points_agree_with_the_reference(camera, beside):
     assert not usable[0].any()
     # float32 holds a pixel of 320 to 2⁻¹⁵ = 3e-5 at most
     np.testing.assert_allclose(found.pixels[usable], places[usable], rtol=0.0, atol=4e-5)
-    np.testing.assert_array_equal(found.counts, expected)
+    np.testing.assert_array_equal(found.valid, expected)
 
     levels = np.where(expected, bilinear(image, found.pixels.astype(float)), 0.0)
     # the interpolation is of float32 grey levels, good to 255 · 2⁻²² or so
@@ -71,7 +71,7 @@ def test_the_turn_of_a_limb_that_stands_upright(heading):
     points = limb_points(rod, np.array([[0.5, 0.9]]), scenes.FRONT, frames)
     to_the_right = points.pixels[0, 0, 0, 0] > (scenes.WIDTH - 1) / 2  # image x is world y
     expected = (np.pi / 2 if to_the_right else -np.pi / 2) - heading
-    assert np.cos(points.turns[0, 0] - expected) == pytest.approx(1.0)
+    assert np.cos(points.azimuths[0, 0] - expected) == pytest.approx(1.0)
 
 
 def test_points_about_a_rod_that_another_covers_do_not_count():
@@ -80,7 +80,7 @@ def test_points_about_a_rod_that_another_covers_do_not_count():
     thin, broad = ((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.05), ((-0.8, 0.0, -0.3), (-0.8, 0.0, 0.3), 0.3)
     frames = forward_oracle(scenes.PERSON.skeleton, scenes.root())
     alone, both = (
-        limb_points(scenes.rods(*rods), samples, scenes.FRONT, frames, beside=True).counts[0, 0]
+        limb_points(scenes.rods(*rods), samples, scenes.FRONT, frames, outside=True).valid[0, 0]
         for rods in ((thin,), (thin, broad))
     )
     assert alone.tolist() == [False, True, True, True]
@@ -96,7 +96,7 @@ SETS = [np.random.default_rng(n).uniform([0.0, -1.0], [1.0, 1.0], (n, 2)) for n 
 def test_points_placed_together_are_those_placed_alone(n, beside):
     samples = [points * [1.0, 1.3] for points in SETS] if beside else SETS
     frames = forward(scenes.PERSON.skeleton, scenes.people(np.random.default_rng(0), n))
-    together = limb_points_of_all(scenes.PERSON, samples, scenes.FRONT, frames, beside)
+    together = limb_point_sets(scenes.PERSON, samples, scenes.FRONT, frames, beside)
     for points, found in zip(samples, together, strict=True):
         alone = limb_points(scenes.PERSON, points, scenes.FRONT, frames, beside)
         for name, values in vars(alone).items():
@@ -105,12 +105,12 @@ def test_points_placed_together_are_those_placed_alone(n, beside):
 
 
 def frame_likelihood(name, *informative, body=scenes.PERSON):
-    return LimbLook(name, body, informative, lambda expected_pose: None)
+    return LimbFrameLikelihood(name, body, informative, lambda expected_pose: None)
 
 
 def count(points, *beside):
     """Something that depends on all points, and on which of the points are whose."""
-    parts = [(each.counts * each.pixels[..., 0]).sum(axis=(1, 2)) for each in (points, *beside)]
+    parts = [(each.valid * each.pixels[..., 0]).sum(axis=(1, 2)) for each in (points, *beside)]
     return sum((k + 1.0) * part for k, part in enumerate(parts))
 
 
@@ -120,12 +120,14 @@ def test_looks_evaluated_together_find_what_each_finds_alone():
     first, second, third = SETS
     other = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
     frame_likelihoods = [
-        frame_likelihood("one", ViewJudge(scenes.FRONT, first, count)),
-        frame_likelihood("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(OTHER, second, count)),
-        frame_likelihood("beside", ViewJudge(scenes.FRONT, third, count, third * [1.0, 1.5])),
+        frame_likelihood("one", LimbViewLikelihood(scenes.FRONT, first, count)),
+        frame_likelihood(
+            "views", LimbViewLikelihood(scenes.FRONT, second, count), LimbViewLikelihood(OTHER, second, count)
+        ),
+        frame_likelihood("beside", LimbViewLikelihood(scenes.FRONT, third, count, third * [1.0, 1.5])),
         frame_likelihood("nothing"),
     ]
-    together = evaluate_together(frame_likelihoods, poses)
+    together = evaluate_jointly(frame_likelihoods, poses)
     for found, each in zip(together, frame_likelihoods, strict=True):
         alone = each.evaluate(poses, poses)
         np.testing.assert_array_equal(found.log_prob, alone.log_prob)
@@ -140,7 +142,7 @@ def test_looks_evaluated_together_find_what_each_finds_alone():
         def prepare(self, previous, frame):
             return self.seen
 
-    frame_likelihoods[1] = frame_likelihood("rod", ViewJudge(scenes.FRONT, second, count), body=other)
+    frame_likelihoods[1] = frame_likelihood("rod", LimbViewLikelihood(scenes.FRONT, second, count), body=other)
     terms = {each.name: Seen(each) for each in frame_likelihoods}
     found = Product(terms, dict.fromkeys(terms, 1.0)).prepare(None, None).evaluate(poses, poses).log_prob
     np.testing.assert_array_equal(found, sum(each.evaluate(poses, poses).log_prob for each in frame_likelihoods))

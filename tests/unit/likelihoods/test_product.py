@@ -1,4 +1,4 @@
-"""The product of likelihoods: powers, shares, memory, and how a configuration builds one."""
+"""The product of likelihoods: powers, variance fractions, updates, and how a configuration builds one."""
 
 from types import SimpleNamespace
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from workbench.core.likelihood import Evaluation
-from workbench.likelihoods.product import Product, shares
+from workbench.likelihoods.product import Product, variance_fractions
 from workbench.likelihoods.uniform import Uniform
 from workbench.utils.errors import InputError
 
@@ -42,7 +42,7 @@ def test_weights_are_powers():
 def test_a_term_without_weight_is_never_asked():
     product = Product({"off": Fixed(np.nan, np.nan, np.nan, np.nan), "a": Fixed(0, 1, 2, 3)}, {"a": 1.0, "off": 0.0})
     np.testing.assert_array_equal(evaluate(product).log_prob, [0.0, 1.0, 2.0, 3.0])
-    assert set(evaluate(product).diagnostics) == {"found", "share_a"}
+    assert set(evaluate(product).diagnostics) == {"found", "variance_fraction_a"}
     after = scenes.begun(product, FRAME, POSES[0])
     assert {name: term.updated for name, term in after.terms.items()} == {"off": 0, "a": 1}
     assert list(after.terms) == ["off", "a"]
@@ -56,22 +56,22 @@ def test_without_any_weight_every_pose_is_equally_likely():
 
 def test_shares_sum_to_one_and_a_cue_that_contradicts_is_negative():
     a, b = np.array([0.0, 3.0, 6.0, 9.0]), np.array([3.0, 2.0, 1.0, 0.0])
-    found = shares({"a": a, "b": b}, a + b)
+    found = variance_fractions({"a": a, "b": b}, a + b)
     assert found == pytest.approx({"a": 1.5, "b": -0.5})  # b is −a/3 and a constant
     impossible = np.array([-np.inf, 0.0, 0.0, 0.0])
-    found = shares({"a": a, "b": b + impossible}, a + b + impossible)
+    found = variance_fractions({"a": a, "b": b + impossible}, a + b + impossible)
     assert found == pytest.approx({"a": 1.5, "b": -0.5})
-    assert shares({"a": np.ones(4)}, np.ones(4)) == {"a": 0.0}
+    assert variance_fractions({"a": np.ones(4)}, np.ones(4)) == {"a": 0.0}
 
 
 def test_every_term_is_told_what_was_found_and_speaks():
     terms = {"a": Fixed(0, 1, 0, 0, notes=("careful",)), "b": Uniform()}
     product = Product(terms, {"a": 1.0, "b": 1.0})
     first = product.prepare(None, FRAME)
-    assert first.diagnostics == {"found": 0.0, "share_a": 0.0, "share_b": 0.0}
+    assert first.diagnostics == {"found": 0.0, "variance_fraction_a": 0.0, "variance_fraction_b": 0.0}
     assert first.notes == ("careful of the frame",)
     assert evaluate(product).notes == ("careful",)
-    assert evaluate(product).diagnostics == {"found": 3.0, "share_a": 1.0, "share_b": 0.0}
+    assert evaluate(product).diagnostics == {"found": 3.0, "variance_fraction_a": 1.0, "variance_fraction_b": 0.0}
     twice = scenes.begun(first.update(POSES[0]), FRAME, POSES[0])
     assert twice.terms["a"].updated == 2
     assert terms["a"].updated == 0
@@ -81,8 +81,8 @@ def test_every_term_is_told_what_was_found_and_speaks():
     ("terms", "weights", "said"),
     [
         ({}, {}, "needs at least one term"),
-        ({"a": Uniform()}, {"b": 1.0}, "weights must be given for a, found b"),
-        ({"a": Uniform()}, {}, "weights must be given for a, found none"),
+        ({"a": Uniform()}, {"b": 1.0}, "weights: expected a, found b"),
+        ({"a": Uniform()}, {}, "weights: expected a, found none"),
         ({"a": Uniform()}, {"a": -1.0}, "the weight of a must be at least 0, found -1.0"),
         ({"a": Uniform()}, {"a": float("nan")}, "the weight of a must be at least 0, found nan"),
     ],

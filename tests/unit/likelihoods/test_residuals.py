@@ -38,13 +38,13 @@ def equal(found, expected):
 
 def test_points_are_whitened_by_their_deviation(scene):
     seen, pose = scene
-    likelihood = SurfacePoints(BODY, sigma=0.04, kind="field", loss="huber", scale=0.1)
+    likelihood = SurfacePoints(BODY, sigma=0.04, residual="field", loss="huber", loss_scale=0.1)
     equal(
-        likelihood.residual(seen)(pose),
+        likelihood.residual_function(seen)(pose),
         surface_residual(SKELETON, person_surface(BODY), seen.points, "field", 0.04)(pose),
     )
     assert likelihood.residual_loss == Loss("huber", 2.5)
-    assert likelihood.observables == Observables(sigma=0.04, kind="field", shared_m=0.012)
+    assert likelihood.observables == Observables(sigma=0.04, residual="field", common_bias_std_m=0.012)
     assert isinstance(likelihood, ResidualLikelihood)
 
 
@@ -67,18 +67,21 @@ def test_a_keypoint_of_four_times_the_weight_is_four_equal_marks(scene):
 
 def test_keypoints_of_the_cameras_that_count_are_whitened(scene):
     seen, pose = scene
-    likelihood = KeypointLikelihood(BODY, sigma_px=3.0, which=["side"], scale=2.0)
+    likelihood = KeypointLikelihood(BODY, sigma_px=3.0, cameras=["side"], loss_scale=2.0)
     side = next(one for one in seen.keypoints if one.camera.name == "side")
-    equal(likelihood.residual(seen)(pose), keypoint_residual(SKELETON, side.camera, side.joints, side.marks, 3.0)(pose))
+    equal(
+        likelihood.residual_function(seen)(pose),
+        keypoint_residual(SKELETON, side.camera, side.joints, side.marks, 3.0)(pose),
+    )
     assert likelihood.residual_loss == Loss("geman_mcclure", 2.0)
-    assert KeypointLikelihood(BODY).residual(seen)(pose)[0].shape == (2 * 2 * 15,)
+    assert KeypointLikelihood(BODY).residual_function(seen)(pose)[0].shape == (2 * 2 * 15,)
     assert isinstance(likelihood, ResidualLikelihood)
 
 
 def test_a_frame_that_shows_nothing_has_no_residuals():
     nothing = Observed(np.empty((0, 3)))
     for likelihood in both().values():
-        misses, slopes = likelihood.residual(nothing)(np.zeros(25))
+        misses, slopes = likelihood.residual_function(nothing)(np.zeros(25))
         assert misses.shape == (0,)
         assert slopes.shape == (0, 25)
 
@@ -86,8 +89,10 @@ def test_a_frame_that_shows_nothing_has_no_residuals():
 def test_terms_with_one_loss_are_stacked_as_they_are(scene):
     seen, pose = scene
     terms = both()
-    apart = [term.residual(seen)(pose) for term in terms.values()]
-    equal(Product(terms, EVEN).residual(seen)(pose), [np.concatenate(part) for part in zip(*apart, strict=True)])
+    apart = [term.residual_function(seen)(pose) for term in terms.values()]
+    equal(
+        Product(terms, EVEN).residual_function(seen)(pose), [np.concatenate(part) for part in zip(*apart, strict=True)]
+    )
     assert Product(terms, EVEN).residual_loss == Loss("geman_mcclure", 1.5)
 
 
@@ -97,25 +102,26 @@ def test_the_cost_of_a_product_is_the_sum_of_its_terms_losses_times_their_weight
     terms, weights = both(loss=loss), {"points": 1.0, "keypoints": weight}
     product = Product(terms, weights)
     expected = sum(
-        weights[name] * term.residual_loss(term.residual(seen)(pose)[0])[0].sum() for name, term in terms.items()
+        weights[name] * term.residual_loss(term.residual_function(seen)(pose)[0])[0].sum()
+        for name, term in terms.items()
     )
-    misses, slopes = product.residual(seen)(pose)
+    misses, slopes = product.residual_function(seen)(pose)
     assert product.residual_loss(misses)[0].sum() == pytest.approx(expected, rel=1e-12)
-    own = robust(terms["keypoints"].residual(seen), terms["keypoints"].residual_loss)(pose)
+    own = robust(terms["keypoints"].residual_function(seen), terms["keypoints"].residual_loss)(pose)
     np.testing.assert_allclose(slopes[40:], np.sqrt(weight) * own[1])
 
 
 def test_a_product_looks_at_all_that_its_terms_look_at():
     front, side = (
-        KeypointLikelihood(BODY, sigma_px=sigma_px, which=[camera.name])
+        KeypointLikelihood(BODY, sigma_px=sigma_px, cameras=[camera.name])
         for sigma_px, camera in zip((2.0, 3.0), CAMERAS, strict=True)
     )
     assert Product({"a": front, "b": side}, {"a": 1.0, "b": 1.0}).observables == Observables(
-        sigma_px=2.0, which=("front", "side")
+        sigma_px=2.0, cameras=("front", "side")
     )
     every = {"a": front, "b": KeypointLikelihood(BODY), "c": SurfacePoints(BODY, sigma=0.01)}
     assert Product(every, dict.fromkeys(every, 1.0)).observables == Observables(
-        sigma=0.01, sigma_px=2.0, shared_m=0.012
+        sigma=0.01, sigma_px=2.0, common_bias_std_m=0.012
     )
 
 

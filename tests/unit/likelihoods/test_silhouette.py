@@ -7,7 +7,7 @@ from still_clips import by_hand, clip, of_frames, with_block
 from tests.oracles import outlines as oracle
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.cues.image_levels import still_scene, uncovered_scene
+from workbench.likelihoods.cues.image_levels import static_background, uncovered_background
 from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
 from workbench.likelihoods.cues.silhouette import Silhouette
 
@@ -31,9 +31,9 @@ def test_the_kernel_agrees_with_numpy():
     for k in np.flatnonzero(spheres):
         outlines[:, k] = outlines[:, k].mean(axis=1, keepdims=True) + 9.0 * OUTWARDS
     outlines[3, 1], outlines[4, 2] = 0.0, np.nan  # not seen, and not projected
-    for rim_px in (0.0, 0.4, 3.0):
-        found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, rim_px)
-        expected = oracle.outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
+    for dilation_px in (0.0, 0.4, 3.0):
+        found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, dilation_px)
+        expected = oracle.outline_sums(image, outlines.astype(np.float32), spheres, dilation_px)
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of some 1000 pixels, corners to 1e-6 of 100 px
 
 
@@ -55,7 +55,9 @@ def test_a_rod_gets_the_mean_ratio_of_what_it_covers():
     """k r(80) where all it covers changed, k r(0) on the background, and the even mixture where half of it did."""
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
-    likelihood = scenes.begun(Silhouette(ROD, still, k=2.0, rim_px=0.0), frames[0], scenes.root()[0])
+    likelihood = scenes.begun(
+        Silhouette(ROD, still, effective_pixels=2.0, dilation_px=0.0), frames[0], scenes.root()[0]
+    )
     poses = np.concatenate([scenes.root((0.0, y, 0.0)) for y in (0.8, -0.8, 0.0)])
     found = scenes.log_prob(likelihood, frames[2], frames[3], poses, poses)
     rows = 1 / 40  # of the rod's 46, of which it may cover one more or less than at first
@@ -79,7 +81,7 @@ def test_how_far_away_a_person_is_is_told_without_bias():
         moved[:, :3] += away[:, None] * sight / np.linalg.norm(sight)
         likelihood = likelihood.prepare(frame, frame).update(pose)
         total += scenes.log_prob(likelihood, frame, frame, moved, moved)
-    assert abs(away[np.argmax(total)]) <= 0.01  # rim_px is right to a tenth of a pixel: 4 mm at 4 m
+    assert abs(away[np.argmax(total)]) <= 0.01  # dilation_px is right to a tenth of a pixel: 4 mm at 4 m
     assert total.max() - total[[10, 30]].max() > len(frames) * 0.5  # and 5 cm off costs
 
 
@@ -87,7 +89,7 @@ def test_without_a_first_frame_it_says_nothing_and_says_so():
     still, frames = clip(*[scenes.flat(100)] * 3)
     frame_likelihood = Silhouette(ROD, still).prepare(frames[0], frames[1])
     assert frame_likelihood.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
-    assert "how large front sees the person is not known" in frame_likelihood.notes[0]
+    assert "the person's area in camera front is not known yet" in frame_likelihood.notes[0]
     assert Silhouette(ROD, still).prepare(None, frames[0]).notes == ()
 
 
@@ -107,12 +109,12 @@ def people(*centres, size=(60, 80)):
 
 def test_what_is_behind_somebody_who_moves_on_and_stays_there_is_told_by_the_first_frame():
     wall, images, places = people(20, *[60] * 19)
-    found = uncovered_scene(images, places[0], places[0])
-    assert np.abs(found.scene.median - wall)[~places[0]].max() < 5.0  # of noise 1, one image
-    assert np.abs(found.scene.median - wall)[places[0]].max() < 3.0
+    found = uncovered_background(images, places[0], places[0])
+    assert np.abs(found.background.median - wall)[~places[0]].max() < 5.0  # of noise 1, one image
+    assert np.abs(found.background.median - wall)[places[0]].max() < 3.0
     assert not found.person.any()
     assert not found.unknown.any()
-    median = still_scene(images).median
+    median = static_background(images).median
     assert np.abs(median - 200.0)[places[1]].max() < 3.0  # which has the person for the wall
 
 
@@ -120,7 +122,7 @@ def test_somebody_who_never_moves_is_the_person_and_what_never_changes_beside_th
     _, images, places = people(*[40] * 20)
     near = np.zeros_like(places[0])
     near[17:53, 32:48] = True
-    found = uncovered_scene(images, places[0], near)
+    found = uncovered_background(images, places[0], near)
     assert np.array_equal(found.person, places[0])
     assert not found.unknown.any()
 
@@ -130,7 +132,7 @@ def test_where_somebody_sways_nothing_is_known_of_what_is_behind():
     _, images, places = people(*[40] * 20)
     for image in images:
         image[places[0]] = rng.uniform(0.0, 255.0, (places[0].sum(), 1))
-    found = uncovered_scene(images, places[0], places[0])
+    found = uncovered_background(images, places[0], places[0])
     assert (found.unknown & places[0]).sum() > 0.95 * places[0].sum()
 
 
@@ -142,9 +144,9 @@ def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background(
     beside = np.stack([frames[5].truth.pose] * 2)
     beside[1, :3] += 0.1 * person.true_camera.rotation[0]
     told = {}
-    for standing in (False, True):
-        term = Silhouette(person.body, FrameCache(person), standing=standing)
+    for from_first_pose in (False, True):
+        term = Silhouette(person.body, FrameCache(person), background_from_first_pose=from_first_pose)
         frame_likelihood = term.prepare(None, frames[0]).update(pose).prepare(frames[0], frames[5])
-        told[standing] = frame_likelihood.evaluate(beside, beside).log_prob
+        told[from_first_pose] = frame_likelihood.evaluate(beside, beside).log_prob
     assert told[True][0] > told[True][1] + 5.0
     assert told[True][0] > 0.0 > told[False][0]

@@ -31,7 +31,7 @@ def points_on(pose, n=50, seed=1):
 
 def test_it_is_the_mixture_of_every_points_distance():
     some, points = poses(4), points_on(poses(1)[0])
-    likelihood = SurfacePoints(BODY, sigma=0.03, epsilon=0.2, temper=0.4)
+    likelihood = SurfacePoints(BODY, sigma=0.03, outlier_fraction=0.2, likelihood_power=0.4)
     found = log_prob(likelihood, frame(None), frame(points), some, some)
     surface = person_surface(BODY)
     for pose, value in zip(some, found, strict=True):
@@ -65,7 +65,7 @@ def test_what_is_not_finite_is_left_out_and_told():
     assert notes(likelihood, frame(None), frame(points), some, some) == ()
     np.testing.assert_array_equal(log_prob(likelihood, frame(None), frame(bad), some, some), whole)
     found = notes(likelihood, frame(None), frame(bad), some, some)
-    assert found == ("frame 1: 1 of 50 points are not finite; left out",)
+    assert found == ("frame 1: 1 of 50 points are not finite; omitted",)
     some[1, 4] = np.inf
     assert log_prob(likelihood, frame(None), frame(points), some, some)[1] == -np.inf
 
@@ -74,4 +74,4 @@ def test_what_is_not_finite_is_left_out_and_told():
 def test_a_frame_without_points_says_nothing(points):
     likelihood = SurfacePoints(BODY)
     assert (log_prob(likelihood, frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
-    assert likelihood.prepare(None, frame(points)).notes == ("frame 1: there are no points",)
+    assert likelihood.prepare(None, frame(points)).notes == ("frame 1: no points",)

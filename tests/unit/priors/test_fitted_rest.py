@@ -51,9 +51,9 @@ def test_one_camera_counts_alone_where_it_is_named():
     (frame,) = frames(SKELETON, times, poses, sigma_px=8.0)
     some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
     for view in frame.views:
-        named = KeypointLikelihood(BODY, which=[view.camera.name]).prepare(frame, frame).evaluate(some, some)
+        named = KeypointLikelihood(BODY, cameras=[view.camera.name]).prepare(frame, frame).evaluate(some, some)
         alone = replace(frame, views=(view,))
         expected = KeypointLikelihood(BODY).prepare(alone, alone).evaluate(some, some)
         np.testing.assert_array_equal(named.log_prob, expected.log_prob)
-    with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
-        KeypointLikelihood(BODY, which=["back"]).prepare(frame, frame)
+    with pytest.raises(InputError, match="unknown camera 'back'; expected some of front, side"):
+        KeypointLikelihood(BODY, cameras=["back"]).prepare(frame, frame)

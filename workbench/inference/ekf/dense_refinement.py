@@ -6,7 +6,7 @@ drifts. The image layers locate the person's outline and the occlusions instead.
 
 import numpy as np
 
-from workbench.core.likelihood import DenseLikelihood, Slope
+from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.levenberg_marquardt import HeavyTailedPrior
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -23,9 +23,9 @@ MIN_GAIN = 0.5
 
 
 def refine_pose(
-    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Slope, limits: FloatArray,
+    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Derivatives, limits: FloatArray,
     joints: BoolArray,
-) -> tuple[FloatArray, Slope, int]:  # fmt: skip
+) -> tuple[FloatArray, Derivatives, int]:  # fmt: skip
     """Maximise log prior + log p(points) + log p(layers) from a pose near the mode of the first two terms.
 
     The layers' derivatives are finite differences along the axes that diagonalise both the prior's precision and the
@@ -45,7 +45,7 @@ def refine_pose(
     -------
     The pose, the slope of the points at it, and the number of evaluations of the layers.
     """
-    last, n_evaluations = frame_likelihood.levels - 1, 0
+    last, n_evaluations = frame_likelihood.n_levels - 1, 0
     for _ in range(MAX_STEPS):
         precision = prior.precision(pose)
         root = np.linalg.inv(np.linalg.cholesky(precision)).T
@@ -63,7 +63,7 @@ def refine_pose(
         n_evaluations += 2 * changes.shape[1] + 2 + len(STEP_LENGTHS)
         current = slope.log_prob + prior.log_density(pose) + layers[0]
         for candidate, log_prob in zip(candidates, layers[1:], strict=True):
-            candidate_slope = frame_likelihood.slope(candidate, last)
+            candidate_slope = frame_likelihood.derivatives(candidate, last)
             if candidate_slope.log_prob + prior.log_density(candidate) + log_prob > current + MIN_GAIN:
                 pose, slope = candidate, candidate_slope
                 break

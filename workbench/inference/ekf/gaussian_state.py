@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.gaussian import predict_covariance, smooth
@@ -100,7 +100,7 @@ def first_pass_weights(
     weight the root, as pixels do not determine the distance of the whole body.
     """
     n, joints = len(limbs), np.ones(len(skeleton.names), dtype=np.bool_)
-    aligned = nearest_turn(first_pose, pose)
+    aligned = unwrap_near(first_pose, pose)
     candidates = np.repeat(np.stack([pose, aligned]), n + 1, axis=0)  # each body, then with each limb of the other
     for k, limb in enumerate(limbs):
         candidates[k + 1, limb], candidates[n + k + 2, limb] = aligned[limb], pose[limb]
@@ -130,7 +130,7 @@ def fuse_passes(
     weights : (P,), of the pose parameters in the first pass, see `first_pass_weights`; 0.5 for the other columns.
     """
     n = len(POSE_NAMES)
-    difference = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
+    difference = np.concatenate([unwrap_near(first[:n], second[:n]), first[n:]]) - second
     weights = np.concatenate([weights, np.full(len(second) - n, 0.5)])
     scaled = np.sqrt(weights * (1.0 - weights)) * difference
     return second + weights * difference, covariance + 2.0 * np.outer(scaled, scaled)

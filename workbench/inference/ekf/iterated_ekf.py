@@ -200,7 +200,7 @@ class IteratedEkf:
             if reinitialize:
                 state, mode = self._reinitialize_limbs(frame_likelihood, state, mode, previous_pose[0], rng)
             mode = self._refine(frame_likelihood, state, mode)
-        inflation = BASE_INFLATION + frame_likelihood.misfit(mode.pose)[self.body.skeleton.dof_joints]
+        inflation = BASE_INFLATION + frame_likelihood.mean_loss(mode.pose)[self.body.skeleton.dof_joints]
         mean, covariance = condition_block(state.mean, state.covariance, mode.pose, mode.covariance)
         return replace(state, mean=mean, covariance=covariance, std_inflation=inflation), mode
 

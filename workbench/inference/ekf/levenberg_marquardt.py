@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.likelihood import DifferentiableLikelihood, Slope
+from workbench.core.likelihood import Derivatives, DifferentiableLikelihood
 from workbench.utils.arrays import FloatArray, IntArray
 
 MAX_STEPS = 5
@@ -28,7 +28,7 @@ class LaplaceApproximation:
     covariance: FloatArray
     log_evidence: float
     evaluations: int
-    slope: Slope
+    slope: Derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +97,14 @@ def find_mode(
         correlated between pixels and frames.
     """
     prior, pose, n_evaluations = heavy_tailed_prior(mean, covariance, limbs, outlier_motion_probability), start, 0
-    for level in range(frame_likelihood.levels):
+    for level in range(frame_likelihood.n_levels):
         pose, slope, n = _maximise(frame_likelihood, level, prior, pose, limits)
         n_evaluations += n
     return laplace_approximation(prior, pose, slope, curvature_weight, n_evaluations)
 
 
 def laplace_approximation(
-    prior: HeavyTailedPrior, pose: FloatArray, slope: Slope, curvature_weight: float, n_evaluations: int
+    prior: HeavyTailedPrior, pose: FloatArray, slope: Derivatives, curvature_weight: float, n_evaluations: int
 ) -> LaplaceApproximation:
     """Return the Gaussian at a pose (P,) with this slope of the likelihood, see `find_mode`."""
     precision = prior.precision(pose)
@@ -117,10 +117,10 @@ def laplace_approximation(
 def _maximise(
     frame_likelihood: DifferentiableLikelihood, level: int, prior: HeavyTailedPrior, pose: FloatArray,
     limits: FloatArray,
-) -> tuple[FloatArray, Slope, int]:  # fmt: skip
+) -> tuple[FloatArray, Derivatives, int]:  # fmt: skip
     """Maximise the posterior at one level; return the pose, the slope there, and the number of evaluations."""
-    slope, damping = frame_likelihood.slope(pose, level), 0.0
-    tolerance = FINAL_TOLERANCE if level == frame_likelihood.levels - 1 else TOLERANCE
+    slope, damping = frame_likelihood.derivatives(pose, level), 0.0
+    tolerance = FINAL_TOLERANCE if level == frame_likelihood.n_levels - 1 else TOLERANCE
     objective = slope.log_prob + prior.log_density(pose)
     for n_steps in range(1, MAX_STEPS + 1):
         precision = prior.precision(pose)
@@ -128,7 +128,7 @@ def _maximise(
         uphill = slope.gradient - precision @ (pose - prior.mean)
         step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), uphill)
         candidate = np.clip(pose + step, *limits.T)
-        candidate_slope = frame_likelihood.slope(candidate, level)
+        candidate_slope = frame_likelihood.derivatives(candidate, level)
         reached = candidate_slope.log_prob + prior.log_density(candidate)
         if reached > objective:
             converged = reached - objective < tolerance

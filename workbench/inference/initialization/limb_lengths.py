@@ -48,7 +48,7 @@ between frames, so that eight frames have little more information than one."""
 @dataclass(frozen=True, eq=False)
 class _MeasuredLengths:
     """Fitted shape. poses: (T, P) in the frames used. error_px: root mean square reprojection error.
-    length_uncertainty: (J, 3, G) errors of the skeleton's offsets, see `Body.length_doubt`."""
+    length_uncertainty: (J, 3, G) errors of the skeleton's offsets, see `Body.limb_length_std`."""
 
     shape: Shape
     poses: FloatArray
@@ -85,7 +85,7 @@ def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: i
     log.info(
         "limb lengths fitted in %d frames, residual %.1f px: %s cm", len(observations), measurement.error_px, lengths
     )
-    return replace(person(measurement.shape), length_doubt=measurement.length_uncertainty)
+    return replace(person(measurement.shape), limb_length_std=measurement.length_uncertainty)
 
 
 def fit_lengths(

@@ -193,7 +193,7 @@ class _DistanceResiduals:
     observables: Observables = Observables(sigma=START_SIGMA_M)  # noqa: RUF009 - frozen
     residual_loss: Loss = START_LOSS
 
-    def residual(self, observed: Observed) -> ResidualFunction:
+    def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the whitened distances."""
         return surface_residual(self.skeleton, self.surface, observed.points, "distance", START_SIGMA_M)
 

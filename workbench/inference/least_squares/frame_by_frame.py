@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, component_traits
 from workbench.core.prior import MotionModel
@@ -71,7 +71,7 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
     middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
     for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
         searches.append(fit_frame(decoder, residual, data.loss, poses[-1], prior=prior, max_iterations=40))
-        poses.append(nearest_turn(searches[-1].x, np.concatenate([poses[-1][:N_ROOT], middle])))
+        poses.append(unwrap_near(searches[-1].x, np.concatenate([poses[-1][:N_ROOT], middle])))
         covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(start)) / FLAT_STD**2))
     iterations = np.mean([search.iterations for search in searches])
     costs = tuple(search.costs[-1] for search in searches)

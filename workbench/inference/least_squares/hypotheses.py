@@ -7,7 +7,7 @@ import numpy as np
 from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
 from workbench.inference.least_squares.phase_grid import N_HEADINGS, N_PHASES, roots_from_points
 from workbench.inference.least_squares.residuals import views_residual
@@ -122,7 +122,7 @@ def _root_position(skeleton: Skeleton, view: Keypoints, pose: FloatArray) -> Flo
 
 def coarse_data(task: Task) -> FitData:
     """Return the residuals of the initial search: a subset of the points, and keypoints where a view has enough."""
-    loss = START_LOSS if "points" in kinds_seen(task.observations) else KEYPOINT_LOSS
+    loss = START_LOSS if "points" in observed_kinds(task.observations) else KEYPOINT_LOSS
     return FitData([_coarse_residual(task, frame) for frame in task.observations], task.times_s, loss, task.smoothness)
 
 

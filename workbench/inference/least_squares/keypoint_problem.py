@@ -155,7 +155,7 @@ class KeypointProblem:
         Parameters
         ----------
         factor : of the Gauss–Newton matrix H at the poses.
-        by_length : (J, 3, G), see `Body.length_doubt`, m.
+        by_length : (J, 3, G), see `Body.limb_length_std`, m.
         """
         joint_hessians = self._evaluate(poses, 0, self.n_frames).joint_hessians
         displacements = length_jacobian(self.skeleton, by_length, poses)

@@ -14,7 +14,7 @@ from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.keys import records_arguments
 from workbench.core.likelihood import Likelihood
-from workbench.core.observations import Observed, kinds_seen, observe
+from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
 from workbench.core.side_information import PHASE_ENDS
@@ -74,7 +74,7 @@ class LeastSquares:
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
         self.length_uncertainty = (
-            default_length_uncertainty(body.skeleton) if body.length_doubt is None else body.length_doubt
+            default_length_uncertainty(body.skeleton) if body.limb_length_std is None else body.limb_length_std
         )
         self.motion, self.smoothness = capabilities.motion, capabilities.smoothness or Smoothness()
         self.discrepancy, self.pose_prior = capabilities.discrepancy, capabilities.pose_prior
@@ -98,7 +98,7 @@ class LeastSquares:
         fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
         samples = steps(fit, frames, self.n_particles, rng_streams["prior"])
         for step, observed, messages in zip(samples, observations, warnings, strict=True):
-            inliers, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([observed]))
+            inliers, kinds = step.diagnostics["inliers"], " and ".join(observed_kinds([observed]))
             if kinds and inliers < MIN_INLIER_FRACTION:
                 message = f"frame {step.frame.index}: only {inliers:.0%} of the {kinds} lie near the body"
                 messages = (*messages, message)
@@ -117,7 +117,7 @@ class LeastSquares:
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
         observations, warnings = observe(frames, self.skeleton, self.max_points, rng, self.observables)
-        if not kinds_seen(observations):
+        if not observed_kinds(observations):
             expected = " or ".join(self.observables.kinds) or "points or keypoints"
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
         task = Task(
@@ -132,7 +132,7 @@ class LeastSquares:
         measure of its cost."""
         if not len(points):
             return {}
-        frames, kind = forward(self.skeleton, pose[None]), self.observables.kind
+        frames, kind = forward(self.skeleton, pose[None]), self.observables.residual
         arguments = (self.skeleton, self.surface, pose, points, kind, attach(self.surface, frames, points, kind))
         residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
         started = working_s()
@@ -154,7 +154,7 @@ class LeastSquares:
     def _attachment(self, step: Step) -> IntArray | None:
         """Return the body part (K,) of each of the frame's points at the fit, -1 if none is within three standard
         deviations."""
-        points, sigma, kind = step.frame.points, self.observables.sigma, self.observables.kind
+        points, sigma, kind = step.frame.points, self.observables.sigma, self.observables.residual
         if points is None or sigma is None:
             return None
         body_parts, usable = np.full(len(points), -1), np.isfinite(points).all(axis=1)

@@ -10,7 +10,7 @@ import scipy
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, component_traits
 from workbench.core.discrepancy import small_sample_inflation
-from workbench.core.observations import kinds_seen
+from workbench.core.observations import observed_kinds
 from workbench.core.prior import MotionModel
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
@@ -98,13 +98,13 @@ class MotionFit:
         return fit
 
     def _shared(self, task: Task) -> SharedErrors | None:
-        sigma_m = task.likelihood.observables.shared_m
-        if not self.discrepancy or sigma_m == 0.0 or kinds_seen(task.observations) != ("points",):
+        sigma_m = task.likelihood.observables.common_bias_std_m
+        if not self.discrepancy or sigma_m == 0.0 or observed_kinds(task.observations) != ("points",):
             return None
         return SharedErrors.of_points(task.skeleton, task.surface, task.observations, sigma_m)
 
     def _correlation(self, task: Task, fit: Fit) -> float:
-        if self.rho is not None or kinds_seen(task.observations) != ("keypoints",):
+        if self.rho is not None or observed_kinds(task.observations) != ("keypoints",):
             return self.rho or 0.0
         return error_correlation(task.skeleton, task.observations, task.times_s, fit.poses, task.sigma_px)
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
 from workbench.core.capabilities import Traits, component_traits
-from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import KeypointResiduals, Loss
@@ -113,7 +113,7 @@ class SmoothFit:
     def _problem(self, task: Task) -> KeypointProblem | ResidualProblem:
         likelihood, contacts = task.likelihood, detect_foot_contacts(task.skeleton, task.observations, task.times_s)
         rest = (task.times_s, likelihood.residual_loss, task.smoothness, contacts, self.ground_m)
-        if kinds_seen(task.observations) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
+        if observed_kinds(task.observations) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
             return KeypointProblem(task.skeleton, KeypointArrays.of(task.observations, likelihood.whitening), *rest)
         return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
 
@@ -208,7 +208,7 @@ def first_poses(skeleton: Skeleton, views: Sequence[Keypoints], sigma_px: float)
 def _single_camera(observations: Sequence[Observed]) -> Camera | None:
     """Return the camera of all observations if there is only one, else None."""
     cameras = {keypoints.camera.name: keypoints.camera for frame in observations for keypoints in frame.keypoints}
-    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(observations) else None
+    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in observed_kinds(observations) else None
 
 
 def _initial_poses(
@@ -216,7 +216,7 @@ def _initial_poses(
     single_camera: Camera | None, max_iterations: int,
 ) -> FloatArray:  # fmt: skip
     """Return poses (T, P) fitted from the best of `starts` (n, P), with flipped limbs if there is a single camera."""
-    frames = select_spaced((bool(kinds_seen([frame])) for frame in observations), problem.times_s)
+    frames = select_spaced((bool(observed_kinds([frame])) for frame in observations), problem.times_s)
     spaced_problem = replace(problem, loss=SEARCH_LOSS).select_frames(frames)
     poses, _ = candidates(spaced_problem, starts, max_iterations)[0]
     if single_camera is not None and isinstance(spaced_problem, KeypointProblem):

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
 from workbench.core.discrepancy import Discrepancy
-from workbench.core.observations import Observed, kinds_seen
+from workbench.core.observations import Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
@@ -27,7 +27,7 @@ class Task:
     observations: one per frame. times_s: (T,), increasing. motion, smoothness: of the prior. phase_ends: phases of the
     first and the last frame, cycles, if available. max_iterations: of a complete search. discrepancy: of the motion
     model for new people. pose_prior: of the last numbers of a pose. length_uncertainty: (J, 3, G), see
-    `Body.length_doubt`.
+    `Body.limb_length_std`.
     """
 
     skeleton: Skeleton
@@ -52,9 +52,9 @@ class Task:
         """Return the likelihood's residuals of every frame; frames with keypoints also have an `upright_residual`, and
         so have all frames if keypoints are the only observations."""
         upright = upright_residual(self.skeleton, upright_rad)
-        keypoints_only = kinds_seen(self.observations) == ("keypoints",)
+        keypoints_only = observed_kinds(self.observations) == ("keypoints",)
         residuals = [
-            stacked([self.likelihood.residual(frame), *[upright] * (keypoints_only or bool(frame.keypoints))])
+            stacked([self.likelihood.residual_function(frame), *[upright] * (keypoints_only or bool(frame.keypoints))])
             for frame in self.observations
         ]
         return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)

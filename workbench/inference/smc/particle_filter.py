@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import START, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check, one_of
 from workbench.core.filter_state import FilterState, ResumePoint, capture_rng_states, replay_likelihood
@@ -182,7 +182,7 @@ def _particle_step(frame: Frame, space: StateSpace, result: MoveResult, log_evid
     """Return the step of one frame's particles, with the expected pose and that of the best particle."""
     particles = result.particles
     best = int(np.argmax(particles.log_weights)) if result.best is None else result.best
-    poses = nearest_turn(particles.poses, particles.poses[best])  # so that angles can be averaged
+    poses = unwrap_near(particles.poses, particles.poses[best])  # so that angles can be averaged
     # not a BLAS product, whose order of addition depends on the number of threads
     expected = np.einsum("n,np->p", particles.weights, poses)
     clock.lap("summary")

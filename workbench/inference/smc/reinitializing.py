@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from workbench.body.angles import exchanged
+from workbench.body.angles import swap_left_right
 from workbench.body.limbs import Body
 from workbench.core.capabilities import KEYPOINTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import INSIDE_UNIT, check
@@ -105,7 +105,7 @@ class Reinitializing(Wrapper):
             with suppress(InputError):  # too few joints: the description names the other poses instead
                 return poses_from_keypoints(self.body.skeleton, [frame]), "at the detected joints"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        return np.stack([expected, exchanged(expected)]), "at the last pose and its mirror image"
+        return np.stack([expected, swap_left_right(expected)]), "at the last pose and its mirror image"
 
     def _reinitialized(self, parents: Particles, poses: FloatArray, rng_streams: Streams) -> Particles:
         """Return the resampled parents, a fraction of them sampled at poses (n, P); ancestors index the given ones."""

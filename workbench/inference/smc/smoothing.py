@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import DENSITY, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check
 from workbench.core.filter_state import ResumePoint
@@ -243,7 +243,7 @@ def _log_prob(
 
 def _with_particles(step: Step, chosen: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
     """Return the step with chosen particles of it and new log weights."""
-    poses = nearest_turn(step.poses[chosen], step.poses[chosen[best]])
+    poses = unwrap_near(step.poses[chosen], step.poses[chosen[best]])
     return replace(
         step, particles=step.particles[chosen], poses=poses, log_weights=log_weights, ancestors=ancestors,
         expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],

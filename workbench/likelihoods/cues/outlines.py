@@ -1,4 +1,4 @@
-"""Sums of an image over the union of outlines, which overlap: row by row, a span of pixels for every outline."""
+"""Sums of an image over the union of overlapping outlines, by rows: each outline covers one interval of a row."""
 
 from functools import lru_cache
 from typing import Any
@@ -12,37 +12,44 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import parallel_for
 
-CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
+CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), in order around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
-"""Their directions from the middle of the limb, along it and across it."""
-_ROWS = 64  # of an image at least that one thread takes
+"""Directions of the corners from the middle of the limb, along it and across it."""
+_ROWS = 64  # minimum rows of an image per thread
 
 
 def running_sums(image: Float32Array) -> FloatArray:
-    """Sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
-    reached = np.empty((image.shape[0], image.shape[1] + 1))
-    parallel_for(lambda first, last: _add_up(image[first:last], reached[first:last]), len(image), _ROWS)
-    return reached
+    """Return sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
+    row_sums = np.empty((image.shape[0], image.shape[1] + 1))
+    parallel_for(lambda first, last: _add_up(image[first:last], row_sums[first:last]), len(image), _ROWS)
+    return row_sums
 
 
 @lru_cache(maxsize=4)
 def areas(height: int, width: int) -> FloatArray:
-    """The running sums of an image of ones, by which `outline_sums` are areas, px²; not to be written to."""
+    """Return the read-only running sums of an image of ones, for which `outline_sums` are areas, px²."""
     return np.tile(np.arange(width + 1.0), (height, 1))
 
 
-def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
-    """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
-    row that is covered. corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen.
-    spheres: (L,), whose outline is the circle through its corners. rim_px: by which outlines are wider on all sides."""
+def outline_sums(
+    row_sums: FloatArray, corners: Float32Array, spheres: BoolArray, dilation_px: float = 0.0
+) -> FloatArray:
+    """Return sums (N,) over the union of L outlines; a pixel is weighted by the covered fraction of its row interval.
+
+    Parameters
+    ----------
+    row_sums : the image's `running_sums`.
+    corners : (N, L, 4, 2), px, in the order of CORNERS; four equal corners for an invisible limb.
+    spheres : (L,), limbs whose outline is the circle through its corners.
+    dilation_px : of the outlines on all sides.
+    """
     sums = np.empty(len(corners))
-    _outline_sums(reached, corners, spheres, rim_px, sums)
+    _outline_sums(row_sums, corners, spheres, dilation_px, sums)
     return sums
 
 
-def covered(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Return which pixels of an image of this shape (height, width) are within the union of L outlines (L, 4, 2),
-    px."""
+def outline_mask(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Return the pixels of an image of this shape (height, width) inside the union of L outlines (L, 4, 2), px."""
     image = np.zeros(shape, dtype=np.uint8)
     for outline, sphere in zip(corners, spheres, strict=True):
         if sphere:
@@ -54,40 +61,40 @@ def covered(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -
 
 
 @kernel()
-def _add_up(image: Any, reached: Any) -> None:
+def _add_up(image: Any, row_sums: Any) -> None:
     for row in range(image.shape[0]):
         total = 0.0
-        reached[row, 0] = total
+        row_sums[row, 0] = total
         for column in range(image.shape[1]):
             total += image[row, column]
-            reached[row, column + 1] = total
+            row_sums[row, column + 1] = total
 
 
 @kernel(parallel=True, error_model="numpy", fastmath=FAST)
-def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
-    height, width = reached.shape[0], reached.shape[1] - 1
+def _outline_sums(row_sums: Any, corners: Any, spheres: Any, dilation_px: float, sums: Any) -> None:
+    height, width = row_sums.shape[0], row_sums.shape[1] - 1
     n_limbs = corners.shape[1]
     for i in numba.prange(corners.shape[0]):
         lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
         counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
         top, bottom = height, -1
         for limb in range(n_limbs):
-            if not _widened(corners[i, limb], rim_px, outline):
+            if not _dilated(corners[i, limb], dilation_px, outline):
                 continue
             if spheres[limb]:
-                low, high = _disc_spans(corners[i, limb], rim_px, width, counts, lefts, rights)
+                low, high = _disc_spans(corners[i, limb], dilation_px, width, counts, lefts, rights)
             else:
                 low, high = _spans(outline, width, counts, lefts, rights)
             top, bottom = min(top, low), max(bottom, high)
         total = 0.0
         for y in range(top, bottom + 1):
-            total += _union(reached[y], counts[y], lefts[y], rights[y])
+            total += _union(row_sums[y], counts[y], lefts[y], rights[y])
         sums[i] = total
 
 
 @inlined
-def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
-    """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
+def _dilated(corners: Any, dilation_px: float, outline: Any) -> bool:
+    """Write the outline's corners, moved outwards along the limb and across it; return False for an invisible limb."""
     ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
     ay = corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1]
     bx = corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0]
@@ -96,19 +103,19 @@ def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     if not min(a, b) > 0.0:
         return False
     for k in range(4):
-        along, across = rim_px * OUTWARDS[k, 0] / a, rim_px * OUTWARDS[k, 1] / b
+        along, across = dilation_px * OUTWARDS[k, 0] / a, dilation_px * OUTWARDS[k, 1] / b
         outline[k, 0] = corners[k, 0] + along * ax + across * bx
         outline[k, 1] = corners[k, 1] + along * ay + across * by
     return True
 
 
 @inlined
-def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
-    """Add to every row where it meets a disc, and return the first and the last row that may."""
+def _disc_spans(corners: Any, dilation_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+    """Add every row's intersection with a disc; return the first and the last row that may have one."""
     x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
     y = 0.25 * (corners[0, 1] + corners[1, 1] + corners[2, 1] + corners[3, 1])
     dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
-    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + rim_px
+    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + dilation_px
     low, high = _rows(y - radius, y + radius, counts.shape[0])
     for row in range(low, high + 1):
         square = radius * radius - (row - y) * (row - y)
@@ -120,7 +127,7 @@ def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any
 
 @inlined
 def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
-    """Find the spans of a quadrangle."""
+    """Add every row's intersection with a quadrangle; return as `_disc_spans`."""
     low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
     for row in range(low, high + 1):
         left, right = np.inf, -np.inf
@@ -136,7 +143,7 @@ def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tu
 
 @inlined
 def _rows(above: float, below: float, height: int) -> tuple[int, int]:
-    """The rows of the image between two heights; the last is before the first where there are none."""
+    """Return the first and last row of the image between two heights; the last precedes the first if there is none."""
     low, high = max(np.ceil(above), 0.0), min(np.floor(below), height - 1.0)
     if not low <= high:  # also for NaN
         return height, -1
@@ -145,7 +152,7 @@ def _rows(above: float, below: float, height: int) -> tuple[int, int]:
 
 @inlined
 def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: Any, rights: Any) -> None:
-    """Put a span into its row, from the left to the right by where spans begin."""
+    """Insert an interval into its row, sorted by left ends."""
     left, right = max(left + 0.5, 0.0), min(right + 0.5, float(width))  # from the image's left edge
     if not right > left:
         return
@@ -158,19 +165,19 @@ def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: An
 
 
 @inlined
-def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
-    """The row's sum over the union of its spans."""
+def _union(row_sums: Any, count: int, lefts: Any, rights: Any) -> float:
+    """Return the row's sum over the union of its intervals."""
     total, end = 0.0, 0.0
     for k in range(count):
         left, right = max(lefts[k], end), rights[k]
         if right > left:
-            total += _until(reached, right) - _until(reached, left)
+            total += _sum_to(row_sums, right) - _sum_to(row_sums, left)
             end = right
     return total
 
 
 @inlined
-def _until(reached: Any, x: float) -> Any:
-    """The sum of the row from its left edge to x."""
-    first = min(int(x), reached.shape[0] - 2)
-    return reached[first] + (x - first) * (reached[first + 1] - reached[first])
+def _sum_to(row_sums: Any, x: float) -> Any:
+    """Return the sum of the row from its left edge to x."""
+    first = min(int(x), row_sums.shape[0] - 2)
+    return row_sums[first] + (x - first) * (row_sums[first + 1] - row_sums[first])

@@ -1,5 +1,7 @@
-"""The whole person laid onto the image: every cell of their surface shows what it showed before, and where they end the
-scene begins. It has derivatives, so that a pose can be climbed to by Gauss–Newton steps."""
+"""Dense alignment of the person with the image: texture of the whole surface, and the boundary to the background.
+
+The likelihood has derivatives, so that a pose can be optimised by Gauss–Newton steps.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,81 +17,109 @@ from workbench.core.capabilities import DERIVATIVES, IMAGES, Traits, component_t
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
-from workbench.core.likelihood import Evaluation, Likelihood, Slope
+from workbench.core.likelihood import Derivatives, Evaluation, Likelihood
 from workbench.core.side_information import STATIC_BACKGROUND
-from workbench.likelihoods.base import Remembering, among_finite, finite_rows
+from workbench.likelihoods.base import AdaptiveLikelihood, expand_finite, finite_rows
 from workbench.likelihoods.cues.image_levels import grey_levels, spaced_frames
 from workbench.likelihoods.dense import background_model
 from workbench.likelihoods.dense.background_model import BackgroundModel, ViewState
-from workbench.likelihoods.dense.layer_rendering import Facets, LayerImage, drawn, log_ratios, surface_facets
-from workbench.likelihoods.dense.surface_elements import Cells, motion_of, moved_by, placed, surface_cells, visible
-from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask, pictures
+from workbench.likelihoods.dense.layer_rendering import (
+    Facets,
+    LayerImage,
+    layer_log_ratios,
+    render_layer,
+    surface_facets,
+)
+from workbench.likelihoods.dense.surface_elements import (
+    SurfaceElements,
+    dof_mask,
+    point_motion,
+    project_elements,
+    surface_elements,
+    visible_elements,
+)
+from workbench.likelihoods.dense.view_likelihood import (
+    Residuals,
+    ViewLikelihood,
+    mask_at,
+    person_mask,
+    smoothing_pyramids,
+)
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
 
 BLURS_PX = (6.0, 3.0, 1.2)
-"""Smoothings of the image, b, one after the other."""
-OUTLINE = 0.25
-"""Deviation s of how likely a pixel shows no scene, 0 to 1."""
-FACING = 0.3
-"""Cosine of the angle to the line of sight below which a cell is not looked at."""
-OUTLINE_SHARE = 0.25
-"""Of the outline's loss in a misfit: it bends late, so that it says less of what is wrong than of what is unknown."""
-PIXEL_SHARE = 1.0 / 10.0
-"""As how many independent pixels one counts where the image is compared as layers, by every THIN-th row and column."""
-FEW = 20.0
-"""As many points of a limb say as much of its misfit as the whole person does."""
+"""Standard deviations b of the image's smoothing, by level of the pyramid."""
+FOREGROUND_SIGMA = 0.25
+"""Standard deviation s of a pixel's foreground probability, 0 to 1."""
+MIN_FACING_COSINE = 0.3
+"""Minimum cosine of the angle between a surface element's normal and the line of sight."""
+OUTLINE_LOSS_WEIGHT = 0.25
+"""Weight of the outline's loss in a mean loss: its scale is large, so that it also grows where the background is
+unknown."""
+LAYER_PIXEL_WEIGHT = 1.0 / 10.0
+"""Effective number of independent pixels per pixel in layered comparison, at every SUBSAMPLING-th row and column."""
+PRIOR_POINTS = 20.0
+"""Number of points by which the mean loss of the whole person is weighted in the mean loss of a limb."""
 
 
 @dataclass(frozen=True, eq=False)
 class DenseAlignment:
-    """Compare the person with the image, smoothed more and then less:
+    """Compare the person with the image, at decreasing levels of smoothing:
 
         log p = − λ Σ_i ρ_2( (I_b(x_i) − T_b,i) / (σ √(1 + 1/n_i)) ) − λ Σ_j ρ_10( (F_b(x_j) − M_b(x_j)) / s )
 
-    x_i: pixels of the visible cells of the limbs' surfaces. I_b: the image smoothed by b px. T_b,i: the level that the
-    cell showed before, in n_i frames. x_j: the same pixels, and others beside the limbs (`surface_elements.beside`). F:
-    how likely the image shows no scene there; M: the pose's outline; both smoothed by b. ρ_c = ½ c² r² / (c² + r²),
-    Geman & McClure's loss. λ: as how many independent pixels one of them counts. A pose is judged at the last b.
+    x_i: pixels of the visible elements of the limbs' surfaces. I_b: the image smoothed by b px. T_b,i: the element's
+    previous level, the mean of n_i frames. x_j: the same pixels, and others next to the limbs
+    (`surface_elements.contour_samples`). F: foreground probability; M: the pose's outline; both smoothed by b. ρ_c = ½
+    c² r² / (c² + r²), Geman & McClure's loss. λ: effective number of independent pixels per compared pixel. A pose is
+    evaluated at the last b.
 
-    Derivatives are Gauss–Newton; that of the outline is the mean of F's and M's (Malis 2004). After a frame, cells
-    learn from the expected pose: T += g (I − T), g = w max(1/(n + 1), rate), w being the loss's weight; scene and
-    occluders are followed in `background_model`. Poses far apart are compared by all pixels of every THIN-th row and
-    column (`layer_rendering`).
+    Derivatives are Gauss–Newton; that of the outline is the mean of F's and M's (Malis 2004). After a frame, elements
+    are updated at the expected pose: T += g (I − T), g = w max(1/(n + 1), learning_rate), w being the loss's weight;
+    `background_model` tracks background and occluders. Distant poses are compared by all pixels of every SUBSAMPLING-th
+    row and column (`layer_rendering`). Raises InputError if a parameter is out of range, or a camera is not in the
+    sequence.
 
-    sigma: σ, grey levels. count: λ. rate: as above. epsilon: share of outliers in the scene. n_frames: of the clip,
-    evenly spread, from which the scene behind the person is learned. Raises InputError when a constant is out of range
-    and for a camera that was not in the clip."""
+    Parameters
+    ----------
+    body, clip : the person's body and the sequence.
+    sigma : σ, grey levels.
+    pixel_weight : λ.
+    learning_rate : minimum gain g of an inlier.
+    outlier_fraction : of the background's pixels.
+    n_frames : evenly spaced frames of the sequence from which the background is learned.
+    """
 
     traits: ClassVar[Traits] = component_traits(DERIVATIVES, dataset=IMAGES, assumptions=STATIC_BACKGROUND)
 
     body: Body
     clip: FrameCache
     sigma: float = 10.0
-    count: float = 1.0 / 12.0
-    rate: float = 0.1
-    epsilon: float = 0.05
+    pixel_weight: float = 1.0 / 12.0
+    learning_rate: float = 0.1
+    outlier_fraction: float = 0.05
     n_frames: int = 60
 
     def __post_init__(self) -> None:
-        check("alignment", self, sigma=POSITIVE, count=POSITIVE, rate=UNIT)
-        check("alignment", self, epsilon=INSIDE_UNIT, n_frames=at_least(3))
+        check("dense alignment", self, sigma=POSITIVE, pixel_weight=POSITIVE, learning_rate=UNIT)
+        check("dense alignment", self, outlier_fraction=INSIDE_UNIT, n_frames=at_least(3))
 
     @cached_property
-    def cells(self) -> Cells:
-        """Those of the body."""
-        return surface_cells(self.body.limbs)
+    def elements(self) -> SurfaceElements:
+        """The body's surface elements."""
+        return surface_elements(self.body.limbs)
 
     @cached_property
     def facets(self) -> Facets:
-        """What is drawn for them."""
-        return surface_facets(self.body.limbs, self.cells)
+        """Their facets for rendering."""
+        return surface_facets(self.body.limbs, self.elements)
 
     def facets_on(self, joints: BoolArray) -> Facets:
-        """Those that hang on some of the joints (J,), found once."""
+        """Return the facets on some of the joints (J,), from a cache."""
         key = joints.tobytes()
         if key not in self._facets_on:
-            self._facets_on[key] = self.facets.on(joints)
+            self._facets_on[key] = self.facets.on_joints(joints)
         return self._facets_on[key]
 
     @cached_property
@@ -97,174 +127,181 @@ class DenseAlignment:
         return {}
 
     @cached_property
-    def moves(self) -> FloatArray:
-        """Which numbers of the pose move what hangs on each joint, (J, P)."""
-        return moved_by(self.body.skeleton)
+    def dof_mask(self) -> FloatArray:
+        """1 where a number of the pose moves the points on a joint, else 0, (J, P)."""
+        return dof_mask(self.body.skeleton)
 
     @cached_property
     def images(self) -> Mapping[str, Mapping[int, Float32Array]]:
-        """Grey images of the clip, evenly spread, by the camera's name and the frame's index."""
-        found: dict[str, dict[int, Float32Array]] = {}
+        """Grey images of evenly spaced frames of the sequence, by the camera's name and the frame's index."""
+        images: dict[str, dict[int, Float32Array]] = {}
         for frame in spaced_frames(self.clip, self.n_frames):
             for view in frame.views:
-                found.setdefault(view.camera.name, {})[frame.index] = grey_levels(view, 0.0)
-        return found
+                images.setdefault(view.camera.name, {})[frame.index] = grey_levels(view, 0.0)
+        return images
 
     def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
-        """The likelihood of a clip that was tracked before, by poses (P,) for indices of its frames, and that begins
-        with `frame`: the scene is known wherever the person was not, and how they look is learned anew."""
+        """Return the likelihood of a tracked sequence that begins with `frame`, given poses (P,) by frame index. The
+        background is observed wherever the person was not; the texture is learned again from the first frame."""
         view_states = {}
         for view in frame.views:
             images = {i: image for i, image in self._images_of(view.camera).items() if i in poses}
-            persons = [self._person(view, poses[i]) for i in images]
-            scene = background_model.tracked_scene([*images.values()], persons)
-            person = self._person(view, poses[frame.index])
-            view_states[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
-        return Remembering(view_states, self._look)
+            person_masks = [self._person_mask(view, poses[i]) for i in images]
+            background = background_model.refitted_background([*images.values()], person_masks)
+            person_mask = self._person_mask(view, poses[frame.index])
+            view_states[view.camera.name] = self._initial_state(background, grey_levels(view, 0.0), person_mask)
+        return AdaptiveLikelihood(view_states, self._prepare)
 
-    def prepare(self, previous: Frame | None, frame: Frame) -> "_AlignmentLook":
-        """Look at a frame, the person still unknown."""
-        return self._look({}, previous, frame)
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_DenseFrameLikelihood":
+        """Return the likelihood of a frame without any appearance of the person."""
+        return self._prepare({}, previous, frame)
 
-    def _look(self, view_states: Mapping[str, ViewState], previous: Frame | None, frame: Frame) -> "_AlignmentLook":
-        sights, notes = [], []
+    def _prepare(
+        self, states: Mapping[str, ViewState], previous: Frame | None, frame: Frame
+    ) -> "_DenseFrameLikelihood":
+        view_likelihoods, notes = [], []
         for view in frame.views:
-            seen = view_states.get(view.camera.name)
-            if seen is not None:
-                sights.append(self._sight(seen, view))
+            state = states.get(view.camera.name)
+            if state is not None:
+                view_likelihoods.append(self._view_likelihood(state, view))
             elif previous is not None:
-                notes.append(f"alignment: nothing is known yet of how {view.camera.name} sees the person")
-        return _AlignmentLook(self, view_states, frame, tuple(sights), tuple(notes))
+                notes.append(f"dense alignment: no appearance in camera {view.camera.name} yet; the camera is ignored")
+        return _DenseFrameLikelihood(self, states, frame, tuple(view_likelihoods), tuple(notes))
 
-    def _sight(self, seen: ViewState, view: View) -> tuple[Sight, ViewState]:
-        """Look at a view, and find what passes there, before the person is found."""
+    def _view_likelihood(self, state: ViewState, view: View) -> tuple[ViewLikelihood, ViewState]:
+        """Return a view's likelihood and its model with the occluders of this frame, before the pose is known."""
         image = grey_levels(view, 0.0)
-        ratio = seen.scene.log_ratio(image, self.epsilon)
-        seen = seen.followed(image, ratio)
+        ratio = state.background.log_ratio(image, self.outlier_fraction)
+        state = state.tracked(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
-        levels, shown = pictures([image, foreground], BLURS_PX)
-        return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden, ratio), seen
+        pyramid, foreground_pyramid = smoothing_pyramids([image, foreground], BLURS_PX)
+        model = state.background.observed, ~state.occluded, ratio
+        return ViewLikelihood(view.camera, pyramid, foreground_pyramid, *model), state
 
-    def residuals(self, sight: Sight, seen: ViewState, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
-        """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
-        cells = placed(self.cells, frames, sight.camera)
-        shown = visible(cells, sight.shape, FACING)
-        view_states = shown[seen.n[shown] > 0.0]
-        sigma = self.sigma * np.sqrt(1.0 + 1.0 / seen.n[view_states])
-        joints = self.cells.joints
-        texture = sight.texture(level, cells, view_states, joints[view_states], seen.texture[level, view_states], sigma)
-        blur = BLURS_PX[level]
-        outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], OUTLINE)
-        return texture, outline
+    def residuals(
+        self, view: ViewLikelihood, state: ViewState, level: int, frames: JointFrames
+    ) -> tuple[Residuals, Residuals]:
+        """Return the residuals of texture and outline in one camera, given the pose's joints' frames."""
+        projected, joints = project_elements(self.elements, frames, view.camera), self.elements.joints
+        visible = visible_elements(projected, view.shape, MIN_FACING_COSINE)
+        textured = visible[state.n[visible] > 0.0]
+        sigma = self.sigma * np.sqrt(1.0 + 1.0 / state.n[textured])
+        means = state.texture[level, textured]
+        texture = view.texture_residuals(level, projected, textured, joints[textured], means, sigma)
+        pose = self.body, frames, projected, visible, joints[visible]
+        return texture, view.outline_residuals(level, BLURS_PX[level], *pose, FOREGROUND_SIGMA)
 
-    def learned(self, seen: ViewState | None, view: View, pose: FloatArray, sight: Sight | None = None) -> ViewState:
-        """Learn from a view, at which one has looked or not, and its expected pose (P,)."""
-        image, person = grey_levels(view, 0.0), self._person(view, pose)
-        if seen is None:
-            scene = background_model.first_scene([*self._images_of(view.camera).values()], person)
-            seen = self._newly_seen(scene, image, person)
-        cells = placed(self.cells, forward(self.body.skeleton, pose[None]), view.camera)
-        shown = visible(cells, (image.shape[0], image.shape[1]), FACING)
-        shown = shown[at(~seen.hidden, cells.pixels[shown]) > 0.0]
-        levels = pictures([image], BLURS_PX)[0] if sight is None else sight.levels
-        seen = seen.with_texture(levels, shown, cells.pixels[shown], self.sigma, self.rate)
-        return seen.with_person(image, person)
+    def updated_view(
+        self, state: ViewState | None, view: View, pose: FloatArray, view_likelihood: ViewLikelihood | None = None
+    ) -> ViewState:
+        """Return a view's model updated at the expected pose (P,); None for a model not yet initialised."""
+        image, person_mask = grey_levels(view, 0.0), self._person_mask(view, pose)
+        if state is None:
+            background = background_model.initial_background([*self._images_of(view.camera).values()], person_mask)
+            state = self._initial_state(background, image, person_mask)
+        projected = project_elements(self.elements, forward(self.body.skeleton, pose[None]), view.camera)
+        visible = visible_elements(projected, (image.shape[0], image.shape[1]), MIN_FACING_COSINE)
+        visible = visible[mask_at(~state.occluded, projected.pixels[visible]) > 0.0]
+        pyramid = smoothing_pyramids([image], BLURS_PX)[0] if view_likelihood is None else view_likelihood.pyramid
+        state = state.with_texture(pyramid, visible, projected.pixels[visible], self.sigma, self.learning_rate)
+        return state.with_person(image, person_mask)
 
     def _images_of(self, camera: Camera) -> Mapping[int, Float32Array]:
         if camera.name not in self.images:
-            raise InputError(f"likelihood: camera {camera.name} was not in the clip that it was learned from")
+            raise InputError(f"likelihood: camera {camera.name} is not in the sequence, so has no background")
         return self.images[camera.name]
 
-    def _person(self, view: View, pose: FloatArray) -> BoolArray:
+    def _person_mask(self, view: View, pose: FloatArray) -> BoolArray:
         shape = view.image.shape[0], view.image.shape[1]
         return person_mask(self.body, view.camera, forward(self.body.skeleton, pose[None]), shape)
 
-    def _newly_seen(self, scene: BackgroundModel, image: Float32Array, person: BoolArray) -> ViewState:
-        return background_model.newly_seen(scene, image, person, len(BLURS_PX), len(self.cells.limbs))
+    def _initial_state(self, background: BackgroundModel, image: Float32Array, mask: BoolArray) -> ViewState:
+        return background_model.initial_view_state(background, image, mask, len(BLURS_PX), len(self.elements.limbs))
 
 
 @dataclass(frozen=True, eq=False)
-class _AlignmentLook:
-    """A look at one frame by an alignment: what the cameras show of whom they know."""
+class _DenseFrameLikelihood:
+    """The dense likelihood of one frame, in the cameras with a model."""
 
     likelihood: DenseAlignment
     view_states: Mapping[str, ViewState]
     frame: Frame
-    sights: tuple[tuple[Sight, ViewState], ...]
+    view_likelihoods: tuple[tuple[ViewLikelihood, ViewState], ...]
     notes: tuple[str, ...] = ()
 
     @property
     def diagnostics(self) -> Mapping[str, float]:
-        """How much of the images is hidden by what passes."""
-        parts = [1.0 - float(sight.free.mean()) for sight, _ in self.sights]
-        return {"passing": float(np.mean(parts)) if parts else 0.0}
+        """The fraction of the images that occluders cover."""
+        fractions = [1.0 - float(view.unoccluded.mean()) for view, _ in self.view_likelihoods]
+        return {"occluded_fraction": float(np.mean(fractions)) if fractions else 0.0}
 
     @property
-    def levels(self) -> int:
-        """How many smoothings there are, from most to least."""
+    def n_levels(self) -> int:
+        """Number of levels of smoothing, from most to least."""
         return len(BLURS_PX)
 
     @property
     def informative(self) -> bool:
-        """Whether some camera knows the scene."""
-        return bool(self.sights)
+        """Whether some camera has a model."""
+        return bool(self.view_likelihoods)
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P), one after the other; the previous ones do not matter."""
+        """Return log likelihoods (N,) of poses (N, P), one after the other; previous poses are ignored."""
         finite = finite_rows(pose)
-        losses = np.array([self.slope(each, self.levels - 1, derive=False).log_prob for each in pose[finite]])
-        return replace(among_finite("alignment", finite, losses), diagnostics=self.diagnostics)
+        losses = np.array([self.derivatives(each, self.n_levels - 1, derive=False).log_prob for each in pose[finite]])
+        return replace(expand_finite("dense alignment", finite, losses), diagnostics=self.diagnostics)
 
-    def slope(self, pose: FloatArray, level: int, derive: bool = True) -> Slope:
-        """Log likelihood of a pose (P,) at a smoothing, with its derivatives unless they are not asked for."""
-        own, size = self.likelihood, len(pose)
-        frames = forward(own.body.skeleton, pose[None])
-        motion = motion_of(own.body.skeleton, own.moves, pose, frames)
+    def derivatives(self, pose: FloatArray, level: int, derive: bool = True) -> Derivatives:
+        """Return the log likelihood of a pose (P,) at a level of smoothing, with its derivatives if `derive`."""
+        likelihood, size = self.likelihood, len(pose)
+        frames = forward(likelihood.body.skeleton, pose[None])
+        motion = point_motion(likelihood.body.skeleton, likelihood.dof_mask, pose, frames)
         loss, gradient, curvature = 0.0, np.zeros(size), np.zeros((size, size))
-        for sight, seen in self.sights:
-            for part in own.residuals(sight, seen, level, frames):
-                loss += own.count * part.loss
+        for view, state in self.view_likelihoods:
+            for residuals in likelihood.residuals(view, state, level, frames):
+                loss += likelihood.pixel_weight * residuals.loss
                 if derive:
-                    uphill, bent = part.normal(motion, sight.camera)
-                    gradient -= own.count * uphill
-                    curvature += own.count * bent
-        return Slope(-loss, gradient, curvature)
+                    loss_gradient, loss_curvature = residuals.normal_equations(motion, view.camera)
+                    gradient -= likelihood.pixel_weight * loss_gradient
+                    curvature += likelihood.pixel_weight * loss_curvature
+        return Derivatives(-loss, gradient, curvature)
 
     def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
-        """By how much (N,) likelier the images are, as layers, in poses (N, P), which differ in what hangs on the
-        joints `moved` (J,) alone, than without that; a pixel counts PIXEL_SHARE."""
-        own, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
-        for sight, seen in self.sights:
-            camera, image, ratio, free = sight.thinned
-            shown = LayerImage(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
-            behind = drawn(own.facets_on(~moved), frames, camera, image.shape)
-            total += PIXEL_SHARE * log_ratios(behind, own.facets_on(moved), frames, camera, shown)
+        """Return the log likelihood ratios (N,) of rendering and omitting the body parts on joints `moved` (J,) as
+        layers. poses: (N, P), which may differ only in these body parts. A pixel has the weight LAYER_PIXEL_WEIGHT."""
+        likelihood, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
+        for view, state in self.view_likelihoods:
+            camera, image, ratio, unoccluded = view.subsampled
+            observed = LayerImage(image, ratio, unoccluded, state.texture[-1], state.n, likelihood.sigma)
+            behind = render_layer(likelihood.facets_on(~moved), frames, camera, image.shape)
+            facets = likelihood.facets_on(moved)
+            total += LAYER_PIXEL_WEIGHT * layer_log_ratios(behind, facets, frames, camera, observed)
         return total
 
-    def misfit(self, pose: FloatArray) -> FloatArray:
-        """How badly what every joint (J,) moves fits, at the last smoothing: the mean loss of the texture at its cells
-        and OUTLINE_SHARE of that of the outline, what is the whole person's being worth FEW points more."""
-        own = self.likelihood
-        frames, below = forward(own.body.skeleton, pose[None]), descendants(own.body.skeleton)
-        moved = (below | np.eye(len(below), dtype=np.bool_)).astype(np.float64)
-        sums = np.zeros((2, 2, len(moved)))  # of losses and of points, of texture and outline
-        for sight, seen in self.sights:
-            for kind, part in enumerate(own.residuals(sight, seen, self.levels - 1, frames)):
-                for row, weights in enumerate((part.losses, part.counts)):
-                    sums[kind, row] += moved @ np.bincount(part.joints, weights, len(moved))
-        whole = sums[:, 0, :1] / np.maximum(sums[:, 1, :1], 1.0)
-        texture, outline = (sums[:, 0] + FEW * whole) / (sums[:, 1] + FEW)
-        return np.asarray(texture + OUTLINE_SHARE * outline)
+    def mean_loss(self, pose: FloatArray) -> FloatArray:
+        """Return the mean loss (J,) of the points that each joint moves, at the last level of smoothing. It is that of
+        the texture plus OUTLINE_LOSS_WEIGHT times that of the outline; the whole person's counts as PRIOR_POINTS points
+        more."""
+        likelihood = self.likelihood
+        frames, below = forward(likelihood.body.skeleton, pose[None]), descendants(likelihood.body.skeleton)
+        carries = (below | np.eye(len(below), dtype=np.bool_)).astype(np.float64)
+        sums = np.zeros((2, 2, len(carries)))  # texture and outline; losses and weights; joints
+        for view, state in self.view_likelihoods:
+            for row, residuals in enumerate(likelihood.residuals(view, state, self.n_levels - 1, frames)):
+                for column, weights in enumerate((residuals.losses, residuals.weights)):
+                    sums[row, column] += carries @ np.bincount(residuals.joints, weights, len(carries))
+        whole_body = sums[:, 0, :1] / np.maximum(sums[:, 1, :1], 1.0)
+        texture, outline = (sums[:, 0] + PRIOR_POINTS * whole_body) / (sums[:, 1] + PRIOR_POINTS)
+        return np.asarray(texture + OUTLINE_LOSS_WEIGHT * outline)
 
-    def update(self, expected_pose: FloatArray) -> Remembering[Mapping[str, ViewState]]:
-        """The likelihood of the next frame; a pose that is not finite teaches nothing."""
-        own, view_states = (
-            self.likelihood,
-            {**self.view_states, **{sight.camera.name: seen for sight, seen in self.sights}},
-        )
+    def update(self, expected_pose: FloatArray) -> AdaptiveLikelihood[Mapping[str, ViewState]]:
+        """Return the likelihood of the next frame; not updated if the expected pose is not finite."""
+        likelihood = self.likelihood
+        view_states = {**self.view_states, **{view.camera.name: state for view, state in self.view_likelihoods}}
         if np.isfinite(expected_pose).all():
-            looked = {sight.camera.name: sight for sight, _ in self.sights}
+            view_likelihoods = {view.camera.name: view for view, _ in self.view_likelihoods}
             for view in self.frame.views:
                 name = view.camera.name
-                view_states[name] = own.learned(view_states.get(name), view, expected_pose, looked.get(name))
-        return Remembering(view_states, own._look)
+                state, view_likelihood = view_states.get(name), view_likelihoods.get(name)
+                view_states[name] = likelihood.updated_view(state, view, expected_pose, view_likelihood)
+        return AdaptiveLikelihood(view_states, likelihood._prepare)

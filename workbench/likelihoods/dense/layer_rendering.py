@@ -1,6 +1,8 @@
-"""The image as layers: every pixel shows the nearest cell of the person that lies there, or else the scene. This judges
-the same pixels for every pose, so that poses far apart can be compared: the points that `DenseAlignment` judges move
-along, and limbs that hide behind others cost it nothing."""
+"""Layered rendering of the person: every pixel shows the nearest surface element, or the background.
+
+All poses are compared at the same pixels, so that distant poses are comparable. The points of `DenseAlignment` move
+with the pose, and it does not penalise limbs hidden by others.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,125 +14,140 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
 from workbench.body.simd_kinematics import inlined_exactly
-from workbench.likelihoods.dense.surface_elements import ALONG, AROUND, Cells
+from workbench.likelihoods.dense.surface_elements import ALONG, AROUND, SurfaceElements
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import parallel_for
 
-ODD = 0.2
-"""Share of a cell's pixels that show something else than the cell did before."""
-_WIDER = 1.2  # so that the squares about a sphere's cells leave no gaps
-_NEAREST_M, _LARGEST_PX = 0.05, 200.0  # of facets that are drawn
-_LOGGED = 64  # likelihoods that are multiplied before a logarithm is taken: no product leaves what a number can be
-_STEP = 2  # poses that a thread takes at once, at least
+OUTLIER_FRACTION = 0.2
+"""Fraction of an element's pixels that do not show its previous grey level."""
+_OVERLAP = 1.2  # so that the squares of a sphere's elements leave no gaps
+_NEAREST_M, _LARGEST_PX = 0.05, 200.0  # limits of rendered facets
+_PRODUCT_LENGTH = 64  # likelihoods multiplied per logarithm, whose product cannot overflow or underflow
+_MIN_POSES = 2  # minimum poses per thread
 
 Layer: TypeAlias = tuple[IntArray, FloatArray]
-"""(height, width) of cells, −1 where there is none, and of their depths, m."""
+"""(height, width) of surface elements, −1 where there is none, and of their depths, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """K quadrangles that cover the limbs, one for a cell, with V corners in all. points: (V, 3), the corners in their
-    joints' frames, m. joints: (V,). corners: (K, 4), once around as seen from outside. cells: (K,)."""
+    """K quadrangles that cover the limbs, one per surface element, with V corners in all. points: (V, 3), the corners
+    in their joints' frames, m. joints: (V,). corners: (K, 4), in order around the facet as seen from outside. elements:
+    (K,)."""
 
     points: FloatArray
     joints: IntArray
     corners: IntArray
-    cells: IntArray
+    elements: IntArray
 
-    def on(self, joints: BoolArray) -> "Facets":
-        """Those that hang on some of the joints (J,)."""
-        kept = joints[self.joints]
-        renumbered, own = np.cumsum(kept) - 1, kept[self.corners[:, 0]]
-        return Facets(self.points[kept], self.joints[kept], renumbered[self.corners[own]], self.cells[own])
+    def on_joints(self, joints: BoolArray) -> "Facets":
+        """Return the facets on some of the joints (J,)."""
+        points = joints[self.joints]
+        new_indices, facets = np.cumsum(points) - 1, points[self.corners[:, 0]]
+        return Facets(
+            self.points[points], self.joints[points], new_indices[self.corners[facets]], self.elements[facets]
+        )
 
     @cached_property
     def table(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """As kernels take them: the points (3, V); stretches (R, 3) of them on one joint, told by the first, the one
-        after the last, and the joint; the corners; the cells."""
+        """Arrays of the kernels: the points (3, V); runs (R, 3) of points on one joint: first index, index after the
+        last, joint; the corners; the elements."""
         firsts = np.flatnonzero(np.diff(self.joints, prepend=-1))
         lasts = np.flatnonzero(np.diff(self.joints, append=-1)) + 1
-        stretches = np.column_stack([firsts, lasts, self.joints[firsts]])
-        return np.ascontiguousarray(self.points.T), stretches, self.corners, self.cells
+        runs = np.column_stack([firsts, lasts, self.joints[firsts]])
+        return np.ascontiguousarray(self.points.T), runs, self.corners, self.elements
 
 
 @dataclass(frozen=True, eq=False)
 class LayerImage:
-    """What one camera shows and what is known of it. image: (height, width) grey levels, a little smoothed. ratio: log
-    ratio of a person of any grey level to the scene. free: where nothing passes. texture, n: (S,) the cells' levels and
-    how many frames they stand for. sigma: grey levels."""
+    """One camera's image and model. image: (height, width) grey levels, slightly smoothed. ratio: log ratio of a person
+    of uniformly distributed grey level to the background. unoccluded: pixels without an occluder. texture, n: (S,) the
+    elements' levels and effective numbers of frames. sigma: grey levels."""
 
     image: Float32Array
     ratio: Float32Array
-    free: BoolArray
+    unoccluded: BoolArray
     texture: FloatArray
     n: FloatArray
     sigma: float
 
 
-def surface_facets(limbs: Limbs, cells: Cells) -> Facets:
-    """Cover the cells of the limbs' surfaces; those of a sphere by squares, which overlap."""
-    parts = [_squares(limbs, k, cells) if limbs.spheres[k] else _mantle(limbs, k) for k in range(len(limbs))]
+def surface_facets(limbs: Limbs, elements: SurfaceElements) -> Facets:
+    """Return the facets of the limbs' surface elements; those of a sphere are overlapping squares."""
+    n, spheres = len(limbs), limbs.spheres
+    parts = [_sphere_facets(limbs, k, elements) if spheres[k] else _cone_facets(limbs, k) for k in range(n)]
     sizes = [len(points) for points, _ in parts]
     firsts = np.cumsum([0, *sizes[:-1]])
-    corners = np.concatenate([own + first for (_, own), first in zip(parts, firsts, strict=True)])
+    corners = np.concatenate([indices + first for (_, indices), first in zip(parts, firsts, strict=True)])
     points = np.concatenate([points for points, _ in parts])
-    return Facets(points, np.repeat(limbs.joints, sizes), corners, np.arange(len(cells.joints)))
+    return Facets(points, np.repeat(limbs.joints, sizes), corners, np.arange(len(elements.joints)))
 
 
-def _mantle(limbs: Limbs, k: int) -> tuple[FloatArray, IntArray]:
-    """Corners (V, 3) and facets (K, 4) of a cone's cells."""
+def _cone_facets(limbs: Limbs, k: int) -> tuple[FloatArray, IntArray]:
+    """Return corners (V, 3) and facets (K, 4) of a cone's elements."""
     u, angle = np.arange(ALONG + 1) / ALONG, 2.0 * np.pi * np.arange(AROUND + 1) / AROUND
     u, angle = (each[..., None] for each in np.meshgrid(u, angle, indexing="ij"))
     radii = limbs.radii[k, 0] + (limbs.radii[k, 1] - limbs.radii[k, 0]) * u
     circle = np.concatenate([np.cos(angle), np.sin(angle)], axis=-1)
     grid = limbs.starts[k] + (limbs.ends[k] - limbs.starts[k]) * u + (circle * radii) @ limbs.axes[k][:, :2].T
-    of = np.arange((ALONG + 1) * (AROUND + 1)).reshape(ALONG + 1, AROUND + 1)
-    return grid.reshape(-1, 3), np.stack([of[:-1, :-1], of[:-1, 1:], of[1:, 1:], of[1:, :-1]], axis=2).reshape(-1, 4)
+    indices = np.arange((ALONG + 1) * (AROUND + 1)).reshape(ALONG + 1, AROUND + 1)
+    corners = np.stack([indices[:-1, :-1], indices[:-1, 1:], indices[1:, 1:], indices[1:, :-1]], axis=2)
+    return grid.reshape(-1, 3), corners.reshape(-1, 4)
 
 
-def _squares(limbs: Limbs, k: int, cells: Cells) -> tuple[FloatArray, IntArray]:
-    """Corners (V, 3) and facets (K, 4) of a sphere's cells."""
-    own = cells.limbs == k
-    centres, normals = cells.points[own], cells.normals[own]
-    side = np.cross(normals, [0.3, 0.5, 0.8])  # any direction; a cell that faces just there has a square of no size
+def _sphere_facets(limbs: Limbs, k: int, elements: SurfaceElements) -> tuple[FloatArray, IntArray]:
+    """Return corners (V, 3) and facets (K, 4) of a sphere's elements."""
+    selected = elements.limbs == k
+    centres, normals = elements.points[selected], elements.normals[selected]
+    side = np.cross(normals, [0.3, 0.5, 0.8])  # arbitrary direction; an element facing it has an empty square
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
-    half = _WIDER * np.sqrt(np.pi / own.sum()) * limbs.radii[k, 0, 0]
+    half = _OVERLAP * np.sqrt(np.pi / selected.sum()) * limbs.radii[k, 0, 0]
     a, b = half * side, half * np.cross(normals, side)
     points = np.stack([centres - a - b, centres + a - b, centres + a + b, centres - a + b], axis=1)
     return points.reshape(-1, 3), np.arange(4 * len(centres)).reshape(-1, 4)
 
 
-def drawn(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int, int]) -> Layer:
-    """Draw facets in the first of some poses, given by its joints' frames, nearer ones before farther ones."""
-    cells, depths = np.full(shape, -1, dtype=np.int64), np.full(shape, np.inf)
-    _draw_all(*facets.table, frames.rotations[0], frames.positions[0], camera.row, cells, depths)
-    return cells, depths
+def render_layer(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int, int]) -> Layer:
+    """Render facets in the first of some poses, given by its joints' frames, with nearer ones in front."""
+    elements, depths = np.full(shape, -1, dtype=np.int64), np.full(shape, np.inf)
+    _draw_all(*facets.table, frames.rotations[0], frames.positions[0], camera.row, elements, depths)
+    return elements, depths
 
 
-def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camera, shown: LayerImage) -> FloatArray:
-    """By how much (N,) likelier an image is with facets in N poses, given by their joints' frames, among what is drawn
-    already, `behind`, than without: the sum over the pixels on which they are the nearest."""
-    found = np.zeros(len(frames.positions))
-    placed = frames.rotations, frames.positions, camera.row
-    before, values = np.zeros(behind[0].shape), _values(shown)
-    judged: tuple[Any, ...] = (behind[0], *values, before)
-    _judge(*judged)  # on one thread: others take as long to wake
-    arguments: tuple[Any, ...] = (behind[1], *facets.table, *placed, *values, before, found)
-    parallel_for(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
-    return found
+def layer_log_ratios(
+    behind: Layer, facets: Facets, frames: JointFrames, camera: Camera, observed: LayerImage
+) -> FloatArray:
+    """Return log likelihood ratios (N,) of an image with and without facets in N poses, over the pixels on which they
+    are nearest.
+
+    Parameters
+    ----------
+    behind : the layer rendered without the facets.
+    facets, frames, camera : the facets, the joints' frames in N poses and the camera.
+    observed : the camera's image and model.
+    """
+    log_ratios = np.zeros(len(frames.positions))
+    pose_arrays = frames.rotations, frames.positions, camera.row
+    behind_log_ratios, values = np.zeros(behind[0].shape), _kernel_arguments(observed)
+    behind_arguments: tuple[Any, ...] = (behind[0], *values, behind_log_ratios)
+    _pixel_log_ratios(*behind_arguments)  # on one thread: starting others takes as long
+    arguments: tuple[Any, ...] = (behind[1], *facets.table, *pose_arrays, *values, behind_log_ratios, log_ratios)
+    parallel_for(lambda first, last: _log_ratios(first, last, *arguments), len(log_ratios), _MIN_POSES)
+    return log_ratios
 
 
-def _values(shown: LayerImage) -> tuple[Any, ...]:
-    """What is shown as the kernel takes it: of every cell its deviation and its density's peak, 0 for one not known."""
-    sigma = shown.sigma * np.sqrt(1.0 + 1.0 / np.maximum(shown.n, 1e-300))
-    peak = np.where(shown.n > 0.0, 256.0 / (np.sqrt(2.0 * np.pi) * sigma), 0.0)
-    return shown.image, shown.ratio, shown.free, shown.texture, sigma, peak
+def _kernel_arguments(observed: LayerImage) -> tuple[Any, ...]:
+    """Return the kernel's arguments: with every element's standard deviation and its density's peak, 0 for one without
+    a level."""
+    sigma = observed.sigma * np.sqrt(1.0 + 1.0 / np.maximum(observed.n, 1e-300))
+    peak = np.where(observed.n > 0.0, 256.0 / (np.sqrt(2.0 * np.pi) * sigma), 0.0)
+    return observed.image, observed.ratio, observed.unoccluded, observed.texture, sigma, peak
 
 
 @inlined_exactly
 def _row(k: int, rotation: Any, position: Any, camera: Any) -> Any:
-    """A row of the matrix that leads straight from a joint's frame to the camera's, and what is added there."""
+    """Return a row of the matrix from a joint's frame to the camera's, and of the translation."""
     r0, r1, r2 = camera[3 * k], camera[3 * k + 1], camera[3 * k + 2]
     return (
         r0 * rotation[0, 0] + r1 * rotation[1, 0] + r2 * rotation[2, 0],
@@ -141,16 +158,16 @@ def _row(k: int, rotation: Any, position: Any, camera: Any) -> Any:
 
 
 @inlined_exactly
-def _place(points: Any, stretches: Any, rotations: Any, positions: Any, camera: Any, places: Any) -> None:
+def _project_points(points: Any, runs: Any, rotations: Any, positions: Any, camera: Any, projections: Any) -> None:
     """Write the pixels and depths (3, V) of points (3, V) in a pose. The innermost loop has no branch and reads no
-    index, so that processors place several points together."""
+    index, so that it is vectorised."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = camera[12:21]
-    for first, last, joint in stretches:
+    for first, last, joint in runs:
         a0, a1, a2, a3 = _row(0, rotations[joint], positions[joint], camera)
         b0, b1, b2, b3 = _row(1, rotations[joint], positions[joint], camera)
         c0, c1, c2, c3 = _row(2, rotations[joint], positions[joint], camera)
         xs, ys, zs = points[0, first:last], points[1, first:last], points[2, first:last]
-        us, vs, depths = places[0, first:last], places[1, first:last], places[2, first:last]
+        us, vs, depths = projections[0, first:last], projections[1, first:last], projections[2, first:last]
         for i in range(last - first):
             x, y, z = xs[i], ys[i], zs[i]
             depth = c0 * x + c1 * y + c2 * z + c3
@@ -164,11 +181,11 @@ def _place(points: Any, stretches: Any, rotations: Any, positions: Any, camera: 
 
 
 @inlined_exactly
-def _facing(corners: Any, places: Any, height: int, width: int, boxes: Any, depths: Any) -> int:
-    """List the facets, corners (K, 4), that are to be drawn: none that faces away, is too near or too large, or lies
-    between pixels. Write, of one after the other, its number, first and last column, first and last row (K, 5), and its
-    mean depth (K,), and return how many there are."""
-    n, (us, vs, zs) = 0, (places[0], places[1], places[2])
+def _drawable(corners: Any, projections: Any, height: int, width: int, boxes: Any, depths: Any) -> int:
+    """List the facets, corners (K, 4), to be rendered: not those that face away, are too near or too large, or contain
+    no pixel centre. Writes, per facet, its index, first and last column, first and last row (K, 5), and its mean depth
+    (K,); returns their number."""
+    n, (us, vs, zs) = 0, (projections[0], projections[1], projections[2])
     for k in range(len(corners)):
         a, b, c, d = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
         ax, ay, bx, by, cx, cy, dx, dy = us[a], vs[a], us[b], vs[b], us[c], vs[c], us[d], vs[d]
@@ -191,13 +208,14 @@ def _facing(corners: Any, places: Any, height: int, width: int, boxes: Any, dept
 
 @inlined_exactly
 def _draw(
-    corners: Any, places: Any, box: Any, depth: float, cell: int, top: int, left: int, cells: Any, depths: Any
-) -> None:
-    """Draw a facet, corners (4,), into the part of an image that begins at (top, left)."""
-    ax, ay = places[0, corners[0]], places[1, corners[0]]
-    bx, by = places[0, corners[1]], places[1, corners[1]]
-    cx, cy = places[0, corners[2]], places[1, corners[2]]
-    dx, dy = places[0, corners[3]], places[1, corners[3]]
+    corners: Any, projections: Any, box: Any, depth: float, element: int, top: int, left: int, elements: Any,
+    depths: Any,
+) -> None:  # fmt: skip
+    """Render a facet, corners (4,), into the part of an image that begins at (top, left)."""
+    ax, ay = projections[0, corners[0]], projections[1, corners[0]]
+    bx, by = projections[0, corners[1]], projections[1, corners[1]]
+    cx, cy = projections[0, corners[2]], projections[1, corners[2]]
+    dx, dy = projections[0, corners[3]], projections[1, corners[3]]
     for y in range(box[3], box[4] + 1):
         for x in range(box[1], box[2] + 1):
             if (
@@ -207,66 +225,73 @@ def _draw(
                 and (dx - cx) * (y - cy) - (dy - cy) * (x - cx) <= 0.0
                 and (ax - dx) * (y - dy) - (ay - dy) * (x - dx) <= 0.0
             ):
-                cells[y - top, x - left], depths[y - top, x - left] = cell, depth
+                elements[y - top, x - left], depths[y - top, x - left] = element, depth
 
 
 @inlined_exactly
-def _likelihood(cell: int, level: float, texture: Any, sigma: Any, peak: Any) -> float:
-    """How much likelier a grey level is of a cell than of a person of any grey level; 1 of a cell that is not known."""
-    if not peak[cell] > 0.0:
+def _likelihood_ratio(element: int, grey_level: float, texture: Any, sigma: Any, peaks: Any) -> float:
+    """Return the likelihood ratio of a grey level for an element and for uniform grey levels; 1 for an element without
+    a level."""
+    if not peaks[element] > 0.0:
         return 1.0
-    miss = (level - texture[cell]) / sigma[cell]
-    return ODD + (1.0 - ODD) * (peak[cell] * np.exp(-0.5 * miss * miss))
+    residual = (grey_level - texture[element]) / sigma[element]
+    return OUTLIER_FRACTION + (1.0 - OUTLIER_FRACTION) * (peaks[element] * np.exp(-0.5 * residual * residual))
 
 
 @kernel(error_model="numpy")
 def _draw_all(
-    points: Any, stretches: Any, corners: Any, of: Any, rotations: Any, positions: Any, camera: Any, cells: Any,
-    depths: Any,
+    points: Any, runs: Any, corners: Any, facet_elements: Any, rotations: Any, positions: Any, camera: Any,
+    elements: Any, depths: Any,
 ) -> None:  # fmt: skip
-    places, boxes, own = np.empty(points.shape), np.empty((len(of), 5), dtype=np.int64), np.empty(len(of))
-    _place(points, stretches, rotations, positions, camera, places)
-    for f in range(_facing(corners, places, cells.shape[0], cells.shape[1], boxes, own)):
+    n = len(facet_elements)
+    projections, boxes, facet_depths = np.empty(points.shape), np.empty((n, 5), dtype=np.int64), np.empty(n)
+    _project_points(points, runs, rotations, positions, camera, projections)
+    for f in range(_drawable(corners, projections, elements.shape[0], elements.shape[1], boxes, facet_depths)):
         k = boxes[f, 0]
-        _draw(corners[k], places, boxes[f], own[f], of[k], 0, 0, cells, depths)
+        _draw(corners[k], projections, boxes[f], facet_depths[f], facet_elements[k], 0, 0, elements, depths)
 
 
 @kernel(error_model="numpy")
 def _log_ratios(
-    first: int, last: int, behind_depths: Any, points: Any, stretches: Any, corners: Any, of: Any,
-    rotations: Any, positions: Any, camera: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
-    before: Any, found: Any,
+    first: int, last: int, behind_depths: Any, points: Any, runs: Any, corners: Any, facet_elements: Any,
+    rotations: Any, positions: Any, camera: Any, image: Any, ratio: Any, unoccluded: Any, texture: Any, sigma: Any,
+    peak: Any,
+    behind_log_ratios: Any, log_ratios: Any,
 ) -> None:  # fmt: skip
-    places, boxes, depths = np.empty(points.shape), np.empty((len(of), 5), dtype=np.int64), np.empty(len(of))
+    size = len(facet_elements)
+    projections, boxes, depths = np.empty(points.shape), np.empty((size, 5), dtype=np.int64), np.empty(size)
     for i in range(first, last):
-        _place(points, stretches, rotations[i], positions[i], camera, places)
-        drawn = _facing(corners, places, behind_depths.shape[0], behind_depths.shape[1], boxes, depths)
-        if drawn == 0:
+        _project_points(points, runs, rotations[i], positions[i], camera, projections)
+        n_drawn = _drawable(corners, projections, behind_depths.shape[0], behind_depths.shape[1], boxes, depths)
+        if n_drawn == 0:
             continue
-        left, right = boxes[:drawn, 1].min(), boxes[:drawn, 2].max()
-        top, bottom = boxes[:drawn, 3].min(), boxes[:drawn, 4].max()
-        nearest = np.full((bottom - top + 1, right - left + 1), -1, dtype=np.int64)
-        near = behind_depths[top : bottom + 1, left : right + 1].copy()
-        for f in range(drawn):
+        left, right = boxes[:n_drawn, 1].min(), boxes[:n_drawn, 2].max()
+        top, bottom = boxes[:n_drawn, 3].min(), boxes[:n_drawn, 4].max()
+        elements = np.full((bottom - top + 1, right - left + 1), -1, dtype=np.int64)
+        depths_here = behind_depths[top : bottom + 1, left : right + 1].copy()
+        for f in range(n_drawn):
             k = boxes[f, 0]
-            _draw(corners[k], places, boxes[f], depths[f], of[k], top, left, nearest, near)
+            _draw(corners[k], projections, boxes[f], depths[f], facet_elements[k], top, left, elements, depths_here)
         total, product, n = 0.0, 1.0, 0
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
-                cell = nearest[y - top, x - left]
-                if cell >= 0 and free[y, x]:
-                    total += ratio[y, x] - before[y, x]
-                    product *= _likelihood(cell, image[y, x], texture, sigma, peak)
+                element = elements[y - top, x - left]
+                if element >= 0 and unoccluded[y, x]:
+                    total += ratio[y, x] - behind_log_ratios[y, x]
+                    product *= _likelihood_ratio(element, image[y, x], texture, sigma, peak)
                     n += 1
-                    if n % _LOGGED == 0:
+                    if n % _PRODUCT_LENGTH == 0:
                         total, product = total + np.log(product), 1.0
-        found[i] = total + np.log(product)
+        log_ratios[i] = total + np.log(product)
 
 
 @kernel(error_model="numpy")
-def _judge(cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any, found: Any) -> None:
-    """Write the log ratio of every pixel of a layer to the scene."""
-    for y in range(cells.shape[0]):
-        for x in range(cells.shape[1]):
-            if cells[y, x] >= 0 and free[y, x]:
-                found[y, x] = ratio[y, x] + np.log(_likelihood(cells[y, x], image[y, x], texture, sigma, peak))
+def _pixel_log_ratios(
+    elements: Any, image: Any, ratio: Any, unoccluded: Any, texture: Any, sigma: Any, peak: Any, log_ratios: Any
+) -> None:
+    """Write the log likelihood ratio of every pixel of a layer to the background."""
+    for y in range(elements.shape[0]):
+        for x in range(elements.shape[1]):
+            if elements[y, x] >= 0 and unoccluded[y, x]:
+                likelihood_ratio = _likelihood_ratio(elements[y, x], image[y, x], texture, sigma, peak)
+                log_ratios[y, x] = ratio[y, x] + np.log(likelihood_ratio)

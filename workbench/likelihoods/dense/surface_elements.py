@@ -1,5 +1,4 @@
-"""Elements of the limbs' surfaces and points beside their contours: where a pose has them, which of them a camera
-sees."""
+"""Surface elements of the limbs and points next to their contours: their projections and visibility."""
 
 from dataclasses import dataclass
 
@@ -9,16 +8,22 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants
 from workbench.body.limbs import Limbs
 from workbench.body.skeleton import Skeleton
-from workbench.likelihoods.dense.kernels import MARGIN_PX, place, place_beside, see, turn_axes
+from workbench.likelihoods.dense.kernels import (
+    MARGIN_PX,
+    place_contour_samples,
+    project,
+    rotation_axes,
+    visible_elements_kernel,
+)
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 ALONG, AROUND = 12, 24
-"""Cells of a limb, along it and once around it; a sphere has half as many in all."""
+"""Elements along a limb and around it; a sphere has half as many in all."""
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """S cells. points, normals: (S, 3) in their joints' frames, m. limbs, joints: (S,)."""
+class SurfaceElements:
+    """S surface elements. points, normals: (S, 3) in their joints' frames, m. limbs, joints: (S,)."""
 
     points: FloatArray
     normals: FloatArray
@@ -27,8 +32,8 @@ class Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """Cells in one pose before one camera. points: (S, 3) in the world, m. facing: (S,) cosine of the angle between
+class ProjectedElements:
+    """Surface elements in one pose and camera. points: (S, 3) in the world, m. facing: (S,) cosine of the angle between
     normal and line of sight. depth: (S,) m. pixels: (S, 2)."""
 
     points: FloatArray
@@ -37,12 +42,12 @@ class Placed:
     pixels: FloatArray
 
 
-def surface_cells(limbs: Limbs) -> Cells:
-    """Cover every limb with cells: a cone's evenly along it and around it, a sphere's on a spiral."""
+def surface_elements(limbs: Limbs) -> SurfaceElements:
+    """Return the surface elements of every limb, evenly spaced along and around a cone, on a spiral on a sphere."""
     parts = [_sphere(limbs, k) if limbs.spheres[k] else _cone(limbs, k) for k in range(len(limbs))]
-    points, normals = (np.concatenate(side) for side in zip(*parts, strict=True))
-    of = np.repeat(np.arange(len(limbs)), [len(part[0]) for part in parts])
-    return Cells(points, normals, of, limbs.joints[of])
+    points, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
+    limb_indices = np.repeat(np.arange(len(limbs)), [len(part[0]) for part in parts])
+    return SurfaceElements(points, normals, limb_indices, limbs.joints[limb_indices])
 
 
 def _cone(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
@@ -61,91 +66,98 @@ def _cone(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
 def _sphere(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
     n = ALONG * AROUND // 2
     i = np.arange(n) + 0.5
-    height, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + np.sqrt(5.0)) * i
-    flat = np.sqrt(1.0 - height**2)
-    normals = np.column_stack([np.cos(turn) * flat, np.sin(turn) * flat, height])
+    height, angle = 1.0 - 2.0 * i / n, np.pi * (1.0 + np.sqrt(5.0)) * i
+    radius = np.sqrt(1.0 - height**2)
+    normals = np.column_stack([np.cos(angle) * radius, np.sin(angle) * radius, height])
     return limbs.starts[k] + limbs.radii[k, 0, 0] * normals, normals
 
 
-def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
-    """Place cells in the first of some poses, given by its joints' frames."""
-    size = len(cells.joints)
-    found = Placed(np.empty((size, 3)), np.empty(size), np.empty(size), np.empty((size, 2)))
-    place(
-        cells.points, cells.normals, cells.joints, frames.rotations[0], frames.positions[0], camera.position,
-        camera.row, found.points, found.facing, found.depth, found.pixels,
+def project_elements(elements: SurfaceElements, frames: JointFrames, camera: Camera) -> ProjectedElements:
+    """Project elements in the first of some poses, given by its joints' frames."""
+    size = len(elements.joints)
+    projected = ProjectedElements(np.empty((size, 3)), np.empty(size), np.empty(size), np.empty((size, 2)))
+    project(
+        elements.points, elements.normals, elements.joints, frames.rotations[0], frames.positions[0], camera.position,
+        camera.row, projected.points, projected.facing, projected.depth, projected.pixels,
     )  # fmt: skip
-    return found
+    return projected
 
 
 def inside(pixels: FloatArray, shape: tuple[int, int]) -> BoolArray:
-    """Return which (K,) of pixels (K, 2) lie in an image of this shape, MARGIN_PX from its edges."""
+    """Return which (K,) of pixels (K, 2) are in an image of this shape, at least MARGIN_PX from its edges."""
     x, y = pixels.T
     with np.errstate(invalid="ignore"):
-        found = (x > MARGIN_PX) & (y > MARGIN_PX) & (x < shape[1] - 1 - MARGIN_PX) & (y < shape[0] - 1 - MARGIN_PX)
-    return np.asarray(found)
+        within = (x > MARGIN_PX) & (y > MARGIN_PX) & (x < shape[1] - 1 - MARGIN_PX) & (y < shape[0] - 1 - MARGIN_PX)
+    return np.asarray(within)
 
 
-def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntArray:
-    """List the cells in the image that face the camera, by more than `least_facing`, and that no other limb hides.
-
-    Deviation from ray casting: the nearest depth is looked for in squares of COARSE_PX and their neighbours, and what
-    is less than THICK_M behind it counts as seen.
-    """
-    return np.asarray(see(cells.pixels, cells.depth, cells.facing, shape[0], shape[1], least_facing))
+def visible_elements(elements: ProjectedElements, shape: tuple[int, int], min_facing_cosine: float) -> IntArray:
+    """Return the elements in the image that face the camera, by more than `min_facing_cosine`, and that no other limb
+    hides. Deviation from ray casting: the nearest depth is that in a square of COARSE_PX and its neighbours, and
+    elements less than THICK_M behind it are visible."""
+    arrays = elements.pixels, elements.depth, elements.facing
+    return np.asarray(visible_elements_kernel(*arrays, shape[0], shape[1], min_facing_cosine))
 
 
 @dataclass(frozen=True, eq=False)
 class PointMotion:
-    """How points of the body move with one pose of P numbers: a turn about the axis a through o moves x by a × (x − o).
-    axes, moments: (P, 3), a and a × o of every turn. moves: (J, P), 1 where a number moves what hangs on a joint."""
+    """Motion of body points with one pose of P numbers: a rotation about the axis a through o moves x by a × (x − o).
+    axes, moments: (P, 3), a and a × o of every rotation. dof_mask: (J, P), 1 where a number moves the points on a
+    joint."""
 
     axes: FloatArray
     moments: FloatArray
-    moves: FloatArray
+    dof_mask: FloatArray
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a × b of (K, 3), faster than NumPy's."""
+    """Return a × b of (K, 3), faster than NumPy's."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.column_stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def moved_by(skeleton: Skeleton) -> FloatArray:
-    """Return which numbers of the pose move what hangs on each joint, (J, P), 1 or 0."""
+def dof_mask(skeleton: Skeleton) -> FloatArray:
+    """Return 1 where a number of the pose moves the points on a joint, else 0, (J, P)."""
     joint = skeleton.dof_joints
     return (np.eye(len(skeleton.names), dtype=np.bool_) | descendants(skeleton))[joint].T.astype(np.float64)
 
 
-def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: JointFrames) -> PointMotion:
-    """Return how points move with a pose (P,), whose joints' frames are given."""
+def point_motion(skeleton: Skeleton, dof_mask: FloatArray, pose: FloatArray, frames: JointFrames) -> PointMotion:
+    """Return the motion of points with a pose (P,), given its joints' frames."""
     axes = np.empty((len(pose), 3))
-    turn_axes(pose, skeleton.parents, skeleton.dof_joints, skeleton.dof_axes, frames.rotations[0], axes)
-    return PointMotion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
+    rotation_axes(pose, skeleton.parents, skeleton.dof_joints, skeleton.dof_axes, frames.rotations[0], axes)
+    return PointMotion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), dof_mask)
 
 
-PLACES = 12
-"""Places along a limb, at either side; around a sphere twice as many."""
+N_CONTOUR_POINTS = 12
+"""Points along a limb, on each side; around a sphere twice as many."""
 
 
-def beside(
+def contour_samples(
     limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Place points (K, 3), m, so many pixels beside the outlines of limbs in the first of some poses, at their axes'
-    depth; return them, the joints (K,) they hang on and their pixels (K, 2). A limb's section counts as a circle of its
-    mean radius."""
+    """Return points (K, 3), m, just outside the contours of limbs in the first of some poses, their joints (K,) and
+    pixels (K, 2).
+
+    The points have the depth of the limbs' axes. A limb's section is taken as a circle of its mean radius.
+
+    Parameters
+    ----------
+    limbs, frames, camera : the limbs, the poses' joints' frames and the camera.
+    distances_px : from the contours.
+    """
     starts, ends = _axes(limbs, frames)
-    points = np.empty((len(starts), 2 * PLACES * len(distances_px), 3))
-    place_beside(
+    points = np.empty((len(starts), 2 * N_CONTOUR_POINTS * len(distances_px), 3))
+    place_contour_samples(
         starts, ends, limbs.mean_radii, limbs.spheres, camera.position, float(camera.matrix[0, 0]),
-        np.array(distances_px), PLACES, points,
+        np.array(distances_px), N_CONTOUR_POINTS, points,
     )  # fmt: skip
-    flat = points.reshape(-1, 3)
-    return flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat)
+    flattened = points.reshape(-1, 3)
+    return flattened, np.repeat(limbs.joints, points.shape[1]), camera.project(flattened)
 
 
 def _axes(limbs: Limbs, frames: JointFrames) -> tuple[FloatArray, FloatArray]:
-    """Where the limbs begin and end, (L, 3) m each."""
-    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
-    starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
+    """Return the ends of the limbs' axes, (L, 3) m each."""
+    rotations, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts, ends = (np.einsum("lij,lj->li", rotations, each) + origins for each in (limbs.starts, limbs.ends))
     return starts, ends

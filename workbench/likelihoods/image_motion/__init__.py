@@ -1,4 +1,4 @@
-"""Paper A's likelihood: how well the previous image, moved with the body, predicts the present one."""
+"""Paper A's likelihood: image motion, the prediction of the image by the previous one moved with the body."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.core.side_information import STATIC_CAMERA
-from workbench.likelihoods.base import Remembering, among_finite, finite_rows, those
+from workbench.likelihoods.base import AdaptiveLikelihood, expand_finite, finite_rows, select_finite
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import kernel
 from workbench.utils.arrays import FloatArray
@@ -22,10 +22,10 @@ from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
 P_OCCLUDED = 0.01
-"""Likelihood of a point that another limb hides, p_occluded."""
+"""Likelihood p_occluded of a point that another limb hides."""
 BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
 
-Points = Literal["spread", "drawn"]
+Sampling = Literal["regular", "random"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,88 +38,112 @@ class ImageMotion:
         p_image,j = ε/256 + (1−ε) / (√(2π) σ) · exp(−k m / 2σ²),  m the mean (or sum) of the squared differences
         p_j = q p_image,j + (1−q) p_occluded,  q = cos α · (fraction of the points compared);  log p = Σ_j log p_j
 
-    sigma: σ_I, grey levels. exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k
-    multiplies either, and is 1 in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other
-    limbs' patches; "limb" is A's rule, which silences every limb that a nearer one covers in part; "none" does without.
-    background: "none" as in the paper, under which a limb at rest on a still background explains the images as well as
-    the true limb that moves. "still", for cameras that stand still: with b the share of the points compared, and m_0
-    the mean (or sum) of their squared changes at the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)),
-    p_still being p_image at α = 0, the ratio of foreground to background. points: "spread" evenly over the patch but
-    for its rim, where background shows; "drawn" from the whole patch, as in A. taper: patches taper with the limb;
-    without, limbs are A's cylinders, of their mean radii.
+    With background "static", b the fraction of the points compared, and m_0 the mean (or sum) of their squared changes
+    at the same pixel, log p gains Σ_j b (log p_static(0) − log p_static(m_0)), where p_static is p_image at α = 0: the
+    ratio of foreground to background.
 
+    Parameters
+    ----------
+    body : the person's body.
+    sigma : σ_I, grey levels.
+    outlier_fraction : ε; 0 in B.
+    n_samples : n.
+    reduction : "mean" (B eq. 5) or "sum" (A eq. 10, for which limbs saturate at ε/256).
+    effective_pixels : k, which multiplies either; 1 in both papers.
+    occlusion : "sample" tests every point against the other limbs' patches; "limb" is A's rule, which excludes a limb
+        that a nearer one covers in part; "none" ignores occlusion.
+    background : "none", as in the paper, for which a limb at rest on a static background explains the images as well as
+        the true moving limb; "static", for static cameras.
+    sampling : "regular": evenly spaced over the patch except its rim, where background is visible; "random": from the
+        whole patch, as in A.
+    taper : whether patches taper with the limb; False: A's cylinders, of the limbs' mean radii.
+
+    Raises
+    ------
+    InputError : a parameter is out of range.
+
+    Notes
+    -----
     Deviations from A, section 5: all particles and limbs share the n points, in every frame, so that likelihoods differ
-    by pose and not by luck; they are drawn from the patch, not from its pixels. α of a sphere is 0. Points outside an
-    image are left out and count against q, as hidden points do. Occlusion is judged in frame t only. Log likelihoods of
-    the cameras present in both frames add up. Raises InputError when a constant is out of range."""
+    by the pose, not by sampling noise; points are sampled from the patch, not from its pixels. α of a sphere is 0.
+    Points outside an image are excluded and reduce q, as hidden points do. Occlusion is tested in frame t only. Log
+    likelihoods of the cameras present in both frames add up.
+    """
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of images, and that the background stands still where it is taken to."""
+        """Declare that images are required, and a static camera if the background is static."""
         return component_traits(
-            dataset=IMAGES, assumptions=(STATIC_CAMERA,) if keys.get("background") == "still" else ()
+            dataset=IMAGES, assumptions=(STATIC_CAMERA,) if keys.get("background") == "static" else ()
         )
 
     body: Body
     sigma: float = 10.0
-    epsilon: float = 0.05
+    outlier_fraction: float = 0.05
     n_samples: int = 48
-    exponent: kernel.Exponent = "mean"
-    k: float = 1.0
+    reduction: kernel.Reduction = "mean"
+    effective_pixels: float = 1.0
     occlusion: kernel.Occlusion = "sample"
     background: kernel.Background = "none"
-    points: Points = "spread"
+    sampling: Sampling = "regular"
     taper: bool = True
 
     def __post_init__(self) -> None:
-        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, n_samples=at_least(1))
-        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE)
+        check("image motion", self, sigma=POSITIVE, outlier_fraction=BELOW_1, n_samples=at_least(1))
+        check("image motion", self, reduction=one_of(*get_args(kernel.Reduction)), effective_pixels=POSITIVE)
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
-        check("image motion", self, background=one_of(*get_args(kernel.Background)), points=one_of(*get_args(Points)))
+        check("image motion", self, background=one_of(*get_args(kernel.Background)))
+        check("image motion", self, sampling=one_of(*get_args(Sampling)))
 
     @cached_property
     def samples(self) -> FloatArray:
-        """The points (n, 2) of every patch, see `patch_samples` and `drawn_samples`."""
-        make = patch_samples if self.points == "spread" else drawn_samples
-        return make(self.n_samples, stream(0, "image motion samples"))
+        """The points (n, 2) of every patch, see `regular_samples` and `random_samples`."""
+        sampler = regular_samples if self.sampling == "regular" else random_samples
+        return sampler(self.n_samples, stream(0, "image motion samples"))
 
     @cached_property
-    def compared(self) -> Body:
+    def compared_body(self) -> Body:
         """The body whose patches are compared."""
         return self.body if self.taper else replace(self.body, limbs=self.body.limbs.cylinders())
 
     @property
     def model(self) -> kernel.LimbModel:
-        """Return the constants of the limbs' likelihood, as the kernel takes them."""
-        constants = (self.sigma, self.epsilon, P_OCCLUDED, self.exponent, self.k, self.occlusion, self.background)
+        """The parameters of the limbs' likelihood for the kernel."""
+        constants = (
+            self.sigma, self.outlier_fraction, P_OCCLUDED, self.reduction, self.effective_pixels, self.occlusion,
+            self.background,
+        )  # fmt: skip
         return kernel.LimbModel(*constants)
 
-    def prepare(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
-        """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
-        under a still background, an image size, and when an image has not the size that its camera states."""
-        return self._look(None, previous, frame)
+    def prepare(self, previous: Frame | None, frame: Frame) -> "_MotionFrameLikelihood":
+        """Smooth and pack the images of a frame and the previous one. Raises InputError if they have no camera in
+        common or, for a static background, different image sizes, or an image's size is not its camera's."""
+        return self._prepare(None, previous, frame)
 
-    def _look(self, known: "_PackedFrame | None", previous: Frame | None, frame: Frame) -> "_MotionLook":
-        now = self._packed(frame)
+    def _prepare(
+        self, cached: "_PackedFrame | None", previous: Frame | None, frame: Frame
+    ) -> "_MotionFrameLikelihood":  # fmt: skip
+        present = self._packed(frame)
         if previous is None:
-            return _MotionLook(self, now, {}, ())
-        before = known if known is not None and known.frame is previous else self._packed(previous)
-        pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
+            return _MotionFrameLikelihood(self, present, {}, ())
+        past = cached if cached is not None and cached.frame is previous else self._packed(previous)
+        pairs = {name: (past.views[name], view) for name, view in present.views.items() if name in past.views}
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
         for name, ((_, old), (_, new)) in pairs.items():
-            if self.background == "still" and old.shape != new.shape:
-                raise InputError(f"image motion: background=still needs images of one size from camera {name}")
-        missing = sorted({*before.views, *now.views} - set(pairs))
+            if self.background == "static" and old.shape != new.shape:
+                raise InputError(f"image motion: background=static needs images of one size from camera {name}")
+        missing = sorted({*past.views, *present.views} - set(pairs))
         where = f"is missing in frame {previous.index} or {frame.index}"
-        return _MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
+        notes = tuple(f"image motion: camera {name} {where}" for name in missing)
+        return _MotionFrameLikelihood(self, present, pairs, notes)
 
     def _packed(self, frame: Frame) -> "_PackedFrame":
         images = ((view.camera, kernel.packed(grey_levels(view, BLUR_PX))) for view in frame.views)
         return _PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
 
 
-PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
+PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # a camera and its packed image
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,38 +155,40 @@ class _PackedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class _MotionLook:
-    """A look of `ImageMotion`, the `cue`, at a frame `now`. pairs: the images before and now of every camera that
-    both frames have; none in the first frame of a run."""
+class _MotionFrameLikelihood:
+    """The likelihood of a frame `present` by `ImageMotion`, the `cue`. pairs: the previous and present images of every
+    camera in both frames; none in the first frame of a run."""
 
     cue: ImageMotion
-    now: _PackedFrame
+    present: _PackedFrame
     pairs: Mapping[str, tuple[PackedImage, PackedImage]]
     notes: tuple[str, ...]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), −∞ where either is not finite;
-        with a note from 5 % of points outside the images on."""
+        """Return log likelihoods (N,) of poses (N, P) with previous poses (N, P), −∞ where either is not finite; with a
+        note if 5 % of the points or more are outside the images."""
         finite = finite_rows(previous_pose) & finite_rows(pose)
-        previous_pose, pose = those(previous_pose, finite), those(pose, finite)
+        previous_pose, pose = select_finite(previous_pose, finite), select_finite(pose, finite)
         log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
-        for name, (before, now) in self.pairs.items():
-            views = kernel.PackedView(*before, previous_pose), kernel.PackedView(*now, pose)
-            found, outside = kernel.view_log_prob(cue.compared, cue.samples, cue.model, *views)
-            log_prob += found
-            share = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
-            if share > 0.05:
-                notes.append(f"image motion: {share:.0%} of the sample points lay outside the images of {name}")
-        return among_finite("image motion", finite, log_prob, tuple(notes))
+        for name, (previous_views, present) in self.pairs.items():
+            views = kernel.PackedView(*previous_views, previous_pose), kernel.PackedView(*present, pose)
+            view_log_prob, outside = kernel.view_log_prob(cue.compared_body, cue.samples, cue.model, *views)
+            log_prob += view_log_prob
+            outside_fraction = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
+            if outside_fraction > 0.05:
+                notes.append(
+                    f"image motion: {outside_fraction:.0%} of the sample points lay outside the images of {name}"
+                )
+        return expand_finite("image motion", finite, log_prob, tuple(notes))
 
-    def update(self, expected_pose: FloatArray) -> Remembering[_PackedFrame]:
-        """The likelihood, which keeps this frame's images for the next look."""
-        return Remembering(self.now, self.cue._look)
+    def update(self, expected_pose: FloatArray) -> AdaptiveLikelihood[_PackedFrame]:
+        """Return the likelihood with this frame's packed images as the previous ones."""
+        return AdaptiveLikelihood(self.present, self.cue._prepare)
 
 
-def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:
-    """Spread n points (n, 2) evenly over a patch, u along the limb in 0.08..0.92, v across it in −0.8..0.8: the
+def regular_samples(n: int, rng: np.random.Generator) -> FloatArray:
+    """Return n points (n, 2) evenly spaced over a patch, u along the limb in 0.08..0.92, v across it in −0.8..0.8: the
     additive recurrence of the plastic number (Roberts 2018, the "R2 sequence") at a random offset."""
     plastic = 1.324717957244746
     steps = np.outer(np.arange(n), [1.0 / plastic, 1.0 / plastic**2])
@@ -170,6 +196,6 @@ def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:
     return np.array([0.08, -0.8]) + np.array([0.84, 1.6]) * unit
 
 
-def drawn_samples(n: int, rng: np.random.Generator) -> FloatArray:
-    """Draw n points (n, 2) of a patch, u = 0..1 along and v = −1..1 across the limb, evenly likely (A, section 5)."""
+def random_samples(n: int, rng: np.random.Generator) -> FloatArray:
+    """Return n uniformly random points (n, 2) of a patch, u = 0..1 along, v = −1..1 across the limb (A, section 5)."""
     return np.array([0.0, -1.0]) + np.array([1.0, 2.0]) * rng.random((n, 2))

@@ -1,20 +1,20 @@
 """The fused kernel of the image-motion likelihood, LANES particles at once; `tests/oracles/image_motion.py` defines it.
 
-Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
-change a bit of the result, nor can the other particles. What makes it fast:
+Particles are independent, each writes its own slot only, and no sum crosses particles: the result is bitwise identical
+for any number of threads and any other particles. Reasons for its speed:
 
-- Lanes. Kinematics, patches, occlusion, interpolation: one particle a lane, see `workbench.body.simd_kinematics`.
-- Lookups in three phases, a block of points at a time: vector instructions find the indices, plain loads fetch the
-  pixels, vector instructions interpolate. The loads are all that is done one by one.
+- Lanes. Kinematics, patches, occlusion, interpolation: one particle per lane, see `workbench.body.simd_kinematics`.
+- Interpolation in three phases, a block of points at a time: vector instructions compute the indices, plain loads fetch
+  the pixels, vector instructions interpolate. Only the loads are scalar.
 - Packed neighbourhoods: one word of 64 bits holds a pixel and its right, lower and lower right neighbours, so that a
-  point costs one load and not four. Grey levels are rounded to 255/65535.
-- Small coordinates. What is decided (inside? hidden?) is decided in float64. The lookup counts pixels from the patch's
-  own corner, where float32 is good to 1e-5 px, and vectors hold twice as many.
-- What particles share is looked up once: children of one parent lie side by side after resampling, and have the same
-  pose before. With four children a parent this saves a sixth of the time.
-- Tests beforehand, for all lanes at once: a limb that lies in both images, and that no other limb may hide, has no
-  point to test; one of which no point is seen is not looked up.
-- One logarithm a particle: the limbs' likelihoods are multiplied as long as their product is safe from underflow.
+  point needs one load instead of four. Grey levels are rounded to 255/65535.
+- Small coordinates. Decisions (inside? hidden?) are made in float64. Interpolation counts pixels from the patch's
+  own corner, where float32 is accurate to 1e-5 px, and vectors hold twice as many.
+- Shared work: children of one parent are adjacent after resampling, and have the same previous pose, whose grey levels
+  are read once. With four children per parent this saves a sixth of the time.
+- Early tests, for all lanes at once: a limb inside both images that no other limb may hide has no point to test; a limb
+  without a visible point is skipped.
+- One logarithm per particle: the limbs' likelihoods are multiplied as long as their product cannot underflow.
 
 The inner functions take plain arrays, with named rows: an array in a tuple is reference-counted at every call.
 """
@@ -41,9 +41,9 @@ from workbench.likelihoods.image_motion.patches import (
     PATCH,
     WX,
     cover,
-    mark_covered,
-    mark_hidden,
-    mark_outside,
+    flag_covered,
+    flag_hidden,
+    flag_outside,
     patch,
     place,
 )  # fmt: skip
@@ -51,21 +51,21 @@ from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import parallel_for
 
-Exponent = Literal["mean", "sum"]
+Reduction = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]
-Background = Literal["none", "still"]
+Background = Literal["none", "static"]
 Packed: TypeAlias = NDArray[np.uint64]
 
 
 @dataclass(frozen=True)
 class LimbModel:
-    """The constants of A eq. 10 and 11; `ImageMotion` documents and checks them."""
+    """The parameters of A eq. 10 and 11; `ImageMotion` documents and checks them."""
 
     sigma: float
-    epsilon: float
+    outlier_fraction: float
     p_occluded: float
-    exponent: Exponent
-    k: float
+    reduction: Reduction
+    effective_pixels: float
     occlusion: Occlusion
     background: Background
 
@@ -79,72 +79,76 @@ class PackedView:
     poses: FloatArray
 
 
-GREY_STEP = 255.0 / 65535.0  # grey levels between neighbouring levels of a packed image
+GREY_STEP = 255.0 / 65535.0  # grey levels per step of a packed image
 BLOCK = 25 * LANES
-"""Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
+"""Points interpolated together; their work space shares the first-level cache with the pixels."""
 
-SHARED = 16 * LANES
-"""Particles among which equal poses before are looked up once; what is kept of these fits into the second-level
-cache."""
+PARENT_BLOCK = 16 * LANES
+"""Particles among which equal previous poses are evaluated once; their grey levels fit into the second-level cache."""
 
-NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)  # what is known of a limb in the image before
+NO_PATCH, PARTLY_OUTSIDE, FULLY_INSIDE = range(3)  # state of a limb in the previous image
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
-WIDTH, HEIGHT = 21, 22  # columns of a camera, after those that patches use
+WIDTH, HEIGHT = 21, 22  # columns of a camera, after those of `patches`
 X, Y, LOCAL = 0, 4 * LANES, 8 * LANES
-"""Rows of a patch for the lookups: those from AX and those from AY, in float32, counted from a pixel of the image."""
+"""Rows of a patch for interpolation: those from AX and those from AY, in float32, counted from a pixel of the image."""
 
 
 class _Model(NamedTuple):
     """`LimbModel` as numbers."""
 
     sigma: float
-    epsilon: float
+    outlier_fraction: float
     p_occluded: float
     mean: bool
-    k: float
+    effective_pixels: float
     occlusion: int
-    still_background: bool
+    static_background: bool
 
 
 def view_log_prob(
-    body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
+    body: Body, samples: FloatArray, model: LimbModel, previous: PackedView, present: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """Return log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,), on as
-    many threads as numba is set to. samples: points (n, 2) of every patch. With a still background, both images are of
-    one size."""
-    n, skeleton = len(now.poses), body.skeleton
+    """Return log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,).
+
+    Parameters
+    ----------
+    body, samples : the body, and the points (n, 2) of every patch.
+    model : the likelihood's parameters.
+    previous, present : the views at t − 1 and t, of one size for a static background.
+    """
+    n, skeleton = len(present.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
-    numbers = (model.sigma, model.epsilon, model.p_occluded, model.k)
-    sigma, epsilon, p_occluded, k = map(float, numbers)  # whole numbers would compile anew
+    numbers = (model.sigma, model.outlier_fraction, model.p_occluded, model.effective_pixels)
+    sigma, outlier_fraction, p_occluded, n_pixels = map(float, numbers)  # integers would compile the kernel again
+    mean, static = model.reduction == "mean", model.background == "static"
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
-        _Model(sigma, epsilon, p_occluded, model.exponent == "mean", k, occlusion, model.background == "still"),
-        np.stack([before.camera.row, now.camera.row]),
-        *(before.image.ravel(), np.ascontiguousarray(before.poses)),
-        *(now.image.ravel(), np.ascontiguousarray(now.poses)),
-        *(log_prob, outside),
-    )
+        _Model(sigma, outlier_fraction, p_occluded, mean, n_pixels, occlusion, static),
+        np.stack([previous.camera.row, present.camera.row]),
+        *(previous.image.ravel(), np.ascontiguousarray(previous.poses)),
+        *(present.image.ravel(), np.ascontiguousarray(present.poses)), *(log_prob, outside),
+    )  # fmt: skip
     parallel_for(lambda first, last: _run(first, last, *arguments), n, LANES)
     return log_prob, outside
 
 
 def packed(image: Float32Array) -> Packed:
-    """Words (height, width) of four grey levels 0..255, 16 bits each, lowest first: the pixel, its right neighbour,
-    the one below, and that one's right neighbour. The last row and column are their own neighbours."""
+    """Return words (height, width) of four grey levels 0..255, 16 bits each, lowest first: the pixel, its right
+    neighbour, the one below, and that one's right neighbour. The last row and column are their own neighbours."""
     words = np.empty(image.shape, dtype=np.uint64)
     _pack(image, words)
     return words
 
 
 def sample_rows(samples: FloatArray) -> FloatArray:
-    """Return points (n, 2) as the kernel takes them, (2, n)."""
+    """Return points (n, 2) in the kernel's layout, (2, n)."""
     return np.ascontiguousarray(samples.T)
 
 
 def limb_table(limbs: Limbs) -> FloatArray:
-    """Return the limbs as the kernel takes them, (L, 12): see the columns of `patches`."""
+    """Return the limbs' table (L, 12) of the kernel; `patches` names its columns."""
     radii, thickness = limbs.radii.reshape(-1, 4), limbs.radii.mean(axis=(1, 2))
     return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
 
@@ -152,7 +156,7 @@ def limb_table(limbs: Limbs) -> FloatArray:
 @kernel()
 def _pack(image: Any, words: Any) -> None:
     height, width = image.shape
-    levels = np.empty((2, width + 1), dtype=np.uint64)  # of two lines
+    levels = np.empty((2, width + 1), dtype=np.uint64)  # of two rows
     for row in range(height + 1):
         line, above = levels[row % 2], levels[(row + 1) % 2]
         pixels = image[min(row, height - 1)]
@@ -169,68 +173,76 @@ def _pack(image: Any, words: Any) -> None:
 @kernel(error_model="numpy", fastmath=FAST)
 def _run(
     first: int, last: int, skeleton: Any, table: Any, joints: Any, samples: Any, samples32: Any, model: Any,
-    cameras: Any, image_before: Any, poses_before: Any, image_now: Any, poses_now: Any, log_prob: Any, outside: Any,
+    cameras: Any, previous_image: Any, previous_poses: Any, present_image: Any, present_poses: Any,
+    log_prob: Any, outside: Any,
 ) -> None:  # fmt: skip
-    """Particles `first` to `last`, SHARED at a time: of these the different poses before, then the poses now. Both go
-    LANES at a time through one place in the code, which compiles faster than two; the last one fills the lanes left."""
-    n_limbs, n, n_dofs = joints.shape[0], samples.shape[1], poses_now.shape[1]
+    """Evaluate particles `first` to `last`, PARENT_BLOCK at a time: their distinct previous poses, then their present
+    poses. Both are processed LANES at a time by the same code, which compiles faster than two copies; the last pose
+    fills the remaining lanes."""
+    n_limbs, n, n_dofs = joints.shape[0], samples.shape[1], present_poses.shape[1]
     patches, covers = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER))
-    boxes, pair, marks = np.empty((n_limbs, 6)), np.empty(PAIR), np.zeros(n * LANES, dtype=np.int32)
+    boxes, pair, flags = np.empty((n_limbs, 6)), np.empty(PAIR), np.zeros(n * LANES, dtype=np.int32)
     frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((n_dofs + 9) * LANES)
-    # The different poses before, which of them is each child's, and what is known of their limbs in the image before.
-    parents, parent = np.empty((SHARED, n_dofs)), np.empty(SHARED, dtype=np.int32)
-    known, states = np.empty((n_limbs, SHARED * n), dtype=np.float32), np.empty((n_limbs, SHARED), dtype=np.int32)
-    # Of one limb: where its patch is, and per lane: is it wholly inside, whose child is it, how many points are seen?
+    # The distinct previous poses, the index of each child's, and their limbs' grey levels and states in that image.
+    parents, parent = np.empty((PARENT_BLOCK, n_dofs)), np.empty(PARENT_BLOCK, dtype=np.int32)
+    previous_levels = np.empty((n_limbs, PARENT_BLOCK * n), dtype=np.float32)
+    states = np.empty((n_limbs, PARENT_BLOCK), dtype=np.int32)
+    # Of one limb: its patch; per lane: whether it is fully inside, the parent's index, the number of visible points.
     local, lanes = np.empty(LOCAL, dtype=np.float32), np.empty((6, LANES), dtype=np.int32)
-    corners, whole, family, starts, inside, seen = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5]
-    # Of its points: grey levels in the image before, in that of now, and in that before at the place of now.
+    corners, fully_inside, lane_parents = lanes[0], lanes[1], lanes[2]
+    starts, inside, visible = lanes[3], lanes[4], lanes[5]
+    # Of its points: grey levels in the previous image, the present one, and the previous one at the present place.
     index, words = np.empty(BLOCK, dtype=np.uint32), np.empty(BLOCK, dtype=np.uint64)
-    fractions, recalled = np.empty(2 * BLOCK, dtype=np.float32), np.empty(n * LANES, dtype=np.float32)
-    there, still = np.empty(n * LANES, dtype=np.float32), np.empty(n * LANES * model.still_background, dtype=np.float32)
+    fractions, gathered = np.empty(2 * BLOCK, dtype=np.float32), np.empty(n * LANES, dtype=np.float32)
+    present_levels = np.empty(n * LANES, dtype=np.float32)
+    static = np.empty(n * LANES * model.static_background, dtype=np.float32)
     squares, sums = np.zeros(2 * LANES), np.empty(3 * LANES)
-    hiding, rule = model.occlusion != NO_OCCLUSION, model.occlusion == LIMB_OCCLUSION
-    for block in range(first, last, SHARED):
-        n_children = min(SHARED, last - block)
-        n_parents = _tell_parents(poses_before[block : block + n_children], parents, parent)
+    hiding, whole_limb = model.occlusion != NO_OCCLUSION, model.occlusion == LIMB_OCCLUSION
+    for block in range(first, last, PARENT_BLOCK):
+        n_children = min(PARENT_BLOCK, last - block)
+        n_parents = _distinct_parents(previous_poses[block : block + n_children], parents, parent)
         distinct = n_parents == n_children
-        for now in range(2):
-            image, poses = (image_now, poses_now[block:last]) if now else (image_before, parents)
-            n_poses, camera = n_children if now else n_parents, cameras[now]
+        for present in range(2):
+            image, poses = (present_image, present_poses[block:last]) if present else (previous_image, parents)
+            n_poses, camera = n_children if present else n_parents, cameras[present]
             for chunk in range(0, n_poses, LANES):
                 lane_frames(poses[:n_poses], chunk, skeleton, values, frames)
-                _place_limbs(table, joints, camera, frames, now == 1, patches, covers, boxes)
-                _begin(parent[:n_children], chunk, n, family, starts, sums)
+                _project_limbs(table, joints, camera, frames, present == 1, patches, covers, boxes)
+                _reset_sums(parent[:n_children], chunk, n, lane_parents, starts, sums)
                 for limb in range(n_limbs):
-                    tested = not _localise(patches[limb], camera, local, corners, whole)
+                    tested = not _to_local_pixels(patches[limb], camera, local, corners, fully_inside)
                     if tested:
-                        mark_outside(patches[limb], samples, camera[WIDTH], camera[HEIGHT], marks)
-                    if now:
-                        before = known[limb, chunk * n : (chunk + LANES) * n] if distinct else recalled
-                        tested |= _recall(known[limb], states[limb], family, starts, distinct, before, marks, whole)
-                        _count(marks, tested, inside)
-                        if hiding:
-                            tested |= mark_hidden(table, limb, samples, patches, covers, boxes, rule, pair, marks)
-                    levels = there if now else known[limb, chunk * n : (chunk + LANES) * n]
-                    if _count(marks, tested, seen) > 0:
-                        _look_up(
-                            local, corners, camera[WIDTH], samples32, marks, tested, image, image_before,
-                            index, fractions, words, levels, still if now else still[:0],
+                        flag_outside(patches[limb], samples, camera[WIDTH], camera[HEIGHT], flags)
+                    if present:
+                        previous = previous_levels[limb, chunk * n : (chunk + LANES) * n] if distinct else gathered
+                        tested |= _gather(
+                            previous_levels[limb], states[limb], lane_parents, starts, distinct, previous, flags,
+                            fully_inside,
                         )  # fmt: skip
-                    if now:
-                        _add_differences(before, there, still, marks, tested, squares)
-                        _add_limb(model, whole, patches[limb], squares, inside, seen, n, sums)
+                        _count_unflagged(flags, tested, inside)
+                        if hiding:
+                            tested |= flag_hidden(table, limb, samples, patches, covers, boxes, whole_limb, pair, flags)
+                    levels = present_levels if present else previous_levels[limb, chunk * n : (chunk + LANES) * n]
+                    if _count_unflagged(flags, tested, visible) > 0:
+                        _sample(
+                            local, corners, camera[WIDTH], samples32, flags, tested, image, previous_image,
+                            index, fractions, words, levels, static if present else static[:0],
+                        )  # fmt: skip
+                    if present:
+                        _add_differences(previous, present_levels, static, flags, tested, squares)
+                        _add_limb(model, fully_inside, patches[limb], squares, inside, visible, n, sums)
                     else:
-                        _keep(patches[limb], marks, tested, whole, chunk, levels, states[limb])
+                        _store(patches[limb], flags, tested, fully_inside, chunk, levels, states[limb])
                     if tested:
-                        _clear(marks)
-                if now:
+                        _clear(flags)
+                if present:
                     done = slice(block + chunk, min(block + chunk + LANES, last))
-                    _end(sums, log_prob[done], outside[done])
+                    _write_sums(sums, log_prob[done], outside[done])
 
 
 @inlined
-def _tell_parents(poses: Any, parents: Any, parent: Any) -> int:
-    """Write the poses (N, P) without repetitions in a row, and which of these each of them is; their number."""
+def _distinct_parents(poses: Any, parents: Any, parent: Any) -> int:
+    """Write the poses (N, P) without consecutive duplicates, and each pose's index among them; return their number."""
     n = -1
     for i in range(poses.shape[0]):
         new = i == 0
@@ -245,7 +257,7 @@ def _tell_parents(poses: Any, parents: Any, parent: Any) -> int:
 
 
 @inlined
-def _place_limbs(
+def _project_limbs(
     table: Any, joints: Any, camera: Any, frames: Any, cover_too: bool, patches: Any, covers: Any, boxes: Any
 ) -> None:
     for limb in range(joints.shape[0]):
@@ -255,35 +267,35 @@ def _place_limbs(
 
 
 @inlined
-def _begin(parent: Any, chunk: int, n: int, family: Any, starts: Any, sums: Any) -> None:
-    """Write the parents of the lanes from child `chunk` on, where what is known of them starts, and empty sums."""
+def _reset_sums(parent: Any, chunk: int, n: int, lane_parents: Any, starts: Any, sums: Any) -> None:
+    """Write the lanes' parents from child `chunk` on, where the parents' levels begin, and empty sums."""
     for i in range(LANES):
         sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
-        family[i] = parent[min(chunk + i, parent.shape[0] - 1)]
-        starts[i] = family[i] // LANES * (n * LANES) + family[i] % LANES
+        lane_parents[i] = parent[min(chunk + i, parent.shape[0] - 1)]
+        starts[i] = lane_parents[i] // LANES * (n * LANES) + lane_parents[i] % LANES
 
 
 @inlined
-def _end(sums: Any, log_prob: Any, outside: Any) -> None:
+def _write_sums(sums: Any, log_prob: Any, outside: Any) -> None:
     for i in range(log_prob.shape[0]):
         log_prob[i], outside[i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
 
 
 @inlined
-def _clear(marks: Any) -> None:
-    for i in range(marks.shape[0]):
-        marks[i] = 0
+def _clear(flags: Any) -> None:
+    for i in range(flags.shape[0]):
+        flags[i] = 0
 
 
 @inlined
-def _count(marks: Any, some: bool, unmarked: Any) -> int:
-    """Write how many points of each lane are not marked; how many in all. some: whether any is marked."""
+def _count_unflagged(flags: Any, some: bool, unmarked: Any) -> int:
+    """Write the number of unflagged points of each lane; return their sum. some: whether any point is flagged."""
     for i in range(unmarked.shape[0]):
-        unmarked[i] = marks.shape[0] // LANES
+        unmarked[i] = flags.shape[0] // LANES
     if some:
-        for k in range(marks.shape[0] // LANES):
+        for k in range(flags.shape[0] // LANES):
             for i in range(unmarked.shape[0]):
-                unmarked[i] -= 1 if marks[k * LANES + i] != 0 else 0
+                unmarked[i] -= 1 if flags[k * LANES + i] != 0 else 0
     total = 0
     for i in range(unmarked.shape[0]):
         total += unmarked[i]
@@ -291,9 +303,9 @@ def _count(marks: Any, some: bool, unmarked: Any) -> int:
 
 
 @inlined
-def _localise(patch: Any, camera: Any, local: Any, corners: Any, whole: Any) -> bool:
-    """Write the patch as float32, from a pixel of the image near its own corner; that pixel's index; and per lane
-    whether the patch lies between the centres of the image's pixels. True if all do."""
+def _to_local_pixels(patch: Any, camera: Any, local: Any, corners: Any, fully_inside: Any) -> bool:
+    """Write the patch in float32, relative to a pixel near its own corner; that pixel's index; and per lane whether the
+    patch is between the centres of the image's pixels. Return whether all are."""
     width, height = camera[WIDTH], camera[HEIGHT]
     n = 0
     for i in range(LANES):
@@ -301,8 +313,8 @@ def _localise(patch: Any, camera: Any, local: Any, corners: Any, whole: Any) -> 
         y, dy, wy, ey = patch[i + AY], patch[i + AY + DX], patch[i + AY + WX], patch[i + AY + EX]
         left, right = min(x - abs(wx), x + dx - abs(wx + ex)), max(x + abs(wx), x + dx + abs(wx + ex))
         top, bottom = min(y - abs(wy), y + dy - abs(wy + ey)), max(y + abs(wy), y + dy + abs(wy + ey))
-        whole[i] = 1 if (left >= 0.0) & (right < width - 1.0) & (top >= 0.0) & (bottom < height - 1.0) else 0
-        n += whole[i]
+        fully_inside[i] = 1 if (left >= 0.0) & (right < width - 1.0) & (top >= 0.0) & (bottom < height - 1.0) else 0
+        n += fully_inside[i]
         column = np.floor(min(max(left, 0.0), width - 1.0))
         row = np.floor(min(max(top, 0.0), height - 1.0))
         corners[i] = np.int32(row * width + column)
@@ -312,60 +324,63 @@ def _localise(patch: Any, camera: Any, local: Any, corners: Any, whole: Any) -> 
 
 
 @inlined
-def _keep(patch: Any, marks: Any, tested: bool, whole: Any, chunk: int, levels: Any, states: Any) -> None:
-    """Keep the state, see NO_PATCH, of a limb of LANES parents from `chunk` on; marked grey levels become NaN."""
+def _store(patch: Any, flags: Any, tested: bool, fully_inside: Any, chunk: int, levels: Any, states: Any) -> None:
+    """Store the state, see NO_PATCH, of a limb of LANES parents from `chunk` on; flagged grey levels become NaN."""
     if tested:
         for j in range(levels.shape[0]):
-            levels[j] = levels[j] if marks[j] == 0 else np.float32(np.nan)
+            levels[j] = levels[j] if flags[j] == 0 else np.float32(np.nan)
     for i in range(LANES):
-        states[chunk + i] = NO_PATCH if patch[i + COSINE] <= 0.0 else WHOLE if whole[i] else PARTLY_OUTSIDE
+        state = FULLY_INSIDE if fully_inside[i] else PARTLY_OUTSIDE
+        states[chunk + i] = NO_PATCH if patch[i + COSINE] <= 0.0 else state
 
 
 @inlined
-def _recall(
-    known: Any, states: Any, family: Any, starts: Any, distinct: bool, levels: Any, marks: Any, patched: Any
-) -> bool:
-    """Write the grey levels that were kept of each lane's parent, mark those outside, and write whether the parent's
-    limb has a patch. True if any is marked. distinct: the levels are those kept, as every lane has its own parent."""
+def _gather(
+    previous_levels: Any, states: Any, lane_parents: Any, starts: Any, distinct: bool, levels: Any, flags: Any,
+    patched: Any,
+) -> bool:  # fmt: skip
+    """Write the stored grey levels of each lane's parent, flag those outside, and write whether the parent's limb has a
+    patch. Return whether any is flagged. distinct: `levels` are the stored ones, as every lane has its own parent."""
     n, some = levels.shape[0] // LANES, 0
     if not distinct:
         for k in range(n):
             for i in range(LANES):
-                levels[k * LANES + i] = known[np.uint32(starts[i] + k * LANES)]
+                levels[k * LANES + i] = previous_levels[np.uint32(starts[i] + k * LANES)]
     for i in range(LANES):
-        patched[i] = 0 if states[family[i]] == NO_PATCH else 1
-        some += 0 if states[family[i]] == WHOLE else 1
+        patched[i] = 0 if states[lane_parents[i]] == NO_PATCH else 1
+        some += 0 if states[lane_parents[i]] == FULLY_INSIDE else 1
     if some > 0:
         for j in range(levels.shape[0]):
-            marks[j] |= OUTSIDE if levels[j] != levels[j] else 0
+            flags[j] |= OUTSIDE if levels[j] != levels[j] else 0
     return some > 0
 
 
 @inlined
-def _look_up(
-    local: Any, corners: Any, width: float, samples: Any, marks: Any, tested: bool, image: Any, image_before: Any,
-    index: Any, fractions: Any, words: Any, levels: Any, still: Any,
+def _sample(
+    local: Any, corners: Any, width: float, samples: Any, flags: Any, tested: bool, image: Any, previous_image: Any,
+    index: Any, fractions: Any, words: Any, levels: Any, static: Any,
 ) -> None:  # fmt: skip
-    """The grey levels of a limb's points, and, where `still` is not empty, of the same pixels of the image before."""
+    """Interpolate the grey levels of a limb's points and, unless `static` is empty, of the same pixels of the previous
+    image."""
     u, v = samples[0], samples[1]
     for first in range(0, u.shape[0], BLOCK // LANES):
         n, at = min(BLOCK // LANES, u.shape[0] - first), first * LANES
         _indices(
-            local, corners, width, u[first : first + n], v[first : first + n], marks[at:], tested, index, fractions
+            local, corners, width, u[first : first + n], v[first : first + n], flags[at:], tested, index, fractions
         )
-        _fetch(image, index, words, n)
+        _load(image, index, words, n)
         _interpolate(words, fractions, n, levels[at:])
-        if still.shape[0] > 0:
-            _fetch(image_before, index, words, n)
-            _interpolate(words, fractions, n, still[at:])
+        if static.shape[0] > 0:
+            _load(previous_image, index, words, n)
+            _interpolate(words, fractions, n, static[at:])
 
 
 @inlined
 def _indices(
-    local: Any, corners: Any, width: float, u: Any, v: Any, marks: Any, tested: bool, index: Any, fractions: Any
+    local: Any, corners: Any, width: float, u: Any, v: Any, flags: Any, tested: bool, index: Any, fractions: Any
 ) -> None:
-    """Phase 1: where the points' neighbourhoods are, and where the points are within (rows x, y). Marked ones are
-    moved into the image."""
+    """Phase 1: compute the indices of the points' neighbourhoods and the fractions within (rows x, y). Flagged points
+    are moved into the image."""
     stride = np.int32(width)
     for k in range(u.shape[0]):
         a, b = u[k], v[k]
@@ -374,22 +389,22 @@ def _indices(
             x = local[i + X] + a * local[i + X + DX] + b * (local[i + X + WX] + a * local[i + X + EX])
             y = local[i + Y] + a * local[i + Y + DX] + b * (local[i + Y + WX] + a * local[i + Y + EX])
             if tested:
-                x, y = x if marks[j] == 0 else np.float32(0.0), y if marks[j] == 0 else np.float32(0.0)
+                x, y = x if flags[j] == 0 else np.float32(0.0), y if flags[j] == 0 else np.float32(0.0)
             column, row = np.int32(x), np.int32(y)
             fractions[j], fractions[BLOCK + j] = x - np.float32(column), y - np.float32(row)
             index[j] = np.uint32(np.int32(corners[i] + column) + np.int32(row * stride))
 
 
 @inlined
-def _fetch(image: Any, index: Any, words: Any, n: int) -> None:
-    """Phase 2: the neighbourhoods themselves. The indices are unsigned, which spares a test for negative ones."""
+def _load(image: Any, index: Any, words: Any, n: int) -> None:
+    """Phase 2: load the neighbourhoods. The indices are unsigned, which avoids a test for negative ones."""
     for j in range(n * LANES):
         words[j] = image[index[j]]
 
 
 @inlined
 def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
-    """Phase 3: the grey levels of the points, in steps of GREY_STEP."""
+    """Phase 3: interpolate the grey levels of the points, in steps of GREY_STEP."""
     halves = words.view(np.uint32)
     for j in range(n * LANES):
         upper, lower, fx, fy = halves[2 * j], halves[2 * j + 1], fractions[j], fractions[BLOCK + j]
@@ -400,31 +415,31 @@ def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
 
 
 @inlined
-def _add_differences(before: Any, now: Any, still: Any, marks: Any, tested: bool, squares: Any) -> None:
-    """Sums (2 rows) of the squared differences over the points that are not marked: between the images, and to the same
-    pixel of the image before, of which `still` holds the levels or nothing."""
+def _add_differences(previous: Any, present: Any, static: Any, flags: Any, tested: bool, squares: Any) -> None:
+    """Sum (2 rows) the squared differences over the unflagged points: between the images, and to the same pixel of the
+    previous image, whose levels are `static`, unless that is empty."""
     for i in range(2 * LANES):
         squares[i] = 0.0
-    for j in range(now.shape[0]):
-        residual = now[j] - before[j]
+    for j in range(present.shape[0]):
+        residual = present[j] - previous[j]
         if tested:
-            residual = residual if marks[j] == 0 else np.float32(0.0)
-        before[j] = residual * residual
-    for k in range(now.shape[0] // LANES):
+            residual = residual if flags[j] == 0 else np.float32(0.0)
+        previous[j] = residual * residual
+    for k in range(present.shape[0] // LANES):
         for i in range(LANES):
-            squares[i] += before[k * LANES + i]
-    for k in range(still.shape[0] // LANES):
+            squares[i] += previous[k * LANES + i]
+    for k in range(static.shape[0] // LANES):
         for i in range(LANES):
             j = k * LANES + i
-            residual = now[j] - still[j] if marks[j] == 0 else np.float32(0.0)
+            residual = present[j] - static[j] if flags[j] == 0 else np.float32(0.0)
             squares[LANES + i] += residual * residual
 
 
 @inlined
-def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
-    """Count a limb in (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of likelihoods whose
-    logarithm is the rest, and how many points lay outside the images."""
-    flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
+def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, visible: Any, n: int, sums: Any) -> None:
+    """Add a limb's term (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of the other
+    likelihoods, and the number of points outside the images."""
+    flat, peak = model.outlier_fraction / 256.0, (1.0 - model.outlier_fraction) / (np.sqrt(2.0 * np.pi) * model.sigma)
     for i in range(LANES):
         cos_alpha = patch[i + COSINE] if patched[i] else 0.0
         if cos_alpha == 0.0:
@@ -432,17 +447,18 @@ def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, s
             _multiply(model.p_occluded, i, sums)
             continue
         sums[2 * LANES + i] += n - inside[i]
-        scale = model.k * GREY_STEP**2 / (2.0 * model.sigma**2) / (max(seen[i], 1) if model.mean else 1.0)
-        q, exponent = cos_alpha * seen[i] / n, scale * squares[i] * cos_alpha**2
+        n_mean = max(visible[i], 1) if model.mean else 1.0
+        scale = model.effective_pixels * GREY_STEP**2 / (2.0 * model.sigma**2) / n_mean
+        q, exponent = cos_alpha * visible[i] / n, scale * squares[i] * cos_alpha**2
         floor = q * flat + (1.0 - q) * model.p_occluded
         if floor > 0.0:
             _multiply(floor + q * peak * cos_alpha * np.exp(-exponent), i, sums)
-        else:  # ε = 0 and q = 1: no floor under the Gaussian
+        else:  # ε = 0 and q = 1: no lower bound of the Gaussian
             sums[i] += np.log(q * peak * cos_alpha) - exponent
-        if model.still_background:  # less the same for a background that stands still, as a share of where it does
+        if model.static_background:  # minus the same for a static background, times the fraction of points compared
             exponent = scale * squares[LANES + i]
             ratio = np.log((flat + peak * np.exp(-exponent)) / (flat + peak)) if flat > 0.0 else -exponent
-            sums[i] -= ratio * seen[i] / n
+            sums[i] -= ratio * visible[i] / n
 
 
 @inlined
@@ -459,42 +475,42 @@ def _multiply(p: float, i: int, sums: Any) -> None:
 @kernel(error_model="numpy", fastmath=FAST)
 def place_points(
     first: int, last: int, table: Any, joints: Any, samples: Any, ends: Any, camera: Any, rotations: Any,
-    positions: Any, beside: bool, pixels: Any, counts: Any, turns: Any,
+    positions: Any, outside: bool, pixels: Any, valid: Any, azimuths: Any,
 ) -> None:  # fmt: skip
-    """Several sets of points at once: those of set r are the samples from ends[r] to ends[r + 1]. Every set lies in one
-    piece in pixels (N · L · n, 2) and counts (N · L · n,)."""
-    (n_poses, n_limbs), n = turns.shape, samples.shape[1]
+    """Place several sets of points; set r has the samples from ends[r] to ends[r + 1] and is contiguous in pixels (N ·
+    L · n, 2) and valid (N · L · n,)."""
+    (n_poses, n_limbs), n = azimuths.shape, samples.shape[1]
     patches, covers, boxes = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER)), np.empty((n_limbs, 6))
     frames, pair = np.empty((positions.shape[1], FRAME)), np.empty(PAIR)
-    marks = np.empty(n * LANES, dtype=np.int32)
+    flags = np.empty(n * LANES, dtype=np.int32)
     for chunk in range(first, last, LANES):
         load_frames(rotations, positions, chunk, frames)
         for limb in range(n_limbs):
             patch(table[limb], camera, frames[joints[limb]], patches[limb])
             cover(table[limb], patches[limb], covers[limb], boxes[limb])
         for limb in range(n_limbs):
-            _clear(marks)
-            if beside:
-                mark_covered(table, limb, samples, patches, covers, pair, marks)
+            _clear(flags)
+            if outside:
+                flag_covered(table, limb, samples, patches, covers, pair, flags)
             else:
-                mark_hidden(table, limb, samples, patches, covers, boxes, False, pair, marks)
+                flag_hidden(table, limb, samples, patches, covers, boxes, False, pair, flags)
             for i in range(min(LANES, last - chunk)):
                 for r in range(ends.shape[0] - 1):
                     begin, end = ends[r], ends[r + 1]
                     to = n_poses * n_limbs * begin + ((chunk + i) * n_limbs + limb) * (end - begin)
-                    places, count = pixels[to : to + end - begin], counts[to : to + end - begin]
+                    places, valid_points = pixels[to : to + end - begin], valid[to : to + end - begin]
                     _write_points(
-                        patches[limb], i, samples[:, begin:end], camera, marks[begin * LANES :], places, count
+                        patches[limb], i, samples[:, begin:end], camera, flags[begin * LANES :], places, valid_points
                     )
-                turn = np.arctan2(patches[limb, ACROSS + LANES + i], patches[limb, ACROSS + i])
-                turns[chunk + i, limb] = turn if patches[limb, COSINE + i] > 0.0 else 0.0
+                azimuth = np.arctan2(patches[limb, ACROSS + LANES + i], patches[limb, ACROSS + i])
+                azimuths[chunk + i, limb] = azimuth if patches[limb, COSINE + i] > 0.0 else 0.0
 
 
 @inlined
-def _write_points(patch: Any, i: int, samples: Any, camera: Any, marks: Any, pixels: Any, counts: Any) -> None:
-    """Write the points of lane i, and whether they count."""
+def _write_points(patch: Any, i: int, samples: Any, camera: Any, flags: Any, pixels: Any, valid: Any) -> None:
+    """Write the points of lane i, and whether they are valid."""
     for k in range(samples.shape[1]):
         pixels[k, 0], pixels[k, 1] = place(patch, i, samples[0, k], samples[1, k])
-        x, y = pixels[k, 0], pixels[k, 1]  # rounded, as they will be looked up
+        x, y = pixels[k, 0], pixels[k, 1]  # rounded to float32, as when they are interpolated
         inside = x >= 0.0 and x < camera[WIDTH] - 1.0 and y >= 0.0 and y < camera[HEIGHT] - 1.0
-        counts[k] = patch[i + COSINE] > 0.0 and inside and marks[k * LANES + i] == 0
+        valid[k] = patch[i + COSINE] > 0.0 and inside and flags[k * LANES + i] == 0

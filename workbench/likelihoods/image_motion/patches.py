@@ -1,7 +1,7 @@
-"""The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
+"""The limbs' planar patches in kernels, LANES particles at once: their projections, cover and occlusion.
 
-What `limb_patches`, `inside_image` and `hidden_samples` of `tests/oracles/image_motion.py` define, in the same float64,
-so that both agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.simd_kinematics`.
+`limb_patches`, `inside_image` and `hidden_samples` of `tests/oracles/image_motion.py` define them. Both use float64, so
+that they agree on the side of an edge on which a point lies. Rows and lanes: see `workbench.body.simd_kinematics`.
 """
 
 from typing import Any
@@ -10,24 +10,24 @@ import numpy as np
 
 from workbench.body.simd_kinematics import LANES, POSITION, inlined
 
-MIN_DEPTH = 1e-3  # a patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared
-MIN_SINE = 1e-3  # a limb that points at the camera more closely than this, rad, has no patch and is not compared
-MIN_AREA = 1e-6  # a patch whose projection is smaller than about this, px², covers nothing
+MIN_DEPTH = 1e-3  # minimum depth, m, of a patch's corners; otherwise it is not compared
+MIN_SINE = 1e-3  # minimum angle, rad, between limb and line of sight; otherwise it has no patch
+MIN_AREA = 1e-6  # minimum projected area, about, px², of a patch that covers other limbs
 
 OUTSIDE, HIDDEN = 1, 2
 
-# Columns of the limbs' table: the axis' ends, the semi-axes of the section at either end, whether it is a sphere.
+# Columns of the limbs' table: ends of the axis, semi-axes of the section at both ends, whether a sphere, mean radius.
 START, END, START_RADII, END_RADII, SPHERE, THICKNESS = 0, 3, 6, 8, 10, 11
 # A camera: its rotation row by row, translation, fx, fy, cx, cy, k1, k2, p1, p2, k3.
 TRANSLATION, FOCAL, CENTRE, DISTORTION = 9, 12, 14, 16
 # Rows of a patch: (AX + u DX) + v (WX + u EX) in x, the same in y, and Z + u DZ in depth; u = 0..1 along, v = −1..1
 # across. ACROSS: x and y, in the joint's frame, of the direction in which v grows. COSINE: cos α, 0 without a patch.
 AX, DX, WX, EX, AY, _, _, _, Z, DZ, ACROSS, _, COSINE, PATCH = range(0, 14 * LANES, LANES)
-# Rows of what a limb covers: u and v of a pixel by an affine map, |v| <= H + u DH for a patch; the depth of its nearest
-# surface; its bounding box, where no point of it lies (left > right) if it covers nothing.
+# Rows of a limb's cover: u and v of a pixel by an affine map, |v| <= H + u DH for a patch; the depth of its nearest
+# surface; its bounding box, empty (left > right) if it covers nothing.
 UX, UY, U0, VX, VY, V0, H, DH, SURFACE, LEFT, RIGHT, TOP, BOTTOM, COVER = range(0, 14 * LANES, LANES)
-# Rows of one limb's points seen by another: s = S + u SU + v SV + uv SE along it and t likewise across it, half its
-# width there W + s WS, and whether its axis is nearer, D + s DS < u DU.
+# Rows of one limb's points in another's coordinates: s = S + u SU + v SV + uv SE along it and t likewise across it,
+# half its width there W + s WS, and whether its axis is nearer, D + s DS < u DU.
 S, SU, SV, SE, T, TU, TV, TE, W, WS, D, DS, DU, PAIR = range(0, 14 * LANES, LANES)
 
 
@@ -37,23 +37,23 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
     sphere, radius = limb[SPHERE] > 0.0, limb[START_RADII] / np.sqrt(2.0)
     start_at, end_at = (limb[START], limb[START + 1], limb[START + 2]), (limb[END], limb[END + 1], limb[END + 2])
     sa, sb, ea, eb = limb[START_RADII], limb[START_RADII + 1], limb[END_RADII], limb[END_RADII + 1]
-    turn = (camera[0], camera[1], camera[2]), (camera[3], camera[4], camera[5]), (camera[6], camera[7], camera[8])
-    shift = camera[TRANSLATION], camera[TRANSLATION + 1], camera[TRANSLATION + 2]
+    rotation = (camera[0], camera[1], camera[2]), (camera[3], camera[4], camera[5]), (camera[6], camera[7], camera[8])
+    translation = camera[TRANSLATION], camera[TRANSLATION + 1], camera[TRANSLATION + 2]
     fx, fy, cx, cy = camera[FOCAL], camera[FOCAL + 1], camera[CENTRE], camera[CENTRE + 1]
     k1, k2, k3 = camera[DISTORTION], camera[DISTORTION + 1], camera[DISTORTION + 4]
     lens = fx, fy, cx, cy, k1, k2, k3, camera[DISTORTION + 2], camera[DISTORTION + 3]
     for i in range(LANES):
-        x_axis = _turn(turn, frame[i], frame[i + 3 * LANES], frame[i + 6 * LANES])
-        y_axis = _turn(turn, frame[i + LANES], frame[i + 4 * LANES], frame[i + 7 * LANES])
-        z_axis = _turn(turn, frame[i + 2 * LANES], frame[i + 5 * LANES], frame[i + 8 * LANES])
+        x_axis = _rotate(rotation, frame[i], frame[i + 3 * LANES], frame[i + 6 * LANES])
+        y_axis = _rotate(rotation, frame[i + LANES], frame[i + 4 * LANES], frame[i + 7 * LANES])
+        z_axis = _rotate(rotation, frame[i + 2 * LANES], frame[i + 5 * LANES], frame[i + 8 * LANES])
         x, y, z = frame[i + POSITION], frame[i + POSITION + LANES], frame[i + POSITION + 2 * LANES]
-        origin = _add(_turn(turn, x, y, z), 1.0, shift)
+        origin = _add(_rotate(rotation, x, y, z), 1.0, translation)
         start = _place(x_axis, y_axis, z_axis, origin, start_at)
         end = _place(x_axis, y_axis, z_axis, origin, end_at)
         axis = z_axis if sphere else _unit(_add(end, -1.0, start))
-        sight = _add(start, 1.0, end)
-        across = _cross(sight, axis)
-        usable = _dot(across, across) > MIN_SINE * MIN_SINE * _dot(sight, sight)
+        line_of_sight = _add(start, 1.0, end)
+        across = _cross(line_of_sight, axis)
+        usable = _dot(across, across) > MIN_SINE * MIN_SINE * _dot(line_of_sight, line_of_sight)
         across = _unit(across)
         x, y = _dot(x_axis, across), _dot(y_axis, across)
         start_width, end_width = _norm(sa * x, sb * y), _norm(ea * x, eb * y)
@@ -61,7 +61,7 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
         if sphere:
             cos_alpha = 1.0
             start_width = end_width = radius
-            upright = _cross(across, _unit(sight))
+            upright = _cross(across, _unit(line_of_sight))
             start, end = _add(start, -start_width, upright), _add(end, end_width, upright)
         a, b = _add(start, -start_width, across), _add(start, start_width, across)
         c, d = _add(end, -end_width, across), _add(end, end_width, across)
@@ -77,16 +77,16 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
 
 @inlined
 def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: bool) -> None:
-    """Write one coordinate of the patch with the corners a, b at its start and c, d at its end. What has no patch gets
-    one at the image's corner, so that no number of it is beyond bounds."""
+    """Write one coordinate of the patch with the corners a, b at its start and c, d at its end. A limb without a patch
+    gets one at the image's corner, so that all numbers are in range."""
     out[i], out[i + DX] = (a + b) / 2.0 if usable else 0.0, (c + d - a - b) / 2.0 if usable else 0.0
     out[i + WX], out[i + EX] = (b - a) / 2.0 if usable else 0.0, (d - c - b + a) / 2.0 if usable else 0.0
 
 
 @inlined
 def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
-    """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth;
-    and a box (6,) that holds it in every lane."""
+    """Write a patch's (a sphere's disc's) cover (COVER,): the inverse of its affine part, bounding box, depth; and a
+    box (6,) around it in all lanes."""
     sphere, thickness = limb[SPHERE] > 0.0, limb[THICKNESS]
     for i in range(LANES):
         ax, ay, dx, dy = patch[i + AX], patch[i + AY], patch[i + DX], patch[i + AY + DX]
@@ -96,7 +96,7 @@ def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
         covers = (patch[i + COSINE] > 0.0) & (abs(area) > MIN_AREA)
         scale = 1.0 / area if covers else 0.0
         ux, uy, vx, vy = wy * scale, -wx * scale, -dy * scale, dx * scale
-        out[i + UX], out[i + UY], out[i + U0] = ux, uy, -(ux * ax + uy * ay) if covers else np.inf  # u nowhere in 0..1
+        out[i + UX], out[i + UY], out[i + U0] = ux, uy, -(ux * ax + uy * ay) if covers else np.inf  # u never in 0..1
         out[i + VX], out[i + VY], out[i + V0] = vx, vy, -(vx * ax + vy * ay)
         half = _norm(wx, wy)
         per_half = 1.0 / half if covers else 0.0
@@ -116,7 +116,8 @@ def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
 
 @inlined
 def _widen(patch: Any, covers: Any, box: Any) -> None:
-    """Write what holds the limb in every lane, (6,): left, right, top, bottom, least and greatest depth of its axis."""
+    """Write the box (6,) around the limb in all lanes: left, right, top, bottom, smallest and largest depth of its
+    axis."""
     for k in range(0, 6, 2):
         box[k], box[k + 1] = np.inf, -np.inf
     for i in range(LANES):
@@ -128,51 +129,51 @@ def _widen(patch: Any, covers: Any, box: Any) -> None:
 
 
 @inlined
-def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: Any) -> None:
-    """Mark the points of a patch that are not between the centres of the image's pixels. samples: (2, n), u and v.
-    marks: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of points left out."""
+def flag_outside(patch: Any, samples: Any, width: float, height: float, flags: Any) -> None:
+    """Flag the points of a patch that are not between the centres of the image's pixels. samples: (2, n), u and v.
+    flags: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of excluded points."""
     right, bottom = width - 1.0, height - 1.0
     for k in range(samples.shape[1]):
         u, v = samples[0, k], samples[1, k]
         for i in range(LANES):
             x, y = place(patch, i, u, v)
             inside = (x >= 0.0) & (x < right) & (y >= 0.0) & (y < bottom)
-            marks[k * LANES + i] |= 0 if inside else OUTSIDE
+            flags[k * LANES + i] |= 0 if inside else OUTSIDE
 
 
 @inlined
-def mark_hidden(
-    table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
+def flag_hidden(
+    table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole_limb: bool, pair: Any, flags: Any
 ) -> bool:
-    """Mark the points of a limb that other limbs hide, see `hidden_samples`; whether any might. whole: the occlusion
-    "limb", else "sample". pair: (PAIR,) is overwritten. marks: as in `mark_outside`."""
-    some_near, span = False, _span(samples)
+    """Flag the points of a limb that other limbs hide, see `hidden_samples`; return whether any may be hidden.
+    whole_limb: the occlusion "limb", else "sample". pair: (PAIR,), overwritten. flags: as in `flag_outside`."""
+    any_near, span = False, _span(samples)
     for k in range(covers.shape[0]):
         margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
-        ahead = whole or boxes[k, 4] + margin < boxes[limb, 5]
+        ahead = whole_limb or boxes[k, 4] + margin < boxes[limb, 5]
         across = boxes[k, 0] <= boxes[limb, 1] and boxes[k, 1] >= boxes[limb, 0]
         if k != limb and ahead and across and boxes[k, 2] <= boxes[limb, 3] and boxes[k, 3] >= boxes[limb, 2]:
             _pair(patches[limb], patches[k], covers[k], margin, sphere, pair)
-            if whole:
+            if whole_limb:
                 for i in range(LANES):
                     nearer = covers[k, i + SURFACE] < covers[limb, i + SURFACE]
                     pair[i + D], pair[i + DS], pair[i + DU] = -np.inf if nearer else np.inf, 0.0, 0.0
             if _may_hide(span, pair, sphere):
-                _mark_covered(samples, pair, sphere, marks)
-                some_near = True
-    if whole:
+                _flag_covered(samples, pair, sphere, flags)
+                any_near = True
+    if whole_limb:
         for i in range(LANES):
             some = 0
             for k in range(samples.shape[1]):
-                some |= marks[k * LANES + i] & HIDDEN
+                some |= flags[k * LANES + i] & HIDDEN
             for k in range(samples.shape[1]):
-                marks[k * LANES + i] |= some
-    return some_near
+                flags[k * LANES + i] |= some
+    return any_near
 
 
 @inlined
-def mark_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any, pair: Any, marks: Any) -> None:
-    """Mark the points about a limb that any limb covers, itself included, whatever its depth."""
+def flag_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any, pair: Any, flags: Any) -> None:
+    """Flag the points around a limb that any limb covers, including itself, at any depth."""
     span = _span(samples)
     for k in range(covers.shape[0]):
         sphere = table[k, SPHERE] > 0.0
@@ -180,12 +181,12 @@ def mark_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any,
         for i in range(LANES):
             pair[i + D], pair[i + DS], pair[i + DU] = -np.inf, 0.0, 0.0
         if _may_hide(span, pair, sphere):
-            _mark_covered(samples, pair, sphere, marks)
+            _flag_covered(samples, pair, sphere, flags)
 
 
 @inlined
 def _span(samples: Any) -> tuple[float, float, float, float]:
-    """The least and largest u and v."""
+    """Return the smallest and largest u and v."""
     u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
     for k in range(samples.shape[1]):
         u0, u1 = min(u0, samples[0, k]), max(u1, samples[0, k])
@@ -195,7 +196,7 @@ def _span(samples: Any) -> tuple[float, float, float, float]:
 
 @inlined
 def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: Any) -> None:
-    """Write how another limb sees the points of a limb's patch: one map from (u, v) instead of two."""
+    """Write the map from a limb's (u, v) to another limb's coordinates: one map instead of two."""
     for i in range(LANES):
         ax, dx, wx, ex = limb[i + AX], limb[i + DX], limb[i + WX], limb[i + EX]
         ay, dy, wy, ey = limb[i + AY], limb[i + AY + DX], limb[i + AY + WX], limb[i + AY + EX]
@@ -212,9 +213,9 @@ def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: 
 
 @inlined
 def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
-    """False where the other limb surely hides no point, since it lies beside the limb or behind it in every lane. Every
-    quantity is linear in u and in v, so that it is largest and smallest at the corners of the points' range. A disc
-    goes (√2 − 1) half widths beyond its patch."""
+    """Return False if the other limb hides no point, because it is next to the limb or behind it in all lanes. Every
+    quantity is linear in u and in v, so that its extrema are at the corners of the points' range. A disc extends (√2 −
+    1) half widths beyond its patch."""
     u0, u1, v0, v1 = span
     beyond = 0.5 if sphere else 0.0
     n = 0
@@ -235,7 +236,7 @@ def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
 
 
 @inlined
-def _mark_covered(samples: Any, pair: Any, sphere: bool, marks: Any) -> None:
+def _flag_covered(samples: Any, pair: Any, sphere: bool, flags: Any) -> None:
     for k in range(samples.shape[1]):
         a, b, c = samples[0, k], samples[1, k], samples[0, k] * samples[1, k]
         if sphere:
@@ -243,26 +244,26 @@ def _mark_covered(samples: Any, pair: Any, sphere: bool, marks: Any) -> None:
                 s = 2.0 * (pair[i + S] + a * pair[i + SU] + b * pair[i + SV] + c * pair[i + SE]) - 1.0
                 t = pair[i + T] + a * pair[i + TU] + b * pair[i + TV] + c * pair[i + TE]
                 covered = (s * s + t * t <= 2.0) & (pair[i + D] < a * pair[i + DU])
-                marks[k * LANES + i] |= HIDDEN if covered else 0
+                flags[k * LANES + i] |= HIDDEN if covered else 0
         else:
             for i in range(LANES):
                 s = pair[i + S] + a * pair[i + SU] + b * pair[i + SV] + c * pair[i + SE]
                 t = pair[i + T] + a * pair[i + TU] + b * pair[i + TV] + c * pair[i + TE]
                 covered = (s >= 0.0) & (s <= 1.0) & (abs(t) <= pair[i + W] + s * pair[i + WS])
                 covered &= pair[i + D] + s * pair[i + DS] < a * pair[i + DU]
-                marks[k * LANES + i] |= HIDDEN if covered else 0
+                flags[k * LANES + i] |= HIDDEN if covered else 0
 
 
 @inlined
 def place(patch: Any, i: int, u: float, v: float) -> tuple[float, float]:
-    """The pixel of a point of the patch in lane i."""
+    """Return the pixel of a point of the patch in lane i."""
     x = patch[i + AX] + u * patch[i + DX] + v * (patch[i + WX] + u * patch[i + EX])
     return x, patch[i + AY] + u * patch[i + AY + DX] + v * (patch[i + AY + WX] + u * patch[i + AY + EX])
 
 
 @inlined
 def _project(lens: Any, point: Any) -> tuple[float, float]:
-    """Pixel of a point in the camera's frame, as `Camera.project` does."""
+    """Return the pixel of a point in the camera's frame, as `Camera.project` does."""
     fx, fy, cx, cy, k1, k2, k3, p1, p2 = lens
     per_depth = 1.0 / point[2]
     x, y = point[0] * per_depth, point[1] * per_depth
@@ -274,7 +275,7 @@ def _project(lens: Any, point: Any) -> tuple[float, float]:
 
 
 @inlined
-def _turn(rows: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _rotate(rows: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     v = (x, y, z)
     return _dot(rows[0], v), _dot(rows[1], v), _dot(rows[2], v)
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from workbench.body.angles import nearest_turn
+from workbench.body.angles import unwrap_near
 from workbench.body.skeleton import Skeleton
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
@@ -100,7 +100,7 @@ class Posterior:
         numbers = dict(zip(self._band_paths, np.concatenate(ends).tolist(), strict=True))
         true: dict[str, float] = {}
         if (known := step.frame.truth) is not None and known.pose is not None:
-            truth = nearest_turn(known.pose, step.expected_pose).tolist()
+            truth = unwrap_near(known.pose, step.expected_pose).tolist()
             pose = dict(zip(self._skeleton.dof_names, truth, strict=True))
             true = {name: pose[name] for name in self.names if name in pose}
             numbers |= {_band(name, "truth"): value for name, value in true.items()}

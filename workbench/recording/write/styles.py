@@ -106,4 +106,4 @@ def guides(metrics: Iterable[str]) -> dict[str, float]:
 
 def cue_shares(metrics: Iterable[str]) -> list[str]:
     """Return those of the metrics that are shares of cues."""
-    return [name for name in metrics if name.startswith("share_")]
+    return [name for name in metrics if name.startswith("variance_fraction_")]
