@@ -18,7 +18,7 @@ LISTS: Mapping[tuple[str, ...], str] = {("walk",): "report", ("run",): "report_r
 """Whom an experiment goes through that shows these activities, by a name below `clips` in the configuration."""
 FULL = "report_full"
 """The list for a motion file's own skeleton with every joint."""
-METRICS = {"error_abs_mm": "mm", "error_rel_mm": "mm", "error_px": "px", "knee_deg": "°", "coverage_90": ""}
+METRICS = {"mpjpe_abs_mm": "mm", "mpjpe_mm": "mm", "mpjpe_px": "px", "knee_flexion_rmse_deg": "°", "coverage_90": ""}
 """What the table tells, where a run has it, and its unit."""
 
 Clips = tuple[str, ...]
@@ -71,7 +71,7 @@ class OverPeople:
     @property
     def held(self) -> tuple[int, int]:
         """How many runs held the person to the end, of how many."""
-        every = [run["held"] for runs in self.runs.values() for run in runs]
+        every = [run["tracked"] for runs in self.runs.values() for run in runs]
         return round(sum(every)), len(every)
 
     def spread(self, metric: str) -> tuple[float, float]:

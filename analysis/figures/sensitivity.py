@@ -31,16 +31,16 @@ ROWS: Mapping[str, Sequence[str]] = {
 }
 PEOPLE = ("35_02", "38_02", "39_02")
 """Clips of three people whom the prior of walk_best is not learned from."""
-MEASURED = ("error_abs_mm", "error_px", "held")
+MEASURED = ("mpjpe_abs_mm", "mpjpe_px", "tracked")
 
 
 def table(found: Mapping[Run, Numbers]) -> str:
     """Markdown: means over people of their means over seeds, ± the deviation between people and that between seeds."""
-    lines = ["| told wrong | error_abs_mm | error_px | held |", "| --- | --- | --- | --- |"]
+    lines = ["| told wrong | mpjpe_abs_mm | mpjpe_px | tracked |", "| --- | --- | --- | --- |"]
     for row in dict.fromkeys(run.row for run in found):
         runs = {run: numbers for run, numbers in found.items() if run.row == row}
-        cells = [spread(runs, "error_abs_mm", ".0f"), spread(runs, "error_px", ".1f")]
-        held = sum(numbers["held"] for numbers in runs.values())
+        cells = [spread(runs, "mpjpe_abs_mm", ".0f"), spread(runs, "mpjpe_px", ".1f")]
+        held = sum(numbers["tracked"] for numbers in runs.values())
         lines.append(f"| {row} | {' | '.join(cells)} | {held:.0f}/{len(runs)} |")
     return "\n".join(lines)
 

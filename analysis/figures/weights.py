@@ -37,12 +37,12 @@ CHOICES: Mapping[str, Choice] = {
     "points, shared_m": Choice("points_walk_steady", "likelihood.shared_m={0}", (0.0, 0.006, 0.012, 0.024)),
 }
 SCORES = {
-    "log_score": ".2f",
+    "nll": ".2f",
     "crps_mm": ".1f",
     "crps_deg": ".2f",
     "coverage_90": ".2f",
-    "z2": ".1f",
-    "error_abs_mm": ".0f",
+    "nees_per_dim": ".1f",
+    "mpjpe_abs_mm": ".0f",
 }
 
 
@@ -56,7 +56,7 @@ def table(title: str, found: Mapping[Run, Numbers]) -> str:
     the value with the least mean log score in bold."""
     lines = [f"| {title} | {' | '.join(SCORES)} |", "|" + " --- |" * (len(SCORES) + 1)]
     of_row = {row: {run: numbers for run, numbers in found.items() if run.row == row} for row in _rows(found)}
-    mean = {row: np.mean([numbers["log_score"] for numbers in runs.values()]) for row, runs in of_row.items()}
+    mean = {row: np.mean([numbers["nll"] for numbers in runs.values()]) for row, runs in of_row.items()}
     for row, runs in of_row.items():
         cells = [spread(runs, *score) for score in SCORES.items()]
         lines.append(f"| {f'**{row}**' if row == min(mean, key=mean.__getitem__) else row} | {' | '.join(cells)} |")

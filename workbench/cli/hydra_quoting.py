@@ -17,7 +17,7 @@ _NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
 
 
 def quoted(argument: str) -> str:
-    """Quote a value that Hydra cannot read, such as `times_lost>0` or the name of a folder.
+    """Quote a value that Hydra cannot read, such as `n_track_losses>0` or the name of a folder.
 
     A value with signs of Hydra's grammar stays as it is, except a folder's and names such as 35_02 in it. Raises
     InputError for a value on which Hydra's parser fails.

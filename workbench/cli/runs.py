@@ -55,8 +55,8 @@ def _list_runs(
 ) -> None:
     """List runs, newest first, with how they ended, what varied and their errors.
 
-    workbench runs list experiment=walk_straight 'error_px<9' --sort error_px
-    workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,error_abs_mm --csv
+    workbench runs list experiment=walk_straight 'mpjpe_px<9' --sort mpjpe_px
+    workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,mpjpe_abs_mm --csv
     """
     found = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
@@ -109,7 +109,7 @@ def gallery(
     """Show runs as cards with pictures in the viewer.
 
     workbench runs gallery recordings/sweeps/priors
-    workbench runs gallery prior=walking --sort error_px --serve
+    workbench runs gallery prior=walking --sort mpjpe_px --serve
     """
     from workbench.cli.view import viewer
     from workbench.recording.write.file import HOST

@@ -22,7 +22,7 @@ _TINY = np.finfo(np.float64).tiny
 
 def covered(shares: FloatArray, levels: tuple[float, ...]) -> BoolArray:
     """Tell (L, D) whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, `share_below` (2, D), which needs
+    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, `weight_below` (2, D), which needs
     no sorting."""
     below, equal = shares
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
@@ -31,13 +31,13 @@ def covered(shares: FloatArray, levels: tuple[float, ...]) -> BoolArray:
 
 def ranks(shares: FloatArray) -> FloatArray:
     """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half, of both (2, D)
-    as `share_below` tells them; the probability integral transform, which is evenly distributed for a calibrated
+    as `weight_below` tells them; the probability integral transform, which is evenly distributed for a calibrated
     posterior (Hamill 2001)."""
     below, equal = shares
     return (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
 
 
-def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
+def weight_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """Return (2, D): the weight of the particles below the truth, and of those equal to it."""
     columns, shares = np.ascontiguousarray(values.T), np.zeros((2, len(truth)))
     over_threads(lambda first, last: _add_shares(first, last, columns, weights, truth, shares), len(truth), 1)
@@ -77,7 +77,7 @@ def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     return found[0], found[1]
 
 
-def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> FloatArray:
+def gaussian_nll(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> FloatArray:
     """Return −log p(truth), all (D,), nats, of the normal distribution with the particles' `moments` (Dawid &
     Sebastiani 1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals
     them."""

@@ -19,9 +19,10 @@ from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_
 from workbench.core.prior import Prior
 from workbench.core.step import resumable
 from workbench.core.study import Study
-from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.verdict import WINDOW, RunInputs, verdict
+from workbench.evaluation.run_measurements import MeasurementCollector
+from workbench.evaluation.track_loss import WINDOW_FRAMES
+from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, no_evidence, traits_of
@@ -159,16 +160,16 @@ def _track(
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     parts = build_parts(config, partial(_timed, summary))
-    summary.counted = parts.clip.info.counted
+    summary.input_counts = parts.clip.info.counted
     if reason := no_evidence(config, names):
-        summary.left_out["log_evidence"] = reason
-    summary.constant = _constant(config, parts)
-    evidence = Evidence(parts.body, parts.clip.info.scale)
+        summary.omitted_metrics["log_evidence"] = reason
+    summary.uninformative_metrics = _uninformative(config, parts)
+    collector = MeasurementCollector(parts.body, parts.clip.info.scale)
     with recorder_of(config, parts, summary) as recorder:
         before_s = compiled_s()
-        record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
-        summary.compiling_s = compiled_s() - before_s
-        measured = evidence.measured()
+        record(parts, recorder, int(config.seed), summary, quiet, continued, stop, collector)
+        summary.compile_s = compiled_s() - before_s
+        measured = collector.measurements()
         summary.verdict = verdict(measured, _run_inputs(config, summary.settings, parts))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
@@ -184,20 +185,20 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -
         max_iterations=float(iterations) if isinstance(iterations, int) else None,
         rate_hz=info.rate_hz,
         source_rate_hz=info.source_rate_hz,
-        seen=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
+        shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
     )
 
 
-def _constant(config: DictConfig, parts: Parts) -> frozenset[str]:
-    """Name the metrics that are the same in every run of such parts: those of uniform weights, which a likelihood that
-    sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
+def _uninformative(config: DictConfig, parts: Parts) -> frozenset[str]:
+    """Return the metrics that are equal in every run of such components: those of uniform weights, also with a
+    likelihood without observations, and, of a fit, the flexion of legs that do not move."""
     offers = traits_of(config.inference).provides
     seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
     names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in offers | seen else set()
-    names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
+    names |= {f"{error}_max_weight" for error in ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")} if FIT in offers else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
-        names |= set() if angles & set(parts.parameters) else {f"{joint}_deg"}
+        names |= set() if angles & set(parts.parameters) else {f"{joint}_flexion_rmse_deg"}
     return frozenset(names)
 
 
@@ -214,7 +215,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
         before_s = compiled_s()
         with _timed(summary, "study"):
             result = study.run(rng_streams(int(config.seed))["study"])
-        summary.compiling_s = compiled_s() - before_s
+        summary.compile_s = compiled_s() - before_s
         summary.study = result.metrics
         record_study(file, result)
         file.send_numbers("cost", summary.cost)
@@ -222,11 +223,11 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 def record(
     parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: Continued | None = None, stop: _Stop | None = None, evidence: Evidence | None = None,
+    continued: Continued | None = None, stop: _Stop | None = None, collector: MeasurementCollector | None = None,
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
-    evidence: takes in every step, too."""
-    recorder.set_departures(parts.clip.info.departures)
+    collector: takes in every step, too."""
+    recorder.set_perturbations(parts.clip.info.departures)
     meter, disable = Meter(parts), True if quiet else None
     n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
     tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
@@ -237,31 +238,33 @@ def record(
         for step, errors in tracked:
             check_interrupted()
             if not np.isfinite(step.log_evidence):
-                summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
-            numbers = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
+                summary.omitted_metrics.setdefault("log_evidence", "this inference does not estimate it")
+            numbers = {} if "log_evidence" in summary.omitted_metrics else {"log_evidence": step.log_evidence}
             with _timed(summary, "recording"):
                 recorder.log(step, {**numbers, **errors})
             summary.add(step, errors)
-            if evidence is not None:
-                evidence.add(step, errors)
-            for sentence in step.warnings:
-                log.warning(sentence)
+            if collector is not None:
+                collector.add(step, errors)
+            for message in step.warnings:
+                log.warning(message)
             shown = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
-            sure = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
+            sure = [] if "ess" in summary.uninformative_metrics else [f"ESS {step.ess:.0f}"]
             bar.set_postfix_str(", ".join([*shown, *sure]))
             bar.update()
-            if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # before, one frame decides
+            if (
+                stop is not None and summary.frames > WINDOW_FRAMES and stop(summary.metrics)
+            ):  # before, one frame decides
                 summary.stopped = f"{stop} in frame {step.frame.index}"
                 recorder.set_stopped(summary.stopped)
                 log.info("stopped: %s", summary.stopped)
                 break
-    summary.over_run = meter.over_run
+    summary.run_metrics = meter.run_metrics
 
 
 def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
     live = {"path": summary.recording, "body": parts.body, "space": parts.inference.space}
-    live |= {"constant": sorted(_constant(config, parts))}
+    live |= {"uninformative_metrics": sorted(_uninformative(config, parts))}
     live |= {"decode": parts.prior.pose} if parts.prior is not None and resumable(parts.inference) else {}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder

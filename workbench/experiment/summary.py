@@ -1,4 +1,4 @@
-"""A run's folder, and its scalar results as `summary.json` there keeps them."""
+"""The summary of a run, its file summary.json, and the earlier runs in its folder."""
 
 import json
 import logging
@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.verdict import lost_and_found, lost_share
+from workbench.evaluation.track_loss import lost_fraction, track_events
+from workbench.recording.migrations import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
 from workbench.utils.signals import deferred
@@ -27,36 +28,37 @@ if TYPE_CHECKING:  # a run that is refused does without
 
 log = logging.getLogger(__name__)
 
-_RMS = ("knee_deg", "hip_deg")
-"""Errors that a run sums up by their root mean square, not their mean."""
+_RMS = ("knee_flexion_rmse_deg", "hip_flexion_rmse_deg")
+"""Errors that a run averages by their root mean square, not their mean."""
 
-_ROOM = 32_768
-"""Bytes that the summary of a run takes while it goes on, so that how it ended can be written on a full disk."""
-_LEFT_OUT_FIRST = ("settings", "provenance", "versions")
+_RESERVED_BYTES = 32_768
+"""Size of the summary of a running run, so that its end can be written on a full disk."""
+_OMITTED_IF_FULL = ("settings", "provenance", "versions")
+"""Fields that are left out on a full disk."""
 
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages a result depends on."""
-    found = {name: version(name) for name in _PACKAGES}
-    return {"python": platform.python_version(), "workbench": __version__, **found}
+    packages = {name: version(name) for name in _PACKAGES}
+    return {"python": platform.python_version(), "workbench": __version__, **packages}
 
 
 @dataclass
 class Summary:
-    """What a run comes to, gathered step by step.
+    """The state and the numbers of a run, updated step by step.
 
-    Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames.
+    Means are over the frames with ground truth after the first, whose pose is given. log_evidence is that of all
+    frames.
 
-    assumptions: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it
-    read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run
-    as a whole, see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped".
-    before: frames taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier
-    attempt was taken over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps
-    are in. constant: metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which
-    is in no other time.
+    assumptions: the side information used, see `requirements.assumptions`. input_counts: the dataset's counts of what
+    it read, see `SequenceInfo`. settings: the resolved configuration. provenance: see `provenance`. run_metrics:
+    metrics of the whole run, see `Meter.run_metrics`. stopped: the reason and the frame of an early end, with the
+    status "stopped". resumed_frames: frames of an earlier attempt, which the cost excludes. restart_reason: why no
+    earlier attempt was resumed. omitted_metrics: metrics without meaning in this run, with the reason. verdict:
+    available after the last step. uninformative_metrics: metrics that are equal in all runs of such components.
+    compile_s: time to compile kernels, which no other time includes.
     """
 
     experiment: str
@@ -70,30 +72,30 @@ class Summary:
     settings: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     assumptions: list[str] = field(default_factory=list)
-    counted: Mapping[str, int] = field(default_factory=dict)
+    input_counts: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
-    before: int = 0
-    anew: str | None = None
+    resumed_frames: int = 0
+    restart_reason: str | None = None
     steps_s: float = 0.0
     evaluations: float = 0.0
     log_evidence: float = float("nan")
     per_frame: dict[str, list[float]] = field(default_factory=dict)
-    over_run: Mapping[str, float] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
+    run_metrics: Mapping[str, float] = field(default_factory=dict)
+    omitted_metrics: dict[str, str] = field(default_factory=dict)
     stopped: str | None = None
     verdict: "Verdict | None" = None
-    constant: frozenset[str] = frozenset()
-    compiling_s: float = 0.0
+    uninformative_metrics: frozenset[str] = frozenset()
+    compile_s: float = 0.0
     study: Mapping[str, float] | None = None
 
     def take_over(self, n_frames: int, per_frame: Mapping[str, list[float]]) -> None:
-        """Begin with frames that an earlier attempt took, and what was measured in those after the first."""
-        self.frames = self.before = n_frames
+        """Start with the frames of an earlier attempt, and the metrics of those after the first."""
+        self.frames = self.resumed_frames = n_frames
         self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
     def end(self, error: BaseException | None) -> None:
-        """Say how the run ended; error: what ended it, None also where that came too soon to be known."""
+        """Set the status and the error of a run that ended; error: None also where it ended before it was known."""
         if self.recording.is_file():
             self.status = "complete" if self.stopped is None else "stopped"
             return
@@ -102,7 +104,7 @@ class Summary:
         self.error = None if error is None else f"{type(error).__name__}: {error}"
 
     def add(self, step: "Step", errors: Mapping[str, float]) -> None:
-        """Take in one step and its errors."""
+        """Add one step and its errors."""
         for stage, seconds in step.timing_s.items():
             self.timing[stage] = self.timing.get(stage, 0.0) + seconds
             self.steps_s += seconds
@@ -115,7 +117,7 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, log evidence where it can be compared, those of `over_run`; or a study's."""
+        """The run's numbers: mean errors, log evidence where it can be compared, and `run_metrics`; or a study's."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
@@ -123,50 +125,52 @@ class Summary:
         means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
         if "jump_deg_mean" in means:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
-        if {"error_px", "forearm_px"} <= means.keys():
-            errors, widths = self.per_frame["error_px"], self.per_frame["forearm_px"]
-            means["times_lost"] = float(sum(event.kind == "lost" for event in lost_and_found(errors, widths)))
-            means["held"] = float(means["times_lost"] == 0.0)
-            means["lost_share"] = lost_share(errors, widths)
-        if "log_evidence" not in self.left_out:
+        if {"mpjpe_px", "forearm_width_px"} <= means.keys():
+            errors, widths = self.per_frame["mpjpe_px"], self.per_frame["forearm_width_px"]
+            means["n_track_losses"] = float(sum(event.kind == "lost" for event in track_events(errors, widths)))
+            means["tracked"] = float(means["n_track_losses"] == 0.0)
+            means["lost_fraction"] = lost_fraction(errors, widths)
+        if "log_evidence" not in self.omitted_metrics:
             means["log_evidence"] = self.log_evidence
-        return {**means, **self.over_run, "frames": float(self.frames)}
+        return {**means, **self.run_metrics, "n_frames": float(self.frames)}
 
     @property
     def cost(self) -> dict[str, float]:
-        """What the run took, which is not among the metrics, since wall times differ between equal runs.
+        """The run's cost, which is not among the metrics, since wall times differ between equal runs.
 
-        seconds: of the inference, or of the study; without what is done once, such as learning a prior or compiling
-        kernels. ms_per_frame: the same per frame. compiling_s: what compiling took. likelihood_evaluations: of single
-        poses; where an inference solves, of the residual in every frame, without the search for a start.
+        seconds: of the inference, or of the study, without work done once, such as learning a prior or compiling
+        kernels. ms_per_frame: the same per frame. compile_s: time to compile kernels. likelihood_evaluations: of single
+        poses; of a fit, evaluations of the residual in every frame, without the search for an initial pose.
         jacobian_cost_ratio: of F with its Jacobian to F alone, where an inference measures that (paper D, section 4.1).
         """
         if self.study is not None:
             return {"seconds": self.timing["study"]}
-        found: dict[str, float] = {}
+        cost: dict[str, float] = {}
         if self.steps_s > 0.0:
-            found = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.before)}
-        if self.compiling_s > 0.0:
-            found["compiling_s"] = self.compiling_s
+            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.resumed_frames)}
+        if self.compile_s > 0.0:
+            cost["compile_s"] = self.compile_s
         if self.evaluations > 0.0:
-            found["likelihood_evaluations"] = self.evaluations
+            cost["likelihood_evaluations"] = self.evaluations
         if self.timing.get("residual", 0.0) > 0.0:
-            found["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
-        return found
+            cost["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
+        return cost
 
     def write(self, path: Path) -> None:
-        """Write summary.json; numbers that are not finite become null, as JSON has none. Sweeps look meanwhile."""
+        """Write summary.json; numbers that are not finite become null, since JSON has none. Sweeps read it
+        meanwhile."""
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers = {**self.metrics, **self.cost}
         content = {
+            "format": FORMAT,
             "status": self.status,
             **({} if self.verdict is None else {"verdict": self.verdict.as_dict}),
             "experiment": self.experiment,
             "seed": self.seed,
             "assumptions": self.assumptions,
-            "counted": dict(self.counted),
+            "input_counts": dict(self.input_counts),
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
-            "left_out": self.left_out,
+            "omitted_metrics": self.omitted_metrics,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
             "identity": self.identity,
@@ -177,11 +181,11 @@ class Summary:
             "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,
             **({} if self.stopped is None else {"stopped": self.stopped}),
-            **({} if self.anew is None else {"anew": self.anew}),
+            **({} if self.restart_reason is None else {"restart_reason": self.restart_reason}),
         }
-        short = {name: value for name, value in content.items() if name not in _LEFT_OUT_FIRST}
+        short = {name: value for name, value in content.items() if name not in _OMITTED_IF_FULL}
         text, shorter = (json.dumps(each, indent=2) + "\n" for each in (content, short))
-        replace_text(path, text.ljust(_ROOM if self.status == "running" else 0), shorter)
+        replace_text(path, text.ljust(_RESERVED_BYTES if self.status == "running" else 0), shorter)
 
 
 def earlier_runs(folder: Path) -> list[Path]:

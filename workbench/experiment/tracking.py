@@ -19,7 +19,7 @@ from workbench.core.step import Inference, Step
 from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.evaluation.pose_errors import AccelerationError, step_errors
 from workbench.evaluation.posterior_calibration import expected_calibration_error
-from workbench.evaluation.step_calibration import group_errors, pose_ranks, stated_doubt
+from workbench.evaluation.step_calibration import expected_errors, group_errors, pose_ranks
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
@@ -116,9 +116,9 @@ class Meter:
 
     def errors(self, step: Step) -> dict[str, float]:
         """The step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`, and
-        what it says of them itself, see `stated_doubt`."""
+        the errors that its posterior expects, see `expected_errors`."""
         errors = step_errors(step, self._body, self._parameters, self._scale)
-        errors |= stated_doubt(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
+        errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
         self._first = False
@@ -135,12 +135,12 @@ class Meter:
         self._first = False
 
     @property
-    def over_run(self) -> dict[str, float]:
-        """Numbers of the run as a whole: lengths, mm, of the markers' offsets from their joints, as far as they are
-        known, and the expected calibration error, see `calibration.expected_calibration_error`."""
+    def run_metrics(self) -> dict[str, float]:
+        """Metrics of the whole run: errors with markers' offsets corrected, lengths of these offsets, and the expected
+        calibration error, see `posterior_calibration.expected_calibration_error`."""
         ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
-        calibration = {"calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
-        return self._markers.removed_mm | self._markers.lengths_mm | calibration
+        calibration = {"expected_calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
+        return self._markers.corrected_mm | self._markers.lengths_mm | calibration
 
 
 def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:

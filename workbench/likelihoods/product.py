@@ -26,7 +26,7 @@ class Product:
     Cues of the same pixels err together, so that w = 1 is too sure of itself, and the sharpest cue decides alone;
     weights below 1 temper both.
 
-    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "share_<name>" are
+    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "variance_fraction_<name>" are
 
         share_k = Cov(w_k log p_k, log p) / Var(log p),
 
@@ -120,14 +120,16 @@ class _ProductLook:
     @property
     def diagnostics(self) -> Mapping[str, float]:
         """Collect those of the terms, and a share of 0 for each."""
-        return _merged(self.frame_likelihoods.values()) | {f"share_{name}": 0.0 for name in self.frame_likelihoods}
+        return _merged(self.frame_likelihoods.values()) | {
+            f"variance_fraction_{name}": 0.0 for name in self.frame_likelihoods
+        }
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
         evaluations = self._evaluations(previous_pose, pose)
         parts = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
         total = sum(parts.values(), np.zeros(len(pose)))
-        diagnostics = {f"share_{name}": share for name, share in shares(parts, total).items()}
+        diagnostics = {f"variance_fraction_{name}": share for name, share in shares(parts, total).items()}
         notes = tuple(note for each in evaluations.values() for note in each.notes)
         return Evaluation(total, notes, _merged(evaluations.values()) | diagnostics)
 

@@ -21,7 +21,7 @@ from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
 OVERLAID = "all runs: errors and how each came out"
-_CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")  # of all metrics those that are compared
+_CURVES = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "coverage_90")  # of all metrics those that are compared
 _EYE_M = (2.1, -2.1, 0.6)
 _MAX_FIGURES = 4
 _SIDES = {"a": (190, 190, 190), "b": (255, 110, 160)}
@@ -89,7 +89,7 @@ def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -
     shown = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
     rows = [["run", "colour", "verdict", *shown.values()], ["---"] * (3 + len(shown))]
     for run, name, word in zip(runs, names, words, strict=True):
-        verdict = run.properties.get("verdict", {}).get("sentence", run.status)
+        verdict = run.properties.get("verdict", {}).get("message", run.status)
         numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in shown]
         rows.append([name, word, str(verdict), *numbers])
     return "\n".join(f"| {' | '.join(each.replace('|', '/') for each in row)} |" for row in rows)

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from workbench.datasets.rendering.perturbations import sizes
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.verdict import WINDOW, lost_and_found
+from workbench.evaluation.track_loss import WINDOW_FRAMES, track_events
 from workbench.experiment.config.options import name_parts, packages
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.resume import branched, continued_at
@@ -27,7 +27,7 @@ BEFORE, AFTER = 15, 10
 """Frames before a loss where repetitions begin, and after it up to which they must keep the track."""
 _FIRST_SEED = 1000
 _PRIORS = ("smooth", "jitter")  # one without any activity, and a walk with freedom for every angle
-_PERSON = "state/person"
+_TRACKING = "state/tracking"
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class Outcome:
 
 def lost_frames(run: Run) -> list[int]:
     """Return the frames where a run loses the track, by its ground truth or else its verdict; InputError without."""
-    if "forearm_px" in run.metrics:
-        (frames, errors), (_, widths) = run.metric("error_px"), run.metric("forearm_px")
-        events = lost_and_found(errors.tolist(), widths.tolist())
+    if "forearm_width_px" in run.metrics:
+        (frames, errors), (_, widths) = run.metric("mpjpe_px"), run.metric("forearm_width_px")
+        events = track_events(errors.tolist(), widths.tolist())
         return [int(frames[event.frame]) for event in events if event.kind == "lost"]
-    states = cells(run.path, [f"/{_PERSON}"]).get(_PERSON, {}).get("StateChange:state", {})
-    if not states and "error_px" not in run.metrics:
+    states = cells(run.path, [f"/{_TRACKING}"]).get(_TRACKING, {}).get("StateChange:state", {})
+    if not states and "mpjpe_px" not in run.metrics:
         raise InputError(f"{run.path}: expected ground truth, keypoints or annotated frames to judge a track by")
     return sorted(frame for frame, state in states.items() if "lost" in state.as_py())
 
@@ -143,11 +143,11 @@ class _Until:
     """Ends a run after n frames, or once the track is lost."""
 
     def __init__(self, n: int) -> None:
-        self._left = n - WINDOW  # as `execute` asks for the first time after WINDOW frames
+        self._left = n - WINDOW_FRAMES  # as `execute` asks for the first time after WINDOW frames
 
     def __call__(self, numbers: Mapping[str, float]) -> bool:
         self._left -= 1
-        return self._left <= 0 or numbers.get("times_lost", 0.0) > 0.0
+        return self._left <= 0 or numbers.get("n_track_losses", 0.0) > 0.0
 
     def __str__(self) -> str:
         return "the track is lost, or the stretch is over"
@@ -179,9 +179,9 @@ def _repeat(
 
 def _is_near(run: Run, frame: int, metrics: Mapping[str, float]) -> bool:
     """Return whether the mean error in annotated frames, where nothing else judges, is less than half of the run's."""
-    frames, errors = run.metric("error_px")
+    frames, errors = run.metric("mpjpe_px")
     there = (frames > frame - BEFORE) & (frames <= frame + AFTER)
-    return bool(there.any() and metrics.get("error_px", np.inf) < 0.5 * errors[there].mean())
+    return bool(there.any() and metrics.get("mpjpe_px", np.inf) < 0.5 * errors[there].mean())
 
 
 def sentence(outcomes: Sequence[Outcome]) -> str:

@@ -1,4 +1,4 @@
-"""Conditions on runs, such as `prior=smooth` or `error_abs_mm<40`, their order, and the columns that are listed."""
+"""Conditions on runs, such as `prior=smooth` or `mpjpe_abs_mm<40`, their order, and the columns that are listed."""
 
 import operator
 import re

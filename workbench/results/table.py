@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from workbench.recording.migrations import renamed_summary
 from workbench.recording.settings import choices_of, leaves
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
@@ -30,7 +31,7 @@ _NOT_A_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, Arithmetic
 def runs(*places: str | Path) -> pd.DataFrame:
     """Return the runs at and below these folders or recordings, newest first; without any, those below recordings/.
 
-    Columns are FIELDS, then the option chosen by group (`prior`), the numbers by name (`error_px`), the configuration
+    Columns are FIELDS, then the option chosen by group (`prior`), the numbers by name (`mpjpe_px`), the configuration
     by dotted key (`inference.n_particles`) and the provenance (`commit`). Raises InputError for a place that does not
     exist.
     """
@@ -43,7 +44,7 @@ def runs(*places: str | Path) -> pd.DataFrame:
 def read_runs(*places: Path) -> pd.DataFrame:
     """Return a row for each run at and below these places, folders or recordings, newest first.
 
-    Columns are FIELDS and, after the name of its section, each key of SECTIONS: `choices.prior`, `metrics.error_px`,
+    Columns are FIELDS and, after the name of its section, each key of SECTIONS: `choices.prior`, `metrics.mpjpe_px`,
     `settings.inference.n_particles`. Raises InputError for a place that does not exist.
     """
     for place in places:
@@ -109,7 +110,7 @@ def _of_folder(folder: Path) -> dict[str, Any]:
         with suppress(FileNotFoundError):  # a run that ends just now gives its recording another name
             record |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
-        record |= _of_summary(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+        record |= _of_summary(renamed_summary(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))))
     except (OSError, *_NOT_A_SUMMARY) as error:
         folder.stat()  # raises where all of it was removed
         reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"

@@ -113,8 +113,8 @@ class LearnWalk(WalkStudy):
         metrics = {
             "n_cycles": float(model.n_cycles),
             "n_components": float(d),
-            "explained": model.explained,
-            "explained_5": float(shares[min(5, most) - 1]),
+            "explained_variance": model.explained,
+            "explained_variance_5": float(shares[min(5, most) - 1]),
         }
         heights, edges = np.histogram(cycles.durations_s, bins=N_BINS)
         middles = 0.5 * (edges[1:] + edges[:-1])
@@ -160,7 +160,7 @@ def _eigencurves(model: WalkingModel, name: str) -> Curves:
 def _shares(shares: FloatArray, variance: float, d: int) -> Curves:
     shown = shares[:SHARES_SHOWN]
     count = np.arange(1.0, len(shown) + 1.0)
-    curves = {"explained": shown, f"{variance:g}": np.full(len(shown), variance)}
+    curves = {"explained_variance": shown, f"{variance:g}": np.full(len(shown), variance)}
     marks = {"d =": float(d)} if d <= len(shown) else {}
     return Curves("model/explained variance", count, curves, "components", "part of the variance", marks=marks)
 

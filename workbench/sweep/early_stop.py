@@ -1,4 +1,4 @@
-"""The condition that ends a run early, such as `times_lost>0`."""
+"""The condition that ends a run early, such as `n_track_losses>0`."""
 
 import math
 import operator
@@ -38,4 +38,6 @@ def stop_when(text: str) -> StopWhen:
         with suppress(ValueError):
             if math.isfinite(number := float(bound)):
                 return StopWhen(name, sign, number)
-    raise InputError(f"sweep.stop_when: expected a number of the run and a bound, such as times_lost>0, found {text!r}")
+    raise InputError(
+        f"sweep.stop_when: expected a number of the run and a bound, such as n_track_losses>0, found {text!r}"
+    )

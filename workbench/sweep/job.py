@@ -107,7 +107,7 @@ def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop:
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with ending(summary):
         found = None if stop is not None else resumed(config, attempts)  # an attempt may have missed the condition
-        continued, summary.anew = (None, found) if isinstance(found, str) else (found, None)
+        continued, summary.restart_reason = (None, found) if isinstance(found, str) else (found, None)
         run_checked(config, summary, True, command, continued, stop)
     for attempt in attempts:
         attempt.unlink()

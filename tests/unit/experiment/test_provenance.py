@@ -68,7 +68,7 @@ def config(**changes):
             "threads": None,
             "paths": {"data": None, "cache": "/somewhere/cache"},
             "check": {"default": {"absolute": 0.0}},
-            "recorder": {"live": False},
+            "recorder": {"stream": False},
             "dataset": {"motion": "builtin", "data": "${paths.data}", "cache": "${paths.cache}", "n_frames": 5},
             "prior": {"motions": "builtin", "data": "${paths.data}", "sigma": [0.1, 0.2]},
         }

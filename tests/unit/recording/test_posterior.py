@@ -12,7 +12,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame
 from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.posterior_calibration import ranks, share_below
+from workbench.evaluation.posterior_calibration import ranks, weight_below
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
@@ -130,7 +130,7 @@ def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
     path = record(tmp_path / "run.rrd", run)
     every = np.concatenate(
         [
-            ranks(share_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
+            ranks(weight_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
             for s in run[1:]
         ]
     )

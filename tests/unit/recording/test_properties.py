@@ -49,7 +49,7 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
 
 def test_a_refused_recording_hides_no_sound_one(beside):
     with RecordingFile(beside, run_id="hostile", config_yaml="seed: 3", provenance={"seed": 0}) as file:
-        file.send_property("metrics", {"error_abs_mm": "many"})
+        file.send_property("metrics", {"mpjpe_abs_mm": "many"})
     runs, (problem,) = open_sound_runs(beside.parent)
     assert ([run.path.name for run in runs], problem.path) == (["sound.rrd"], beside)
 

@@ -59,8 +59,8 @@ def test_the_next_recording_lets_go_of_those_before(write, two, tmp_path):
 def test_what_is_being_written_is_kept(tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
         a_card(tmp_path, None)
-        file.send_numbers("metrics", {"error_abs_mm": 2.5})
-    assert read(tmp_path / "run.rrd").result == {"error_abs_mm": 2.5}
+        file.send_numbers("metrics", {"mpjpe_abs_mm": 2.5})
+    assert read(tmp_path / "run.rrd").result == {"mpjpe_abs_mm": 2.5}
 
 
 def test_no_stream_is_freed_once_one_was_given_up(monkeypatch):

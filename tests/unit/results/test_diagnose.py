@@ -59,13 +59,13 @@ def test_where_another_seed_does_as_well_there_is_no_cause(kept):
 
 def test_without_a_verdict_a_track_is_judged_in_annotated_frames():
     run = SimpleNamespace(metric=lambda name: (np.array([2, 20, 30, 60]), np.array([1.0, 30.0, 50.0, 1.0])))
-    near = [diagnose._is_near(run, 25, {"error_px": error}) for error in (19.0, 21.0)]
+    near = [diagnose._is_near(run, 25, {"mpjpe_px": error}) for error in (19.0, 21.0)]
     assert near == [True, False]
-    assert not diagnose._is_near(run, 45, {"error_px": 0.0})
+    assert not diagnose._is_near(run, 45, {"mpjpe_px": 0.0})
 
 
 def test_a_run_with_nothing_to_judge_by_is_refused(monkeypatch):
     monkeypatch.setattr(diagnose, "cells", lambda path, contents: {})
-    assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"error_px": None})) == []
+    assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"mpjpe_px": None})) == []
     with pytest.raises(InputError, match=r"run\.rrd: expected ground truth, keypoints or annotated frames"):
         diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={}))

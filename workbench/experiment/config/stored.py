@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.experiment.config.options import GROUPS, OURS, how_to_allow, targets
 from workbench.experiment.config.schema import composed
 from workbench.experiment.provenance import PYTHON
-from workbench.recording.migrations import in_todays_words
+from workbench.recording.migrations import FORMAT, migrated
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
@@ -42,13 +42,14 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
         raise InputError(
             f"{run.path}: its parts were built in Python, which no configuration does: run that code again"
         )
-    settings = in_todays_words(run.path, settings)
+    if run.format < FORMAT:
+        settings = migrated(run.path, run.recorded_settings)
     _refuse_foreign(run, settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
     moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
     moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}
     if isinstance(moved["recorder"], dict):
-        moved["recorder"]["live"] = False
+        moved["recorder"]["stream"] = False
     moved.setdefault("check", OmegaConf.to_container(own.check))
     moved |= parts or {}
     config = OmegaConf.create(moved)

@@ -91,7 +91,7 @@ class LeastSquares:
         fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
         for step, seen, sentences in zip(drawn, observed, warnings, strict=True):
-            near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
+            near, kinds = step.diagnostics["inlier_fraction"], " and ".join(kinds_seen([seen]))
             if kinds and near < FEW_INLIERS:
                 sentences = (*sentences, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
             activity, probabilities = self._activity(step)
@@ -172,7 +172,7 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
             poses += rng.standard_normal((n_particles, fit.missed.shape[2])) @ fit.missed[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
-        diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        diagnostics = {"inlier_fraction": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
             poses=poses, log_weights=even, ancestors=ancestors,

@@ -63,7 +63,7 @@ class DensityMove:
 
     def first(self, n_particles: int) -> First:
         """Count every particle of the first step."""
-        return {**self.first_diagnostics, "distinct": float(n_particles)}, self.first_warnings
+        return {**self.first_diagnostics, "unique_particles": float(n_particles)}, self.first_warnings
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 LOOKED_BACK = 10
-"""Frames over which the diagnostic `ancestors_10` follows the particles back: their weights may be even and they all
-have come from one."""
+"""Frames over which the diagnostic `unique_ancestors_lag10` follows the particles back: their weights may be even and
+they all have come from one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class ParticleFilter:
                     rng_streams,
                 )
             origins = traced(origins, moved.particles.ancestors)
-            counted = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
+            counted = {"unique_ancestors_lag10": float(np.count_nonzero(np.bincount(origins[-1])))}
             diagnostics, warnings = (
                 {**frame_likelihood.diagnostics, **moved.diagnostics, **counted},
                 (*frame_likelihood.notes, *moved.warnings),

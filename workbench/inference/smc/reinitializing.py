@@ -71,7 +71,7 @@ class Restarting(Wrapper):
         gains: list[float] = []
         if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
             gains = start.memory.array("gains", None).tolist()
-        move = WrappedMove(self.move, partial(self._around, gains), {"restarted": 0.0})
+        move = WrappedMove(self.move, partial(self._around, gains), {"reinitialized": 0.0})
         for step in self.filter.rebuilt(move=move).run(frames, start, rng_streams):
             yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
 
@@ -89,7 +89,7 @@ class Restarting(Wrapper):
         moved = move(target, rng_streams)
         gains.append(moved.log_gain)
         particles = replace(moved.particles, ancestors=origins[moved.particles.ancestors])
-        diagnostics = {**moved.diagnostics, "restarted": float(bool(warning))}
+        diagnostics = {**moved.diagnostics, "reinitialized": float(bool(warning))}
         return replace(moved, particles=particles, warnings=moved.warnings + warning, diagnostics=diagnostics)
 
     def _starts(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:

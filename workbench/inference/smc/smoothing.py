@@ -52,8 +52,8 @@ class FixedLag(Wrapper):
 
     def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
-        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's memory is of its own
-        frame: who goes on from it filters the `lag` frames after it again."""
+        rng_streams: as for the filter. ess and the diagnostic `unique_particles` count ancestors. A step's memory is of
+        its own frame: who goes on from it filters the `lag` frames after it again."""
         window, ahead = deque[Step](), 0
         if isinstance(start, Past) and "ahead" in start.memory.arrays:  # not after a filter alone
             ahead = min(int(start.memory.array("ahead", 1)[0]), self.lag)
@@ -136,7 +136,8 @@ class BackwardSimulation(Wrapper):
         """Yield one step per frame, all of them once every frame is filtered and the paths are drawn.
 
         rng_streams: as for the filter, and "resampling" for the paths. log_evidence is the filter's for that frame; ess
-        counts the particles that the paths go through, and so does the diagnostic `distinct`, however many paths.
+        counts the particles that the paths go through, and so does the diagnostic `unique_particles`, however many
+        paths.
         """
         frame_likelihoods: list[FrameLikelihood] = []
 
@@ -173,7 +174,7 @@ class BackwardSimulation(Wrapper):
         even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
             smoothed = _replaced(step, picked, even, np.arange(self.n_paths), best)
-            yield replace(smoothed, diagnostics={"acceptance": 1.0, **smoothed.diagnostics, "lag": float(lag)})
+            yield replace(smoothed, diagnostics={"acceptance_rate": 1.0, **smoothed.diagnostics, "lag": float(lag)})
 
     def _one_back(
         self, step: Step, later: Step, chosen: IntArray, frame_likelihood: FrameLikelihood, rng: np.random.Generator
@@ -197,7 +198,7 @@ class BackwardSimulation(Wrapper):
             accepted += float(accept.mean()) / self.moves
         gained = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
         cost = later.evaluations + float(self.n_paths * (1 + self.moves))
-        step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
+        step = replace(step, diagnostics={**step.diagnostics, "acceptance_rate": accepted})
         return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(warnings)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
@@ -231,5 +232,5 @@ def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: 
         step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,
         expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],
         ess=effective_number(picked, log_weights),
-        diagnostics={**step.diagnostics, "distinct": float(len(np.unique(picked)))},
+        diagnostics={**step.diagnostics, "unique_particles": float(len(np.unique(picked)))},
     )  # fmt: skip

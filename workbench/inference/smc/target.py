@@ -228,11 +228,13 @@ class Target:
 
     def settle(self, chosen: Candidates, log_weights: FloatArray, log_gain: float, **diagnostics: float) -> MoveResult:
         """Hand back candidates with these log weights (N,) as the frame's particles; the best is the one with the
-        highest density, and `distinct` counts the parents that have offspring."""
+        highest density, and `unique_particles` counts the parents that have offspring."""
         density = np.where(log_weights > -np.inf, chosen.log_prior + chosen.log_prob, -np.inf)
         particles = Particles(chosen.state, chosen.poses, log_weights, chosen.parents)
         distinct = float(len(np.unique(chosen.parents)))
-        return replace(self.moved(particles, log_gain, **diagnostics, distinct=distinct), best=int(np.argmax(density)))
+        return replace(
+            self.moved(particles, log_gain, **diagnostics, unique_particles=distinct), best=int(np.argmax(density))
+        )
 
 
 def density_of(prior: Prior) -> Density:

@@ -31,7 +31,7 @@ class TemperedSMC(DensityMove):
     the evidence are consistent as N grows; since temperatures and scales come from the particles, the evidence is not
     strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). Particles end with equal weights.
 
-    Diagnostics: temperatures, how many there were; acceptance, of the moves; distinct, how many particles of the frame
+    Diagnostics: n_temperatures; acceptance_rate, of the moves; unique_particles, how many particles of the frame
     before have offspring. Raises InputError for a prior without a density, a single particle, numbers out of range.
     """
 
@@ -39,7 +39,7 @@ class TemperedSMC(DensityMove):
     moves: int = 2
 
     least_particles: ClassVar[int] = 2
-    first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
+    first_diagnostics: ClassVar[Mapping[str, float]] = {"n_temperatures": 0.0, "acceptance_rate": 1.0}
 
     def __post_init__(self) -> None:
         check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
@@ -50,7 +50,7 @@ class TemperedSMC(DensityMove):
         candidates = target.predict(np.arange(target.n), rng)
         if not np.isfinite(candidates.log_prob).any():
             target.weigh(even, candidates.log_prob)
-            return target.settle(candidates, even, 0.0, temperatures=0.0, acceptance=1.0)
+            return target.settle(candidates, even, 0.0, n_temperatures=0.0, acceptance_rate=1.0)
         log_gain, phi, rates, count = 0.0, 0.0, list[float](), 0
         noisy = target.noisy(candidates)
         innovations, _ = target.innovations(candidates, noisy)
@@ -72,7 +72,9 @@ class TemperedSMC(DensityMove):
                     scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
                 rates.append(rate)
         settled = target.sample_dependent(candidates, rng)
-        return target.settle(settled, even, log_gain, temperatures=float(count), acceptance=float(np.mean(rates)))
+        return target.settle(
+            settled, even, log_gain, n_temperatures=float(count), acceptance_rate=float(np.mean(rates))
+        )
 
     def _following(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
         """Return the temperature after φ, the count-th; the last one where there are too many."""

@@ -16,6 +16,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
+from workbench.recording.migrations import FORMAT, entity_path, former_paths
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -24,6 +25,7 @@ _DAMAGES = (
 )  # fmt: skip
 """Errors of converting values of unexpected types."""
 
+_RUN = "/__properties/run"
 EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
 
@@ -59,15 +61,33 @@ def sound(path: Path) -> Iterator[None]:
 def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
     """Read the chunks of the entities `contents`, such as /metrics/**, of an .rrd or of what a run cut off left.
 
-    Of a .part, what a run cut off left, all whole messages are read. Raises InputError when there is no such file, or
-    it is not a recording, or it is cut and no .part.
+    Entities of earlier formats have today's paths, see `migrations`. Of a .part all whole messages are read.
+    Raises InputError when there is no such file, or it is not a recording, or it is cut and no .part.
     """
 
     def read(reader: RrdReader, has_footer: bool) -> list[Chunk]:
         stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
-        return stream.filter(content=list(contents)).to_chunks()
+        return stream.filter(content=[*contents, *former_paths(contents), _RUN]).to_chunks()
 
-    return _read_with(read, path)
+    chunks = _read_with(read, path)
+    if _is_former(chunks):
+        chunks = [_renamed(chunk) for chunk in chunks]
+    wants_run = any(content.startswith("/__properties/") for content in contents)
+    return [chunk for chunk in chunks if wants_run or chunk.entity_path != _RUN]
+
+
+def _is_former(chunks: Sequence[Chunk]) -> bool:
+    """Return whether the chunks are of a run of an earlier format."""
+    run = static_values(chunk for chunk in chunks if chunk.entity_path == _RUN).get(_RUN.removeprefix("/"))
+    if run is None:
+        return False
+    version = run["format"].as_py()[0] if "format" in run else 1
+    return isinstance(version, int) and version < FORMAT
+
+
+def _renamed(chunk: Chunk) -> Chunk:
+    path = entity_path(chunk.entity_path)
+    return chunk if path == chunk.entity_path else chunk.with_entity_path(path)
 
 
 def recording_of(path: Path) -> tuple[str, str]:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from workbench.core.study import Figure
+from workbench.recording.migrations import FORMAT, renamed, renamed_properties
 from workbench.recording.read import chunks, frame_tables
 from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
-from workbench.recording.write.file import FORMAT
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_yaml
@@ -105,9 +105,17 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """The resolved configuration as plain lists and dicts; nothing in it is resolved any further.
+        """The resolved configuration as plain lists and dicts, with today's keys.
 
-        Raises InputError when it is no YAML mapping, or has references.
+        Raises InputError as `recorded_settings` does.
+        """
+        return renamed(self.recorded_settings) if self.format < FORMAT else self.recorded_settings
+
+    @cached_property
+    def recorded_settings(self) -> dict[str, Any]:
+        """The resolved configuration as plain lists and dicts, with the keys of the recording's format.
+
+        Nothing in it is resolved any further. Raises InputError when it is no YAML mapping, or has references.
         """
         try:
             found = parse_yaml(self.path, self.config)
@@ -268,6 +276,8 @@ def read(path: str | Path) -> Run:
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
     if not isinstance(version := found["run"].get("format", 1), int) or version > FORMAT:
         raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
+    if version < FORMAT:
+        found = renamed_properties(found)
     metrics = {entity.removeprefix("metrics/"): curve for entity, curve in measured.items()}
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")

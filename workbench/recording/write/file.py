@@ -27,6 +27,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
+from workbench.recording.migrations import FORMAT
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write import viewer
 from workbench.recording.write.columns import Columns, Entities
@@ -37,11 +38,6 @@ from workbench.utils.signals import deferred
 
 logger = logging.getLogger(__name__)
 
-FORMAT = 2
-"""The version of what a recording holds and where, in the property `run`; raised whenever a reader must know.
-
-1, without a number: up to the release before there was one. 2: `run` has the key format.
-"""
 SETTINGS, CHOICES = "settings", "choices"
 """Properties with the configuration key by key: its numbers, float64, and all else, as text."""
 HOST, PORT = "127.0.0.1", 9876
@@ -66,17 +62,18 @@ class RecordingFile:
     config_yaml : the resolved configuration.
     provenance : where the run came from (seed, versions).
     settings : the configuration again, nested, to be recorded key by key.
-    live : also send everything to a viewer that listens at HOST:PORT. The attribute becomes False when none does, or as
+    stream : also send everything to a viewer that listens at HOST:PORT. The attribute `is_streaming` becomes False when
+    none does, or as
         soon as it does not answer; the run never waits for it.
     """
 
     def __init__(
         self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, Any],
-        settings: Mapping[str, Any] | None = None, live: bool = False,
+        settings: Mapping[str, Any] | None = None, stream: bool = False,
     ) -> None:  # fmt: skip
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
-        self.live, self.status = live, "complete"
+        self.is_streaming, self.status = stream, "complete"
         self.warnings: list[str] = []  # that wait to be recorded
         self._sender: subprocess.Popen[bytes] | None = None
         self._run_id, self._config_yaml, self._provenance = run_id, config_yaml, provenance
@@ -108,10 +105,10 @@ class RecordingFile:
         self.send_property(SETTINGS, numbers)
         self.send_property(CHOICES, texts)
         self.flush()
-        if self.live and viewer_listens():
+        if self.is_streaming and viewer_listens():
             url = f"rerun+http://{HOST}:{PORT}/proxy"
             self._sender = viewer.start_sender(self.part, url, self._application, self._run_id)
-        elif self.live:
+        elif self.is_streaming:
             self._leave_viewer(f"no viewer listens at {HOST}:{PORT}")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -129,7 +126,7 @@ class RecordingFile:
             self._at_exit.close()
             if kind is not None or self.part.exists():
                 logger.warning("the run ended early; what was recorded until then is in %s", self.part)
-            if self._sender is not None and end(self._sender, 2 * viewer.PATIENCE_S) and self.live:
+            if self._sender is not None and end(self._sender, 2 * viewer.PATIENCE_S) and self.is_streaming:
                 logger.warning(f"the viewer at {HOST}:{PORT} does not answer: not all has arrived there")
 
     def _publish(self) -> None:
@@ -185,7 +182,7 @@ class RecordingFile:
 
     def flush(self) -> None:
         """Bring what was logged to the disk; raises OSError when that fails."""
-        if self.live and self._sender is not None and self._sender.poll() is not None:
+        if self.is_streaming and self._sender is not None and self._sender.poll() is not None:
             self._leave_viewer(f"the viewer at {HOST}:{PORT} does not answer")
         began = monotonic()
         while True:
@@ -205,7 +202,7 @@ class RecordingFile:
         return free if limit == resource.RLIM_INFINITY else min(free, limit - self.part.stat().st_size)
 
     def _leave_viewer(self, reason: str) -> None:
-        self.live = False
+        self.is_streaming = False
         self.warn(f"{reason}: recording to the file only")
 
 

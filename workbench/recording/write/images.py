@@ -18,7 +18,7 @@ from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.utils.arrays import AnyArray, ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-OVERLAYS = ("particles", "estimate", "truth", "truth_marks", "keypoints")
+OVERLAYS = ("particles", "estimate", "truth", "annotations", "keypoints")
 _TAKEN_NAMES = ("estimate", "truth", "particles")
 # What is drawn over an image, from below upwards: (name, colour, half a line's width in the viewer's points).
 _LINES = (("particles", None, 0.4), ("estimate", styles.ESTIMATE, 1.75), ("truth", styles.TRUTH, 1.0))
@@ -94,14 +94,14 @@ def overlay(
     yield f"{shown.path}/image/{name}", Row(rr.LineStrips2D, {"strips": strips[seen], **colors})
 
 
-def truth_marks(shown: RecordedCamera, known: Truth | None, names: tuple[str, ...]) -> Entities:
+def annotations(shown: RecordedCamera, known: Truth | None, names: tuple[str, ...]) -> Entities:
     """Yield the annotated joints as points in the straightened image, dark where hidden; none where there are none."""
     places = np.full((len(names), 2), np.nan) if known is None or known.marks is None else known.marks
     visible = (
         np.ones(len(names), bool) if known is None or known.annotations_visible is None else known.annotations_visible
     )
     shades = np.where(visible[:, None], styles.TRUTH, styles.TRUTH_HIDDEN).astype(np.uint8)
-    yield _points(shown, "truth_marks", places, names, 2.5, shades[_known(places)], 40.0)
+    yield _points(shown, "annotations", places, names, 2.5, shades[_known(places)], 40.0)
 
 
 def keypoints(shown: RecordedCamera, given: FloatArray | None, names: tuple[str, ...]) -> Entities:

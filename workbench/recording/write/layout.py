@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from workbench.body.angles import FLEXIONS
 from workbench.recording.write import styles
 from workbench.recording.write.images import OVERLAYS, RecordedCamera
-from workbench.recording.write.outcome import RESIDUALS, STATE, VERDICT
+from workbench.recording.write.outcome import REPROJECTION_ERRORS, STATE, VERDICT
 from workbench.recording.write.posterior import DEGREES, PARAMETERS, PICTURE_SIZE, PICTURES, RANKS, Posterior
 from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION
 from workbench.recording.write.styles import title
@@ -20,12 +20,13 @@ from workbench.utils.arrays import FloatArray
 _MOST_ABREAST = 4
 """Cameras whose images are shown in one row; of more, one at a time."""
 KEY = {
-    "truth": "truth blue", "marks": "marks blue", "particles": "particles purple", "keypoints": "keypoints green",
+    "truth": "truth blue", "annotations": "annotations blue", "particles": "particles purple",
+    "keypoints": "keypoints green",
 }  # fmt: skip
 """What may be drawn with the estimate, and its name in titles; marks and keypoints in images only."""
 _LANES = {
-    "person": "held or lost", "do_not_trust": "what not to trust", "foot_left": "feet that stand",
-    "foot_right": "feet that stand",
+    "tracking": "tracked or lost", "large_expected_error": "large expected error", "foot_left": "stance",
+    "foot_right": "stance",
 }  # fmt: skip
 # Of a window of 1500 × 950, the smallest that is designed for: heights, and a legend's row and frame.
 HEIGHT, CURVES_HEIGHT, ROW, FRAME = 815.0, 170.0, 23.0, 14.0
@@ -57,7 +58,7 @@ class LayoutInput:
     activity: bool = False
     surface: bool = False
     warned: bool = False
-    constant: frozenset[str] = frozenset()
+    uninformative: frozenset[str] = frozenset()
     drawn: frozenset[str] = frozenset()
     lanes: Sequence[str] = ()
     sparse: frozenset[str] = frozenset()
@@ -143,16 +144,18 @@ def _numbers(shown: LayoutInput) -> list[tuple[float, _Part]]:
     """Return errors, certainty, the expected errors by joint group, and the posterior in tabs."""
     errors, rows = _errors(shown), list[tuple[float, _Part]]()
     name = f"effective sample size (of {shown.n_particles})"
-    ess = [] if "ess" in shown.constant else [_metric("ess", shown, (0.0, float(shown.n_particles)), name)]
+    ess = [] if "ess" in shown.uninformative else [_metric("ess", shown, (0.0, float(shown.n_particles)), name)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
     if certainty := [*ess, *_coverage(shown)]:
         rows.append((0.8, rrb.Horizontal(*certainty, name="certainty")))
-    if doubts := _doubts(shown.metrics):  # with a truth, its errors are drawn thin
-        groups = [f"{each} {colour}" for each, (colour, _) in styles.DOUBTS.items() if f"doubt_{each}_mm" in doubts]
-        thin = ", thin the true one" if any(each.startswith("missed_") for each in doubts) else ""
-        name = f"do not trust what is high: stated error (mm){thin}; {', '.join(groups)}"
-        rows.append((0.8, _metrics(name, doubts, shown, legend=False)))
+    if expected := _group_errors(shown.metrics):  # with a truth, its errors are drawn thin
+        groups = [
+            f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
+        ]
+        thin = ", thin the true one" if any(each.startswith("mpjpe_") for each in expected) else ""
+        name = f"expected error (mm){thin}; {', '.join(groups)}"
+        rows.append((0.8, _metrics(name, expected, shown, legend=False)))
     return [*rows, (2.0, rrb.Tabs(*_details(shown)))]
 
 
@@ -189,7 +192,7 @@ def _world(shown: LayoutInput) -> rrb.Spatial3DView:
     )  # fmt: skip
     overlays = [f"- {each.path}/image/{name}" for each in shown.cameras for name in OVERLAYS]
     contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * shown.surface]
-    flat = [KEY[name] for name in ("marks", "keypoints") if name in shown.drawn]
+    flat = [KEY[name] for name in ("annotations", "keypoints") if name in shown.drawn]
     also = f"; in the images {', '.join(flat)}" if flat and len(shown.cameras) > 1 else ""
     name = f"world: {shown.key('truth', 'particles')}{also}"
     return rrb.Spatial3DView(origin="/world", contents=contents, name=name, eye_controls=controls)
@@ -201,16 +204,16 @@ def _errors(shown: LayoutInput) -> list[rrb.View]:
     The heaviest particle is drawn once, and not where it is the expected pose.
     """
     views: list[rrb.View] = []
-    for first, names in (("error_abs_mm", _errors_mm(shown.metrics)), ("error_px", _errors_px(shown.metrics))):
+    for first, names in (("mpjpe_abs_mm", _errors_mm(shown.metrics)), ("mpjpe_px", _errors_px(shown.metrics))):
         drawn = [
             name for name in names
-            if name not in shown.constant
-            and (not name.endswith("_map") or not (shown.flexions or name == "error_rel_mm_map"))
+            if name not in shown.uninformative
+            and (not name.endswith("_max_weight") or not (shown.flexions or name == "mpjpe_mm_max_weight"))
         ]  # fmt: skip
         views += [_metrics(title(first), drawn, shown)] if drawn else []
-    if shown.residuals and "error_abs_mm" not in shown.metrics:
-        name, paths = "joints from each camera's keypoints (pixels)", [f"/{path}" for path in shown.residuals]
-        views.append(_plot(name, f"/{RESIDUALS}", paths, **_legend(shown.residuals, shown)))
+    if shown.residuals and "mpjpe_abs_mm" not in shown.metrics:
+        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in shown.residuals]
+        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(shown.residuals, shown)))
     return views
 
 
@@ -223,18 +226,28 @@ def _details(shown: LayoutInput) -> list[_Part]:
     bands = [
         _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
     ]
-    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"), _marginals(units)]
+    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
     coefficients = range(1, len(shown.posterior.coefficients) + 1)
     bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
     tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
-    if "log_score" in shown.metrics:
-        tabs.append(rrb.Horizontal(_bars("ranks of the truth (even: right, U: too sure)", f"/{RANKS}"), name="ranks"))
-    shares = styles.cue_shares(shown.metrics)
-    elsewhere = {"coverage_90", *_errors_mm(shown.metrics), *_errors_px(shown.metrics), *shares, *shown.constant}
-    elsewhere |= set() if shown.flexions else {"ess", *_doubts(shown.metrics)}
+    if "nll" in shown.metrics:
+        tabs.append(
+            rrb.Horizontal(
+                _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}"), name="ranks"
+            )
+        )
+    fractions = styles.variance_fractions(shown.metrics)
+    elsewhere = {
+        "coverage_90",
+        *_errors_mm(shown.metrics),
+        *_errors_px(shown.metrics),
+        *fractions,
+        *shown.uninformative,
+    }
+    elsewhere |= set() if shown.flexions else {"ess", *_group_errors(shown.metrics)}
     others = [_metric(name, shown) for name in shown.metrics if name not in elsewhere]
-    if shares:
-        others.insert(0, _metrics("shares of the cues in what tells particles apart", shares, shown))
+    if fractions:
+        others.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, shown))
     return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(shown.warned)]
 
 
@@ -293,7 +306,7 @@ def _bars(name: str, origin: str) -> rrb.BarChartView:
 
 def _dots(metrics: Sequence[str], shown: LayoutInput) -> dict[Any, rr.SeriesPoints]:
     """Return marks as the style of those of the metrics that few frames have; a threshold stays a line."""
-    sparse = [name for name in metrics if name in shown.sparse and name != "forearm_px"]
+    sparse = [name for name in metrics if name in shown.sparse and name != "forearm_width_px"]
     return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, shown.metrics)) for name in sparse}
 
 
@@ -310,15 +323,23 @@ def _legend(paths: Sequence[str], shown: LayoutInput) -> dict[str, Any]:
 
 
 def _errors_mm(metrics: Sequence[str]) -> list[str]:
-    return [name for name in metrics if name.startswith("error") and name.removesuffix("_map").endswith("_mm")]
+    """Return the errors of the whole body in space."""
+    return [name for name in _errors_of_body(metrics) if name.removesuffix("_max_weight").endswith("_mm")]
 
 
 def _errors_px(metrics: Sequence[str]) -> list[str]:
     """Return the errors in the image, and their threshold."""
-    errors = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
-    return [*errors, *(name for name in metrics if errors and name == "forearm_px")]
+    errors = [name for name in _errors_of_body(metrics) if "px" in name.split("_")]
+    return [*errors, *(name for name in metrics if errors and name == "forearm_width_px")]
 
 
-def _doubts(metrics: Sequence[str]) -> list[str]:
+def _errors_of_body(metrics: Sequence[str]) -> list[str]:
+    """Return the joint errors of the whole body, and errors of components' own."""
+    groups = set(_group_errors(metrics))
+    return [name for name in metrics if name.startswith(("mpjpe", "pa_mpjpe", "error")) and name not in groups]
+
+
+def _group_errors(metrics: Sequence[str]) -> list[str]:
     """Return the errors expected by the posterior, and the true ones, by joint group."""
-    return [name for name in metrics if name.startswith(("doubt_", "missed_"))]
+    names = {f"{kind}_{group}_mm" for group in styles.GROUPS for kind in ("expected_error", "mpjpe_abs")}
+    return [name for name in metrics if name in names]

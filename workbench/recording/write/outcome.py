@@ -5,16 +5,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from workbench.evaluation.evidence import RunMeasurements, stance
-from workbench.evaluation.verdict import FOREARM, Verdict
+from workbench.evaluation.run_measurements import RunMeasurements, stance
+from workbench.evaluation.verdict import FOREARM_OVER_HEIGHT, Verdict
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray
 
-VERDICT, STATE, RESIDUALS = "verdict", "state", "residual_px"
+VERDICT, STATE, REPROJECTION_ERRORS = "verdict", "state", "reprojection_error_px"
 _GREEN, _RED, _GREY, _BLUE = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190)
-_COLOURS = {"held": _GREEN, "trusted": _GREEN, "stands": _BLUE, "not known": _GREY}  # any other state is red
-_HIDDEN = ("swings", "no gait")
+_COLOURS = {"tracked": _GREEN, "none": _GREEN, "stance": _BLUE, "not known": _GREY}  # any other state is red
+_HIDDEN = ("swing", "no gait")
 _FOREARM = "forearm"
 
 
@@ -41,26 +41,28 @@ def log_lanes(stream: rr.RecordingStream, verdict: Verdict, measured: RunMeasure
 
 
 def _lanes(verdict: Verdict, measured: RunMeasurements) -> Mapping[str, Sequence[str]]:
-    doubts = [", ".join(groups) or "trusted" for groups in measured.doubted]
-    feet = measured.feet
+    uncertain = [", ".join(groups) or "none" for groups in measured.uncertain_groups]
+    feet = measured.pelvis_and_ankles
     stands = stance(feet[:, 0], feet[:, 1:], measured.times_s[: len(feet)])
-    words = np.where(np.isnan(stands), "no gait", np.where(stands == 1.0, "stands", "swings")).T.tolist()
+    words = np.where(np.isnan(stands), "no gait", np.where(stands == 1.0, "stance", "swing")).T.tolist()
     return {
-        "person": verdict.states,
-        "do_not_trust": doubts if set(doubts) != {"trusted"} else [],
+        "tracking": verdict.states,
+        "large_expected_error": uncertain if set(uncertain) != {"none"} else [],
         **(dict(zip(("foot_left", "foot_right"), words, strict=True)) if (stands == 1.0).any() else {}),
     }
 
 
 def residuals(measured: RunMeasurements) -> dict[str, FloatArray]:
     """Return by camera (F,), px, NaN where it has none, and a forearm's width in the image; {} where none is known."""
-    known = [v for v in range(len(measured.cameras)) if np.isfinite(measured.off_px[:, v]).any()]
+    known = [v for v in range(len(measured.cameras)) if np.isfinite(measured.keypoint_error_px[:, v]).any()]
     if not known:
         return {}
-    heights = np.where(measured.height_px > 0.0, measured.height_px, np.nan)[:, known]
+    heights = np.where(measured.person_height_px > 0.0, measured.person_height_px, np.nan)[:, known]
     counts = np.isfinite(heights).sum(axis=1)
     mean = np.where(counts > 0, np.nansum(heights, axis=1) / np.maximum(counts, 1), np.nan)
-    return {measured.cameras[v]: measured.off_px[:, v] for v in known} | {_FOREARM: FOREARM * mean}
+    return {measured.cameras[v]: measured.keypoint_error_px[:, v] for v in known} | {
+        _FOREARM: FOREARM_OVER_HEIGHT * mean
+    }
 
 
 def log_residuals(stream: rr.RecordingStream, measured: RunMeasurements) -> dict[str, tuple[float, float]]:
@@ -68,7 +70,7 @@ def log_residuals(stream: rr.RecordingStream, measured: RunMeasurements) -> dict
     spans of their values by entity path."""
     spans = {}
     for k, (name, values) in enumerate(residuals(measured).items()):
-        path, known = f"{RESIDUALS}/{name}", np.isfinite(values)
+        path, known = f"{REPROJECTION_ERRORS}/{name}", np.isfinite(values)
         if not known.any():
             continue
         style = styles.FOREARM if name == _FOREARM else (name, styles.SERIES[k % len(styles.SERIES)], 1.5)

@@ -29,7 +29,7 @@ from workbench.utils.errors import InputError
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
 
-    from workbench.evaluation.evidence import RunMeasurements
+    from workbench.evaluation.run_measurements import RunMeasurements
     from workbench.evaluation.verdict import Verdict
 
 FLUSH_EVERY = 3
@@ -54,13 +54,13 @@ class Recorder:
     Parameters
     ----------
     body, space : of the steps to come.
-    run_id, config_yaml, provenance, settings, live : see `RecordingFile`.
+    run_id, config_yaml, provenance, settings, stream : see `RecordingFile`.
     n_particles_shown : skeletons drawn per frame at most.
     marginal_bins : bins of a marginal.
     surface : record the expected pose's implicit surface as a mesh; a warning says where scikit-image is missing.
     checkpoints : store what the run needs to be continued, see `Checkpoints`.
     decode : gives the poses (N, P) of states (N, D); without it no checkpoints are stored.
-    constant : uninformative metrics, equal in all runs of such components: recorded, but not shown.
+    uninformative_metrics : equal in all runs of such components; recorded, but not shown.
 
     Raises
     ------
@@ -69,11 +69,11 @@ class Recorder:
 
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
-        provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
+        provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
         n_particles_shown: int = 50,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         checkpoints: bool = False,
-        decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
+        decode: Callable[[FloatArray], FloatArray] | None = None, uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
         chosen = (n_particles_shown, marginal_bins, jpeg_quality)
         for (name, (least, most)), value in zip(_RANGES.items(), chosen, strict=True):
@@ -89,12 +89,12 @@ class Recorder:
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
-        self._constant, self._measured = frozenset(constant), dict[str, list[float]]()
-        self._marks, self._with_keypoints = False, set[str]()
+        self._uninformative, self._measured = frozenset(uninformative_metrics), dict[str, list[float]]()
+        self._has_annotations, self._with_keypoints = False, set[str]()
         self._shown: layout.LayoutInput | None = None
         self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
-        self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
+        self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:
@@ -192,20 +192,20 @@ class Recorder:
         self._n_frames, self._n_waiting = self._n_frames + 1, self._n_waiting + 1
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
         # What was not in one when a run is killed is lost to a continuation from its checkpoints.
-        growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
+        growth = 1.1 if self._file.is_streaming else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % _PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
         self._file.write(self._columns, least_bytes=MOST_WAITING)
         together = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
-        if self._file.live or self._n_waiting >= max(FLUSH_EVERY, together):
+        if self._file.is_streaming or self._n_waiting >= max(FLUSH_EVERY, together):
             self._flush()
             self._file.check_space()
 
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
         """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and residuals
         from the keypoints; lay the page out again, without curves of a single frame and with few frames' as marks."""
-        self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})
-        self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.sentence), static=True)
+        self._file.send_property("verdict", {"kind": verdict.kind, "message": verdict.message})
+        self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.message), static=True)
         lanes = outcome.log_lanes(self._stream, verdict, measured)
         far = outcome.log_residuals(self._stream, measured)
         if self._shown is None or self._places:
@@ -218,7 +218,7 @@ class Recorder:
         self._shown = replace(
             self._shown, metrics=names, lanes=lanes, sparse=sparse, residuals=tuple(far),
             spans=spans if n_values["ess"] == self._n_frames else {},  # of earlier frames none is known
-            letters=len(verdict.sentence),
+            letters=len(verdict.message),
         )  # fmt: skip
         self._laid_out = False
         self._send_layout()
@@ -232,9 +232,9 @@ class Recorder:
         self._file.send_property("run", {"stopped": sentence})
         self._file.status = "stopped"
 
-    def set_departures(self, departures: Mapping[str, FloatArray]) -> None:
-        """Record how the person and the cameras differ from what the run was given, as the property `departures`."""
-        self._file.send_property("departures", departures)
+    def set_perturbations(self, perturbations: Mapping[str, FloatArray]) -> None:
+        """Record how the person and the cameras differ from the assumed ones, as the property `perturbations`."""
+        self._file.send_property("perturbations", perturbations)
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
         """Record the run's time and memory as the property `cost`, in which equal runs differ."""
@@ -266,9 +266,9 @@ class Recorder:
             self._places.append(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._marks |= bool(views) and known is not None and known.marks is not None
-        if views and self._marks:  # as the keypoints
-            self._file.send(images.truth_marks(self._camera(views[0].camera), known, figure.skeleton.names))
+        self._has_annotations |= bool(views) and known is not None and known.marks is not None
+        if views and self._has_annotations:  # as the keypoints
+            self._file.send(images.annotations(self._camera(views[0].camera), known, figure.skeleton.names))
 
     def _camera(self, camera: Camera) -> "images.RecordedCamera":
         if camera.name not in self._cameras:
@@ -292,7 +292,7 @@ class Recorder:
             activity=step.activity is not None,
             surface=self._surface is not None,
             warned=self._warned,
-            constant=self._constant,
+            uninformative=self._uninformative,
         )
         new = tuple(name for name in metrics if name not in before.metrics)
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
@@ -333,7 +333,7 @@ def _drawn(step: Step) -> frozenset[str]:
     known, views = step.frame.truth, step.frame.views
     shown = {
         "truth": known is not None and (known.joints is not None or known.pose is not None),
-        "marks": bool(views) and known is not None and known.marks is not None,
+        "annotations": bool(views) and known is not None and known.marks is not None,
         "particles": len(step.particles) > 1,
         "keypoints": any(view.keypoints is not None for view in views),
     }

@@ -28,42 +28,42 @@ PARTS = (
 )  # fmt: skip
 """Body parts of observed points, after Okabe & Ito and ColorBrewer's paired colours."""
 
-DOUBTS = {"head": ("green", SERIES[0]), "arms": ("red", SERIES[1]), "legs": ("blue", SERIES[2]),
+GROUPS = {"head": ("green", SERIES[0]), "arms": ("red", SERIES[1]), "legs": ("blue", SERIES[2]),
           "root": ("pink", SERIES[3])}  # fmt: skip
 """Groups of joints with a curve of their expected error: the colour's name, and the colour."""
 _ESTIMATE = ("expected pose", ESTIMATE, 2.5)
-_HEAVIEST = ("heaviest particle", HEAVIEST_PARTICLE, 1.0)
-FOREARM = ("lost above this, a forearm's width", MODEL, 1.5)
+_MAX_WEIGHT = ("particle of largest weight", HEAVIEST_PARTICLE, 1.0)
+FOREARM = ("threshold: a forearm's width", MODEL, 1.5)
 _CURVES = {
-    "error_abs_mm": _ESTIMATE,
-    "error_abs_mm_map": _HEAVIEST,
-    "error_rel_mm": ("pelvis on pelvis", SERIES[3], 1.0),
-    "error_offset_free_mm": ("without markers' offsets", MODEL, 1.0),
-    "error_procrustes_mm": ("best similarity (PA)", SERIES[0], 1.0),
-    "error_px": _ESTIMATE,
-    "error_px_map": _HEAVIEST,
-    "forearm_px": FOREARM,
-    **{f"doubt_{group}_mm": (group, colour, 2.5) for group, (_, colour) in DOUBTS.items()},
-    **{f"missed_{group}_mm": (f"{group}, in truth", colour, 0.7) for group, (_, colour) in DOUBTS.items()},
+    "mpjpe_abs_mm": _ESTIMATE,
+    "mpjpe_abs_mm_max_weight": _MAX_WEIGHT,
+    "mpjpe_mm": ("root-aligned", SERIES[3], 1.0),
+    "mpjpe_abs_marker_corrected_mm": ("marker offsets corrected", MODEL, 1.0),
+    "pa_mpjpe_mm": ("Procrustes-aligned", SERIES[0], 1.0),
+    "mpjpe_px": _ESTIMATE,
+    "mpjpe_px_max_weight": _MAX_WEIGHT,
+    "forearm_width_px": FOREARM,
+    **{f"expected_error_{group}_mm": (group, colour, 2.5) for group, (_, colour) in GROUPS.items()},
+    **{f"mpjpe_abs_{group}_mm": (f"{group}, true error", colour, 0.7) for group, (_, colour) in GROUPS.items()},
 }
 """Metrics that share a plot with others: (name in the legend, colour, width)."""
 _GUIDES = {"coverage_90": 0.9}
 """Reference values of metrics: a line in their plots."""
 _TITLES = {
-    "error_abs_mm": "distance from the true joints (mm)",
-    "error_rel_mm": "the same, pelvis moved onto pelvis (mm)",
-    "error_px": "distance in the image (pixels)",
+    "mpjpe_abs_mm": "absolute MPJPE (mm)",
+    "mpjpe_mm": "MPJPE, root-aligned (mm)",
+    "mpjpe_px": "2-D MPJPE (pixels)",
     "jump_deg": "largest change of a joint angle (degrees)",
-    "same_activity": "drawn of the same activity (1: all)",
-    "coverage_90": "truth inside the 5–95 % bands (0.9 is right)",
+    "same_activity": "samples from the initial activity (1: all)",
+    "coverage_90": "coverage of the 90 % credible intervals (0.9 if calibrated)",
     "crps_mm": "CRPS of the root's position (mm)",
     "crps_deg": "CRPS of the angles (degrees)",
-    "log_score": "−log p(true pose), mean over its numbers (nats)",
+    "nll": "NLL of the true pose, mean over parameters (nats)",
     "ess": "effective sample size",
     "log_evidence": "log evidence of all frames so far",
-    "knee_deg": "error of the knees' flexion (degrees)",
-    "hip_deg": "error of the hips' flexion (degrees)",
-    "activity_accuracy": "activity told right (1: yes)",
+    "knee_flexion_rmse_deg": "RMSE of the knee flexion (degrees)",
+    "hip_flexion_rmse_deg": "RMSE of the hip flexion (degrees)",
+    "activity_accuracy": "activity accuracy (1: correct)",
 }
 
 
@@ -86,7 +86,7 @@ def dots(label: str, colour: tuple[int, int, int], _width: float = 0.0) -> rr.Se
 
 def metric_style(name: str, metrics: Sequence[str]) -> tuple[str, tuple[int, int, int], float]:
     """Return label, colour and width of a metric's curve among all `metrics`."""
-    cues = dict(zip(cue_shares(metrics), cycle(SERIES)))
+    cues = dict(zip(variance_fractions(metrics), cycle(SERIES)))
     if name in cues:
         return title(name), cues[name], 2.0
     return _CURVES.get(name, (title(name), ESTIMATE, 2.0))
@@ -96,7 +96,7 @@ def metric_lines(metrics: Sequence[str]) -> Entities:
     """Yield the styles of the curves of metrics, to be logged static."""
     for name in metrics:
         yield f"metrics/{name}", line(*metric_style(name, metrics))
-        yield from ((path, line("what is right", MODEL, 1.5)) for path in guides([name]))
+        yield from ((path, line("calibrated", MODEL, 1.5)) for path in guides([name]))
 
 
 def guides(metrics: Iterable[str]) -> dict[str, float]:
@@ -104,6 +104,6 @@ def guides(metrics: Iterable[str]) -> dict[str, float]:
     return {f"guides/{name}": _GUIDES[name] for name in metrics if name in _GUIDES}
 
 
-def cue_shares(metrics: Iterable[str]) -> list[str]:
-    """Return those of the metrics that are shares of cues."""
-    return [name for name in metrics if name.startswith("share_")]
+def variance_fractions(metrics: Iterable[str]) -> list[str]:
+    """Return those of the metrics that are variance fractions of cues."""
+    return [name for name in metrics if name.startswith("variance_fraction_")]

@@ -39,8 +39,11 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Demand:
-    """What a comparison demands of every number: at least `agreement`; where that is TOLERANCE, by `tolerances`, which
-    are by metric or "figure NAME", and "figures" and "default" for all others."""
+    """The agreement that a comparison demands of every number.
+
+    tolerances: with the agreement TOLERANCE, by metric or "figure NAME", "study_metrics" for all other figures of
+    studies, and "default" for all other numbers.
+    """
 
     agreement: Agreement
     tolerances: Mapping[str, Tolerance]
@@ -49,7 +52,7 @@ class Demand:
         """Return the tolerance of a metric; None where the demand is stricter."""
         if self.agreement < Agreement.TOLERANCE:
             return None
-        names = (name, *["figures"] * name.startswith("figure "), "default")
+        names = (name, *["study_metrics"] * name.startswith("figure "), "default")
         return next((self.tolerances[each] for each in names if each in self.tolerances), Tolerance())
 
     def words(self, name: str) -> str:

@@ -14,7 +14,7 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
-_MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
+_MAIN = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
 """Numbers of which a check says by how much they may change unseen."""
 
 

@@ -18,7 +18,7 @@ LEVEL = 0.05
 POWER = 0.95
 ROUNDING = 1e-9
 """Part of a number by which it may differ through the order of sums or another library's last bits."""
-_DISTRIBUTIONS = ("error_abs_mm", "error_rel_mm", "error_px")
+_DISTRIBUTIONS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
 """Metrics whose values in single frames are compared as distributions, too."""
 
 

@@ -76,7 +76,7 @@ def _verdicts(grouping: Grouping) -> dict[str, pd.DataFrame]:
     for group, runs in grouping.runs.groupby("group")["run"]:
         verdicts = [each for run in runs if "kind" in (each := run.properties.get("verdict") or {})]
         for kind, n in Counter(str(each["kind"]) for each in verdicts).most_common():
-            example = next(str(each["sentence"]) for each in verdicts if each["kind"] == kind)
+            example = next(str(each["message"]) for each in verdicts if each["kind"] == kind)
             rows.append((grouping.labels["group"][group], kind, n, example))
     return {"verdicts": table_of(("group", "verdict", "runs", "such as"), rows)} if rows else {}
 

@@ -11,7 +11,7 @@ from workbench.recording.read.reader import Run
 from workbench.results.report.groups import Grouping
 from workbench.utils.arrays import FloatArray
 
-_METRICS = ["held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "ms_per_frame"]
+_METRICS = ["tracked", "mpjpe_px", "mpjpe_mm", "mpjpe_abs_mm", "coverage_90", "ms_per_frame"]
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
     "shown with": lambda settings: settings["protocol"].get("shown"),
@@ -31,7 +31,7 @@ def divided(grouping: Grouping) -> dict[str, pd.DataFrame]:
         rows = by.join(metrics, on="recording").groupby(["group", word])
         means = pd.concat([rows.size().rename("n"), rows[_METRICS].mean()], axis="columns").reset_index()
         tables[f"by {word}: means over runs"] = grouping.labelled(means)
-    title = f"stated doubt against true errors, and against those over {LARGE_MM:g} mm"
+    title = f"expected against true errors, and against those over {LARGE_MM:g} mm"
     return tables | {title: grouping.labelled(_trust(runs))}
 
 
@@ -44,13 +44,13 @@ def _trust(runs: pd.DataFrame) -> pd.DataFrame:
                 large = errors > LARGE_MM
                 judged = spearman(stated, errors), area_under_curve(stated, large)
                 rows.append((group, joints, len(errors), stated.mean(), errors.mean(), large.mean(), *judged))
-    header = ("group", "joints", "frames", "stated mm", "true mm", "large", "Spearman", "AUC")
+    header = ("group", "joints", "frames", "expected mm", "true mm", "large", "Spearman", "AUC")
     return pd.DataFrame(rows, columns=header)
 
 
 def _pooled(runs: Sequence[Run], joints: str) -> tuple[FloatArray, FloatArray]:
     """Return what all runs stated and missed (n,), mm, of a group of joints, in all frames but the given first ones."""
-    names = f"doubt_{joints}_mm", f"missed_{joints}_mm"
+    names = f"expected_error_{joints}_mm", f"mpjpe_abs_{joints}_mm"
     series = [[run.metric(name)[1][1:] for name in names] for run in runs if set(names) <= set(run.metric_names)]
     stated, missed = np.concatenate([np.zeros((2, 0)), *map(np.array, series)], axis=1)
     return stated, missed
