@@ -151,7 +151,7 @@ _PROPERTIES: dict[str, str] = {"departures": "perturbations"}
 """Properties of a recording that have another name today: old and new."""
 _PROPERTY_KEYS: dict[str, dict[str, str]] = {
     "provenance": {"given": "assumptions"},
-    "verdict": {"sentence": "message"},
+    "verdict": {"found": "findings", "sentence": "message"},
 }
 """Keys of properties that have another name today, by today's property: old and new."""
 _VERDICTS: dict[str, str] = {

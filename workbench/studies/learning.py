@@ -160,7 +160,7 @@ def _eigencurves(model: WalkingModel, name: str) -> Curves:
 def _shares(shares: FloatArray, variance: float, d: int) -> Curves:
     shown = shares[:SHARES_SHOWN]
     count = np.arange(1.0, len(shown) + 1.0)
-    curves = {"explained_variance": shown, f"{variance:g}": np.full(len(shown), variance)}
+    curves = {"explained": shown, f"{variance:g}": np.full(len(shown), variance)}
     marks = {"d =": float(d)} if d <= len(shown) else {}
     return Curves("model/explained variance", count, curves, "components", "part of the variance", marks=marks)
 

@@ -81,7 +81,9 @@ def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
     content: Any = parse_json(path, path.read_text(encoding="utf-8"))
     try:
         measured = content["tolerances"].get(run.path.stem, {})
-        return usual | {str(name): Tolerance(absolute=float(value)) for name, value in renamed_metrics(measured).items()}
+        return usual | {
+            str(name): Tolerance(absolute=float(value)) for name, value in renamed_metrics(measured).items()
+        }
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(f"{path}: expected numbers by recording and metric under 'tolerances'") from None
 
