@@ -200,8 +200,8 @@ def pieces(path, entity="/estimate/pose"):
 @pytest.mark.parametrize(("most", "sizes"), [(60, [3, 3, 5, 2]), (4, [3, 3, 4, 3])])  # after 11 frames five together
 def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, sizes):
     monkeypatch.setattr(module, "LONG", 6)
-    monkeypatch.setattr(module, "OF_LONG", 2)
-    monkeypatch.setattr(module, "MOST_TOGETHER", most)
+    monkeypatch.setattr(module, "FLUSH_FRACTION", 2)
+    monkeypatch.setattr(module, "MAX_FLUSH_EVERY", most)
     path = record(tmp_path / "run.rrd", run)
     assert [len(frames) for frames in pieces(path)] == sizes
     shown = [frame for frames in pieces(path) for frame in frames]
@@ -210,7 +210,7 @@ def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, s
 
 def test_large_images_do_not_wait_for_the_rest(run, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "FLUSH_EVERY", 5)
-    monkeypatch.setattr(module, "MOST_WAITING", 5000)
+    monkeypatch.setattr(module, "MAX_BUFFERED_BYTES", 5000)
     path = record(tmp_path / "run.rrd", run)
     shown = pieces(path, "/world/camera/image")
     assert shown == [[step.frame.index] for step in run]

@@ -71,7 +71,7 @@ def check(capsys, *arguments, suspicious=False):
     """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
     with pytest.MonkeyPatch.context() as patch:
         if not suspicious:
-            patch.setattr("workbench.recording.read.crash_probe.fatal", lambda paths, whole=False: set())
+            patch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths, whole=False: set())
         code = main(["check", *map(str, arguments)])
     printed = capsys.readouterr()
     return code, printed.out + printed.err

@@ -140,6 +140,7 @@ _SUFFIXES: dict[str, str] = {"_map": "_max_weight"}
 """Suffixes of metrics that have another name today: old and new."""
 _PATHS: dict[str, str] = {
     "checkpoint/told": "checkpoint/reported",
+    "evaluation/ranks/even": "evaluation/ranks/uniform",
     "residual_px": "reprojection_error_px",
     "state/do_not_trust": "state/large_expected_error",
     "state/person": "state/tracking",

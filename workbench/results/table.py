@@ -143,9 +143,12 @@ def _crashing(paths: Sequence[Path]) -> dict[Path, dict[str, Any]]:
     """Return the records of those recordings whose decoding crashes."""
     if not paths:
         return {}
-    from workbench.recording.read.crash_probe import damage, fatal  # here, as it loads Rerun
+    from workbench.recording.read.crash_probe import crash_message, crashing_recordings  # here, as it loads Rerun
 
-    return {path: _unreadable(path) | {"recording": str(path), "error": damage(path)} for path in fatal(paths)}
+    return {
+        path: _unreadable(path) | {"recording": str(path), "error": crash_message(path)}
+        for path in crashing_recordings(paths)
+    }
 
 
 def _unreadable(path: Path) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
         1: "n_particles=20, seed=1",
         2: "n_particles=30, seed=0",
         3: "n_particles=30, seed=1, failed",
-        None: "all runs: errors and how each came out",
+        None: "all runs: errors and outcomes",
     }
     assert len({application for application, _ in own}) == 4  # each with its own layout
     assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only

@@ -10,13 +10,13 @@ from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
 
 from workbench.recording.write import layout, styles
-from workbench.recording.write.images import picture
+from workbench.recording.write.images import recorded_camera
 from workbench.recording.write.posterior import RANKS
 
 
 def posterior_of(**units):
     """Stand in for a posterior with these parameters, each with a picture of its own."""
-    return SimpleNamespace(favourites=tuple(units), coefficients=(), unit=units.get)
+    return SimpleNamespace(shown=tuple(units), coefficients=(), unit=units.get)
 
 
 SHOWN = layout.LayoutInput(
@@ -65,16 +65,16 @@ def test_what_there_is_not_has_no_panel():
     assert not contents_of(replace(blind, uninformative=frozenset({"ess"})))
     assert {*laid_out(replace(blind, warned=True))} - {*laid_out(blind)} == {"warnings"}
     assert len(laid_out(replace(blind, lanes=("tracking", "large_expected_error")))) == len(laid_out(blind)) + 1
-    cameras = [picture(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
+    cameras = [recorded_camera(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
     assert {"a", "b", "c", "d"} <= set(laid_out(replace(SHOWN, cameras=cameras)))
     paths = ("reprojection_error_px/a", "reprojection_error_px/forearm")
     (view,) = [
         view
-        for view in laid_out(replace(blind, residuals=paths)).values()
+        for view in laid_out(replace(blind, reprojection_errors=paths)).values()
         if "/reprojection_error_px/a" in view.contents
     ]
     assert view.contents == [f"/{path}" for path in paths]
-    assert laid_out(replace(SHOWN, residuals=paths)).keys() == laid_out(SHOWN).keys()  # the truth says more
+    assert laid_out(replace(SHOWN, reprojection_errors=paths)).keys() == laid_out(SHOWN).keys()  # the truth says more
     known = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
     assert [f"/{RANKS}" in [v.origin for v in laid_out(each).values()] for each in (SHOWN, known)] == [False, True]
 

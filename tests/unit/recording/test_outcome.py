@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict import Finding, RunInputs, Verdict, verdict
 from workbench.recording.read.reader import read
-from workbench.recording.write.outcome import residuals
+from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder
 
 LOST = Verdict((), Finding("lost", "from frame 3"), ("tracked", "tracked", "tracked", "lost", "lost", "tracked"))
@@ -52,7 +52,7 @@ def test_residuals_are_curves_and_those_of_few_frames_marks(tmp_path, every, n, 
 
     run = [seen(k, step) for k, step in enumerate(steps(8, n_particles=5))]
     path, measured = recorded(tmp_path / "run.rrd", run)
-    found, entity = residuals(measured), f"/reprojection_error_px/{CAMERA.name}"
+    found, entity = reprojection_errors(measured), f"/reprojection_error_px/{CAMERA.name}"
     assert list(found) == [CAMERA.name, "forearm"]
     np.testing.assert_allclose(found[CAMERA.name][::every], 5.0)
     assert (found["forearm"][::every] > 5.0).all()

@@ -137,7 +137,7 @@ def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
     assert len(every) >= 5
     expected = np.histogram(every, bins=10, range=(0.0, 1.0))[0] / len(every)
     np.testing.assert_allclose(heights(path, f"/{RANKS}"), expected, rtol=1e-6)
-    assert heights(path, f"/{RANKS}/even") == pytest.approx(np.full(10, 0.1))
+    assert heights(path, f"/{RANKS}/uniform") == pytest.approx(np.full(10, 0.1))
     blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
     assert all(len(pose_ranks(step)) == 0 for step in blind)
     assert heights(record(tmp_path / "blind.rrd", blind), f"/{RANKS}") is None

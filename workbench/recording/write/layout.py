@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out for a person who opens it."""
+"""The viewer's layout of a recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,35 +17,36 @@ from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION
 from workbench.recording.write.styles import title
 from workbench.utils.arrays import FloatArray
 
-_MOST_ABREAST = 4
-"""Cameras whose images are shown in one row; of more, one at a time."""
+_MAX_IN_ROW = 4
+"""Cameras whose images are shown in one row; more are shown one at a time."""
 KEY = {
     "truth": "truth blue", "annotations": "annotations blue", "particles": "particles purple",
     "keypoints": "keypoints green",
 }  # fmt: skip
-"""What may be drawn with the estimate, and its name in titles; marks and keypoints in images only."""
+"""Overlays that may be drawn with the estimate, and their titles; annotations and keypoints in images only."""
 _LANES = {
     "tracking": "tracked or lost", "large_expected_error": "large expected error", "foot_left": "stance",
     "foot_right": "stance",
 }  # fmt: skip
-# Of a window of 1500 × 950, the smallest that is designed for: heights, and a legend's row and frame.
+# Heights in a window of 1500 × 950, the smallest supported one, and of a legend's row and frame.
 HEIGHT, CURVES_HEIGHT, ROW, FRAME = 815.0, 170.0, 23.0, 14.0
 _AXIS, _LANE = 54.0, 40.0
-_LETTERS = 190  # of the verdict in one line
+_LINE_CHARACTERS = 190  # of the verdict
 
 _Part = rrb.View | rrb.Container
 
 
 @dataclass(frozen=True, eq=False)
 class LayoutInput:
-    """What there is to show of a run.
+    """The contents of a recording that the layout shows.
 
-    person: (3,), where the person is first, m. towards: (2,), horizontally from the person to the viewpoint.
+    person: (3,), m, first position of the person. towards: (2,), m, horizontally from the person to the viewpoint.
     metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
-    activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. constant:
-    uninformative metrics. drawn: keys of KEY. Of a run that is over, lanes: those of states over time, such as whether
-    the person is held; sparse: metrics of less than half of the frames, shown as marks; spans: by path the least and
-    largest value of curves, above which legends find room; residuals: paths of these; letters: of the verdict.
+    activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. uninformative: metrics
+    equal in all runs of such components. drawn: keys of KEY.
+    Of a run that ended: lanes: of states over time; sparse: metrics of less than half of the frames, drawn as points;
+    spans: smallest and largest value of curves by path, which place legends above them; reprojection_errors: their
+    paths; n_characters: of the verdict.
     """
 
     cameras: Sequence[RecordedCamera]
@@ -63,32 +64,32 @@ class LayoutInput:
     lanes: Sequence[str] = ()
     sparse: frozenset[str] = frozenset()
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    residuals: Sequence[str] = ()
-    letters: int = 0
+    reprojection_errors: Sequence[str] = ()
+    n_characters: int = 0
 
     def key(self, *names: str) -> str:
-        """Return the colours of the estimate and of those of `names` that are drawn, in words."""
+        """Return the colours of the estimate and of the drawn overlays among `names`, in words."""
         return ", ".join(["estimate orange", *(KEY[name] for name in names if name in self.drawn)])
 
 
 def layout(shown: LayoutInput) -> rrb.Blueprint:
-    """Lay out where the person is, on the left; on the right how wrong the estimate is, how sure, and the posterior.
+    """Return the layout: images and world on the left; errors, uncertainty and posterior on the right.
 
-    A fit to points has flexion against the truth and the estimated activity before the errors.
+    A fit to points has flexion and the estimated activity before the errors.
     """
     left: list[tuple[float, _Part]] = [(1.0, _images(shown))] if shown.cameras else []
-    left.append((1.5 if shown.flexions else 1.0, _world(shown)))  # points are seen in the world only
+    left.append((1.5 if shown.flexions else 1.0, _world(shown)))  # points are drawn in the world only
     if shown.lanes:
         height, name = _AXIS + _LANE * len(shown.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in shown.lanes))
         lanes = rrb.StateTimelineView(origin=f"/{STATE}", name=f"states: {name}")
-        left.append((sum(share for share, _ in left) * height / (HEIGHT - height), lanes))
+        left.append((sum(fraction for fraction, _ in left) * height / (HEIGHT - height), lanes))
     content = rrb.Horizontal(_stack(*left), _stack(*(_fit(shown) if shown.flexions else _numbers(shown))))
-    lines = -(-shown.letters // _LETTERS)
+    lines = -(-shown.n_characters // _LINE_CHARACTERS)
     return page(_stack((1.0 + 0.3 * max(lines - 1, 0), _verdict()), (12.0, content)))
 
 
 def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
-    """Return a layout of nothing but the content and, below it, the time line."""
+    """Return a layout of the content with the timeline below it."""
     panel = rrb.TimePanel(timeline="frame", state="collapsed", fps=fps)
     return rrb.Blueprint(content, panel, auto_views=False, collapse_panels=True)
 
@@ -96,14 +97,14 @@ def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
 def trails_layout(
     places: FloatArray, dof_names: Sequence[str], metrics: Sequence[str], warned: bool = False
 ) -> rrb.Blueprint:
-    """Lay out a run without images: the verdict, the whole way from its right-hand side, and curves below.
+    """Return the layout of a run without images: the verdict, the person's path from its right side, and curves.
 
     Parameters
     ----------
     places : (F, J, 3), m, the joints so far.
-    dof_names : of the pose; of hips and knees there are curves, left and right in their hands' colours.
-    metrics : that have a curve each.
-    warned : whether there are warnings.
+    dof_names : of the pose; hips and knees have curves, left and right in the colours of the hands.
+    metrics : each has a plot.
+    warned : there are warnings.
     """
     plots = [_plot(title(name), f"/metrics/{name}") for name in metrics]
     for joint in ("hip", "knee"):
@@ -114,21 +115,21 @@ def trails_layout(
         }  # fmt: skip
         if curves:
             plots.append(_plot(f"flexion of the {joint}s (degrees)", f"/{DEGREES}", [*curves], overrides=curves))
-    lowest, highest = places.min(axis=(0, 1)), places.max(axis=(0, 1))
-    middle, reach = 0.5 * (lowest + highest), float(np.linalg.norm(highest - lowest))
-    way = places[-1, 0, :2] - places[0, 0, :2]
-    way = way / np.linalg.norm(way) if np.linalg.norm(way) > 0.1 else np.array([1.0, 0.0])
-    eye = middle + max(0.48 * reach, 2.2) * np.array([way[1], -way[0], 0.12])
-    name = "world: the whole way grey, left wrist orange, right wrist green, as the legs below"
-    controls = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0.0, 0.0, 1.0])
+    lower, upper = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+    center, diagonal = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
+    heading = places[-1, 0, :2] - places[0, 0, :2]
+    heading = heading / np.linalg.norm(heading) if np.linalg.norm(heading) > 0.1 else np.array([1.0, 0.0])
+    eye = center + max(0.48 * diagonal, 2.2) * np.array([heading[1], -heading[0], 0.12])
+    name = "world: path grey, left wrist orange, right wrist green, as the legs below"
+    controls = rrb.EyeControls3D(position=eye, look_target=center, eye_up=[0.0, 0.0, 1.0])
     world = rrb.Spatial3DView(origin="/world", name=name, eye_controls=controls)
     below = rrb.Tabs(rrb.Horizontal(*plots, name="curves"), *_texts(warned))
     return page(_stack((0.25, _verdict()), (2.2, world), (1.0, below)))
 
 
 def _stack(*parts: tuple[float, _Part]) -> rrb.Vertical:
-    """Lay out parts below one another, each with its share of the height."""
-    return rrb.Vertical(*(part for _, part in parts), row_shares=[share for share, _ in parts])
+    """Return a vertical layout of (fraction of the height, part)."""
+    return rrb.Vertical(*(part for _, part in parts), row_shares=[height for height, _ in parts])
 
 
 def _verdict() -> rrb.TextDocumentView:
@@ -141,14 +142,14 @@ def _texts(warned: bool) -> list[_Part]:
 
 
 def _numbers(shown: LayoutInput) -> list[tuple[float, _Part]]:
-    """Return errors, certainty, the expected errors by joint group, and the posterior in tabs."""
+    """Return errors, uncertainty, expected errors by joint group, and the posterior in tabs."""
     errors, rows = _errors(shown), list[tuple[float, _Part]]()
     name = f"effective sample size (of {shown.n_particles})"
     ess = [] if "ess" in shown.uninformative else [_metric("ess", shown, (0.0, float(shown.n_particles)), name)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
-    if certainty := [*ess, *_coverage(shown)]:
-        rows.append((0.8, rrb.Horizontal(*certainty, name="certainty")))
+    if uncertainty := [*ess, *_coverage(shown)]:
+        rows.append((0.8, rrb.Horizontal(*uncertainty, name="uncertainty")))
     if expected := _group_errors(shown.metrics):  # with a truth, its errors are drawn thin
         groups = [
             f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
@@ -160,7 +161,7 @@ def _numbers(shown: LayoutInput) -> list[tuple[float, _Part]]:
 
 
 def _fit(shown: LayoutInput) -> list[tuple[float, _Part]]:
-    """Return flexions, left and right side by side, the activity, and errors and posterior in tabs."""
+    """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
         _plot(f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}")
         for name in FLEXIONS if name in shown.flexions
@@ -174,18 +175,18 @@ def _fit(shown: LayoutInput) -> list[tuple[float, _Part]]:
 
 
 def _images(shown: LayoutInput) -> rrb.Container:
-    """Return the cameras' images; several have their names as titles, since there is no room for more."""
+    """Return the cameras' images; several have their names as short titles."""
     name, several = f"image: {shown.key(*KEY)}", len(shown.cameras) > 1
     images = [
         rrb.Spatial2DView(origin=f"{each.path}/image", name=each.camera.name if several else name)
         for each in shown.cameras
     ]
-    return rrb.Horizontal(*images) if len(images) <= _MOST_ABREAST else rrb.Tabs(*images)
+    return rrb.Horizontal(*images) if len(images) <= _MAX_IN_ROW else rrb.Tabs(*images)
 
 
 def _world(shown: LayoutInput) -> rrb.Spatial3DView:
-    """Return the person from three metres away, without what is drawn over the images; the eye follows the person."""
-    followed = "surface" if shown.surface else "body"  # where the surface is, the solid limbs are not
+    """Return a view of the person from three metres away, without overlays on images; the eye follows the person."""
+    followed = "surface" if shown.surface else "body"  # the surface replaces the solid limbs
     controls = rrb.EyeControls3D(
         position=[*(shown.person[:2] + shown.towards), shown.person[2] + 0.6], look_target=shown.person,
         eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{ESTIMATE}/{followed}",
@@ -199,9 +200,9 @@ def _world(shown: LayoutInput) -> rrb.Spatial3DView:
 
 
 def _errors(shown: LayoutInput) -> list[rrb.View]:
-    """Return distances from the true joints in the world, and in the image; without truth, from the keypoints.
+    """Return plots of joint errors in the world and in the image, or of reprojection errors without a ground truth.
 
-    The heaviest particle is drawn once, and not where it is the expected pose.
+    Errors of the particle of largest weight are drawn once, and not in a fit, where it equals the expected pose.
     """
     views: list[rrb.View] = []
     for first, names in (("mpjpe_abs_mm", _errors_mm(shown.metrics)), ("mpjpe_px", _errors_px(shown.metrics))):
@@ -211,9 +212,9 @@ def _errors(shown: LayoutInput) -> list[rrb.View]:
             and (not name.endswith("_max_weight") or not (shown.flexions or name == "mpjpe_mm_max_weight"))
         ]  # fmt: skip
         views += [_metrics(title(first), drawn, shown)] if drawn else []
-    if shown.residuals and "mpjpe_abs_mm" not in shown.metrics:
-        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in shown.residuals]
-        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(shown.residuals, shown)))
+    if shown.reprojection_errors and "mpjpe_abs_mm" not in shown.metrics:
+        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in shown.reprojection_errors]
+        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(shown.reprojection_errors, shown)))
     return views
 
 
@@ -222,11 +223,11 @@ def _coverage(shown: LayoutInput) -> list[rrb.View]:
 
 
 def _details(shown: LayoutInput) -> list[_Part]:
-    units = {name: shown.posterior.unit(name) for name in shown.posterior.favourites}
-    bands = [
+    units = {name: shown.posterior.unit(name) for name in shown.posterior.shown}
+    intervals = [
         _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
     ]
-    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
+    tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
     coefficients = range(1, len(shown.posterior.coefficients) + 1)
     bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
     tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
@@ -273,16 +274,16 @@ def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
 
 
 def _metrics(name: str, metrics: Sequence[str], shown: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
-    """Return several metrics in one plot; without a legend where the name explains them."""
+    """Return a plot of several metrics; legend: omitted where the name explains them."""
     paths = [f"metrics/{each}" for each in metrics]
-    found = _legend(paths, shown) if legend and len(metrics) > 1 else {}
-    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, shown), **found)
+    options = _legend(paths, shown) if legend and len(metrics) > 1 else {}
+    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, shown), **options)
 
 
 def _metric(
     metric: str, shown: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
 ) -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; span: of its axis."""
+    """Return a plot of one metric with its reference value; span: range of its axis."""
     axis = None if span is None else rrb.ScalarAxis(range=span)
     paths = [f"/metrics/{metric}", *[f"/{path}" for path in styles.guides([metric])]]
     return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], shown))
@@ -292,7 +293,7 @@ def _plot(
     name: str, origin: str, contents: Sequence[str] | str = "$origin/**", *, legend: rrb.PlotLegend | None = None,
     axis: rrb.ScalarAxis | None = None, overrides: Mapping[Any, Any] | None = None,
 ) -> rrb.TimeSeriesView:  # fmt: skip
-    """Return a plot of curves, without a legend unless one is given."""
+    """Return a plot of curves; legend: hidden by default."""
     return rrb.TimeSeriesView(
         origin=origin, contents=contents, name=name, plot_legend=legend or rrb.PlotLegend(visible=False), axis_y=axis,
         overrides=overrides,
@@ -300,25 +301,25 @@ def _plot(
 
 
 def _bars(name: str, origin: str) -> rrb.BarChartView:
-    """Return a bar chart; what it is compared to is drawn as thin bars before it."""
+    """Return a bar chart; its reference is drawn as thin bars in front of it."""
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _dots(metrics: Sequence[str], shown: LayoutInput) -> dict[Any, rr.SeriesPoints]:
-    """Return marks as the style of those of the metrics that few frames have; a threshold stays a line."""
+    """Return points as the style of sparse metrics; a threshold stays a line."""
     sparse = [name for name in metrics if name in shown.sparse and name != "forearm_width_px"]
     return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, shown.metrics)) for name in sparse}
 
 
 def _legend(paths: Sequence[str], shown: LayoutInput) -> dict[str, Any]:
-    """Return a legend, and an axis that leaves room for it above the curves once their spans are known."""
+    """Return a legend, and an axis with space for it above the curves once their ranges are known."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
     if not set(paths) <= shown.spans.keys():
         return {"legend": legend}
     low, high = min(shown.spans[path][0] for path in paths), max(shown.spans[path][1] for path in paths)
     spread = max(high - low, 1e-3 * max(abs(high), 1e-6))
-    room = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
-    span = (low - 0.05 * spread, high + 0.03 * spread + spread * room / (1.0 - room))
+    legend_height = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
+    span = (low - 0.05 * spread, high + 0.03 * spread + spread * legend_height / (1.0 - legend_height))
     return {"legend": legend, "axis": rrb.ScalarAxis(range=span)}
 
 
