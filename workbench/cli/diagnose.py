@@ -11,7 +11,7 @@ from typer import Argument, Option
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.recording.read.crash_probe import read_sound_run
-from workbench.results.diagnose import AFTER, BEFORE, lost_frames, sentence, table
+from workbench.results.diagnose import AFTER, BEFORE, conclusion, lost_frames, table
 from workbench.results.diagnose import diagnose as repeat_with_changes
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
@@ -51,6 +51,6 @@ def diagnose(
         print(f"{run.path}: lost in frame {each}; repeated in frames {stretch}", flush=True)
         with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
             outcomes, refused = repeat_with_changes(run, each, words, seeds, jobs, Path(folder, f"frame_{each}"))
-        print("\n".join([*(f"left out: {words}" for words in refused), table(outcomes), sentence(outcomes)]))
+        print("\n".join([*(f"left out: {words}" for words in refused), table(outcomes), conclusion(outcomes)]))
     if output is not None:
         print(f"repetitions: workbench view {output}")

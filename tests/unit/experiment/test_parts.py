@@ -14,6 +14,7 @@ from workbench.experiment.config import options as parts
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import runnable
+from workbench.recording.migrations import FORMAT
 from workbench.utils.errors import InputError
 
 MODULE = '''
@@ -161,7 +162,9 @@ def test_a_variable_and_an_entry_point_name_packages_too(package, monkeypatch):
 
 def run_of(*, target):
     """As much of a recording as is looked at before it is run again."""
-    return SimpleNamespace(path="some/x.rrd", settings={"parts": ["my_parts"], "prior": {"_target_": target}})
+    return SimpleNamespace(
+        path="some/x.rrd", format=FORMAT, settings={"parts": ["my_parts"], "prior": {"_target_": target}}
+    )
 
 
 def own():

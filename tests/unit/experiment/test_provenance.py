@@ -94,7 +94,7 @@ def data(tmp_path):
         {"threads": 2},
         {"paths__cache": "/elsewhere"},
         {"paths__data": "/nothing/there"},
-        {"recorder__live": True},
+        {"recorder__stream": True},
         {"check__default__absolute": 1.0},
     ],
 )

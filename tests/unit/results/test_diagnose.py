@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.results import diagnose
-from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, sentence
+from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, conclusion
 from workbench.utils.errors import InputError
 
 CUE = Change("without edges")
@@ -47,14 +47,14 @@ def test_only_what_applies_is_changed():
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
     alone = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
-    words = sentence([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
-    assert f"keeps the track in 5 of 5, another seed alone in {0 if whole else 4} of 5" in words
+    words = conclusion([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
+    assert f"with which 5 of 5 runs keep the track, with only another seed {0 if whole else 4} of 5" in words
     assert f"(p = {'0.004' if whole else '0.5'}" in words  # 1/C(10, 5), C(9, 4)/C(10, 5)
 
 
 @pytest.mark.parametrize("kept", [3, 5])
 def test_where_another_seed_does_as_well_there_is_no_cause(kept):
-    assert sentence([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
+    assert conclusion([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
 
 
 def test_without_a_verdict_a_track_is_judged_in_annotated_frames():

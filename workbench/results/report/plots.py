@@ -1,4 +1,4 @@
-"""The report's plots: every run as a dot, means, and 95 % intervals as bands."""
+"""Plots of a report: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -37,9 +37,9 @@ _Colour = tuple[float, float, float]
 
 
 class Series(NamedTuple):
-    """Groups with a metric that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
+    """Groups that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
 
-    label: what the groups have in common. groups: by rising number of particles.
+    label: common settings of the groups. groups: by increasing number of particles.
     """
 
     label: str
@@ -47,13 +47,13 @@ class Series(NamedTuple):
     colour: _Colour
 
     def shade(self, group: int) -> _Colour:
-        """Return the group's own colour: the series' for most particles, lighter for fewer."""
+        """Return the group's colour: the series' for most particles, lighter for fewer."""
         behind = len(self.groups) - 1 - self.groups.index(group)
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
 
 
 class _Shown(NamedTuple):
-    """What the plots show. errors: see `_errors`, of this metric. more: a sentence on series that are not shown."""
+    """Data of the plots. errors: see `_errors`, of the metric. more: a sentence on series that are not shown."""
 
     grouping: Grouping
     metric: str
@@ -63,7 +63,7 @@ class _Shown(NamedTuple):
 
 
 def plots_of(grouping: Grouping) -> list[Plot]:
-    """Draw the plots that these groups allow: none of studies, which track nobody."""
+    """Return the plots of the groups; [] for studies, which track no person."""
     if (metric := grouping.headline) is None:
         return []
     series, n_left_out = all_series(grouping, metric)
@@ -76,7 +76,8 @@ def plots_of(grouping: Grouping) -> list[Plot]:
 
 
 def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
-    """Return the series with the least `metric`, one for each colour, in the groups' order; and how many more exist."""
+    """Return the series with the smallest `metric`, one for each colour, in the groups' order; and the number of
+    others."""
     keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
     errors = _errors(grouping, metric).sort_values("particles", kind="stable", na_position="first")
     members: dict[str, list[int]] = {}
@@ -91,9 +92,9 @@ def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
 
 
 def joint_errors(run: Run) -> Mapping[str, float]:
-    """Return every joint's mean distance from its true place, mm, over the frames after the first that have truth.
+    """Return every joint's mean error, mm, over the frames with truth after the first, whose pose is given.
 
-    Empty for studies and without truth. The first frame is given, not tracked.
+    {} for studies and without truth.
     """
     if run.is_study:
         return {}
@@ -168,10 +169,12 @@ def _coverage(shown: _Shown) -> Plot | None:
     rows = [(line, group) for line in shown.series for group in line.groups if group in covered]
     if not rows:
         return None
-    figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
+    figure, axes = _canvas(
+        "Coverage of the 90 % credible interval", "fraction of true values within the interval", "", len(rows)
+    )
     axes.axvline(0.9, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.annotate(
-        "as it should be", (0.9, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        "calibrated", (0.9, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
@@ -182,8 +185,8 @@ def _coverage(shown: _Shown) -> Plot | None:
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
-        "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
-        "should be. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
+        "Fraction of true values within the posterior's 90 % credible interval: left of the line the tracker is "
+        "overconfident. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
         f"single runs where there is one person.{shown.more}"
     )
     return _plot("coverage", caption, figure)
@@ -200,7 +203,7 @@ def _per_joint(shown: _Shown) -> Plot | None:
     names = list(dict.fromkeys(name for group in measured for run in group for name in run))
     if not names:
         return None
-    figure, axes = _canvas("Error of each joint", "mean distance from the true joint (mm)", "", 1.3 * len(names))
+    figure, axes = _canvas("Error of each joint", "mean joint error (mm)", "", 1.3 * len(names))
     for y in range(0, len(names), 2):
         axes.axhspan(y - 0.5, y + 0.5, color="#F6F6F6", linewidth=0.0, zorder=0)
     for k, ((line, group), distances) in enumerate(zip(rows, measured, strict=True)):
@@ -217,12 +220,12 @@ def _per_joint(shown: _Shown) -> Plot | None:
     axes.set_xlim(left=0.0)
     caption = "Dots are means over frames and runs, bands the 95 % intervals over runs; the best group is on top."
     if len(every) > len(rows):
-        caption += f" The {len(every) - len(rows)} groups with larger errors are left out."
+        caption += f" The {len(every) - len(rows)} groups with larger errors are omitted."
     return _plot("error_per_joint", caption, figure)
 
 
 def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -> tuple[Figure, Axes]:
-    """Return empty axes: 7 × 4.2 inches, or as high as n_rows of text need."""
+    """Return empty axes: 7 × 4.2 inches, or the height of n_rows of text."""
     figure = Figure(figsize=(7.0, 4.2 if n_rows is None else 1.2 + 0.32 * n_rows), dpi=150)
     axes = figure.add_subplot()
     axes.set_title(title, pad=None if n_rows is None else 22.0)
@@ -233,13 +236,13 @@ def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -
 
 
 def _lines(shown: _Shown, x: str) -> list[tuple[Series, pd.DataFrame]]:
-    """Return each series with the rows of its groups that have a value of column x."""
+    """Return each series with the rows of its groups with a value in column x."""
     lines = [(line, shown.errors.loc[line.groups].dropna(subset=[x])) for line in shown.series]
     return [(line, rows) for line, rows in lines if not rows.empty]
 
 
 def _finish(axes: Axes, lines: Sequence[tuple[Series, pd.DataFrame]], x: str) -> None:
-    """Label the lines' ends, and begin the error's axis at zero, or make it logarithmic where means differ much."""
+    """Label the lines' ends, and start the error's axis at zero, or make it logarithmic for a wide range of means."""
     means = pd.concat([rows["mean"] for _, rows in lines])
     if means.min() > 0.0 and means.max() > _LOGARITHMIC_FROM * means.min():
         axes.set_yscale("log")
@@ -251,20 +254,20 @@ def _finish(axes: Axes, lines: Sequence[tuple[Series, pd.DataFrame]], x: str) ->
 
 
 def _round_ticks(axis: Axis) -> None:
-    """Put numbers at 1, 2, 5, 10, … of a logarithmic axis."""
+    """Set ticks at 1, 2, 5, 10, … of a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: _Colour, width: float) -> None:
-    """Draw mean and interval of a sample on a line of its own."""
+    """Draw mean and interval of a sample in a row."""
     axes.plot(interval(sample), [y, y], color=colour, linewidth=width, **_BAND)
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
 
 
 def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
-    """Return the statistics of a metric, indexed by group, with the groups' number of particles and mean seconds."""
+    """Return the statistics of a metric by group, with the groups' number of particles and mean seconds."""
     by_metric = {name: rows.set_index("group") for name, rows in grouping.statistics.groupby("metric")}
     errors = by_metric[metric]
     particles = [grouping.settings[group].get(_N_PARTICLES) for group in errors.index]
@@ -272,9 +275,9 @@ def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
     return errors.assign(particles=pd.to_numeric(pd.Series(particles, errors.index), errors="coerce"), seconds=seconds)
 
 
-def _mixed(colour: _Colour, other: float, part: float) -> _Colour:
-    """Return a colour with a part of white (other = 1) or black (0)."""
-    red, green, blue = (value + part * (other - value) for value in colour)
+def _mixed(colour: _Colour, other: float, fraction: float) -> _Colour:
+    """Return a colour mixed with a fraction of white (other = 1) or black (0)."""
+    red, green, blue = (value + fraction * (other - value) for value in colour)
     return red, green, blue
 
 

@@ -196,7 +196,7 @@ class TestAlways:
     def test_a_run_that_is_not_complete_fails(self, made, tracked, environment):
         whole = made(environment=environment)
         cut = replace(whole, properties={**whole.properties, "run": {**whole.properties["run"], "status": "running"}})
-        for was, now, which in ((whole, cut, "the new run"), (cut, whole, "what was recorded")):
+        for was, now, which in ((whole, cut, "the new run"), (cut, whole, "the old run")):
             assert failed(was, now)["run"].detail == f"{which} is not complete (status: running)"
 
 
