@@ -28,9 +28,11 @@ def triangulate_views(views: Sequence[View]) -> tuple[dict[tuple[str, str], floa
     point, in heights of the person in the image. Keypoints of weight 0 are ignored. A joint that fewer than two views
     have is NaN.
     """
-    seen = {view.camera.name: (view.camera, keypoint_pixels(view)) for view in views if view.keypoints is not None}
+    observations = {
+        view.camera.name: (view.camera, keypoint_pixels(view)) for view in views if view.keypoints is not None
+    }
     separation = {}
-    for (first, a), (second, b) in combinations(seen.items(), 2):
+    for (first, a), (second, b) in combinations(observations.items(), 2):
         points, heights = triangulate_rays([a, b]), (height_px(a[1]), height_px(b[1]))
         if np.isfinite(points[:, 0]).any() and min(heights) > 0.0:
             residuals = [
@@ -40,18 +42,18 @@ def triangulate_views(views: Sequence[View]) -> tuple[dict[tuple[str, str], floa
             valid = np.isfinite(points[:, 0])
             # a point behind a camera counts as one height of the person
             separation[first, second] = float(np.median(np.nan_to_num(np.mean(residuals, axis=0)[valid], nan=1.0)))
-    return separation, triangulate_rays(list(seen.values()))
+    return separation, triangulate_rays(list(observations.values()))
 
 
-def triangulate_rays(seen: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
+def triangulate_rays(observations: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
     """Return the points (J, 3), m, nearest in the mean square to the cameras' rays through pixels (J, 2).
 
     NaN where fewer than two cameras have a pixel that is not NaN, and where their rays are parallel.
     """
-    if not seen:
+    if not observations:
         return np.full((len(JOINT_NAMES), 3), np.nan)
-    rays = np.stack([camera.directions(camera.undistorted(pixels)) for camera, pixels in seen])
-    return nearest_points(rays, np.stack([camera.position for camera, _ in seen]))
+    rays = np.stack([camera.directions(camera.undistorted(pixels)) for camera, pixels in observations])
+    return nearest_points(rays, np.stack([camera.position for camera, _ in observations]))
 
 
 def height_px(pixels: FloatArray) -> float:

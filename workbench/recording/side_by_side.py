@@ -92,11 +92,11 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
 
 def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
     """Return a Markdown table of the runs' verdicts and headline metrics."""
-    shown = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
-    rows = [["run", "colour", "verdict", *shown.values()], ["---"] * (3 + len(shown))]
+    titles = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
+    rows = [["run", "colour", "verdict", *titles.values()], ["---"] * (3 + len(titles))]
     for run, name, word in zip(runs, names, words, strict=True):
         verdict = run.properties.get("verdict", {}).get("message", run.status)
-        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in shown]
+        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in titles]
         rows.append([name, word, str(verdict), *numbers])
     return "\n".join(f"| {' | '.join(each.replace('|', '/') for each in row)} |" for row in rows)
 

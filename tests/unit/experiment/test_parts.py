@@ -161,7 +161,7 @@ def test_a_variable_and_an_entry_point_name_packages_too(package, monkeypatch):
 
 
 def run_of(*, target):
-    """As much of a recording as is looked at before it is run again."""
+    """The part of a recording that is checked before it is run again."""
     return SimpleNamespace(
         path="some/x.rrd", format=FORMAT, settings={"parts": ["my_parts"], "prior": {"_target_": target}}
     )

@@ -16,7 +16,7 @@ from workbench.recording.write.posterior import RANKS
 
 def posterior_of(**units):
     """Stand in for a posterior with these parameters, each with a picture of its own."""
-    return SimpleNamespace(shown=tuple(units), coefficients=(), unit=units.get)
+    return SimpleNamespace(shown_parameters=tuple(units), coefficients=(), unit=units.get)
 
 
 SHOWN = layout.LayoutInput(

@@ -72,19 +72,19 @@ class LayoutInput:
         return ", ".join(["estimate orange", *(KEY[name] for name in names if name in self.drawn)])
 
 
-def layout(shown: LayoutInput) -> rrb.Blueprint:
+def layout(data: LayoutInput) -> rrb.Blueprint:
     """Return the layout: images and world on the left; errors, uncertainty and posterior on the right.
 
     A fit to points has flexion and the estimated activity before the errors.
     """
-    left: list[tuple[float, _Part]] = [(1.0, _images(shown))] if shown.cameras else []
-    left.append((1.5 if shown.flexions else 1.0, _world(shown)))  # points are drawn in the world only
-    if shown.lanes:
-        height, name = _AXIS + _LANE * len(shown.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in shown.lanes))
+    left: list[tuple[float, _Part]] = [(1.0, _images(data))] if data.cameras else []
+    left.append((1.5 if data.flexions else 1.0, _world(data)))  # points are drawn in the world only
+    if data.lanes:
+        height, name = _AXIS + _LANE * len(data.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in data.lanes))
         lanes = rrb.StateTimelineView(origin=f"/{STATE}", name=f"states: {name}")
         left.append((sum(fraction for fraction, _ in left) * height / (HEIGHT - height), lanes))
-    content = rrb.Horizontal(_stack(*left), _stack(*(_fit(shown) if shown.flexions else _numbers(shown))))
-    lines = -(-shown.n_characters // _LINE_CHARACTERS)
+    content = rrb.Horizontal(_stack(*left), _stack(*(_fit(data) if data.flexions else _numbers(data))))
+    lines = -(-data.n_characters // _LINE_CHARACTERS)
     return page(_stack((1.0 + 0.3 * max(lines - 1, 0), _verdict()), (12.0, content)))
 
 
@@ -141,115 +141,115 @@ def _texts(warned: bool) -> list[_Part]:
     return [*[rrb.TextLogView(origin="/log", name="warnings")] * warned, config]
 
 
-def _numbers(shown: LayoutInput) -> list[tuple[float, _Part]]:
+def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return errors, uncertainty, expected errors by joint group, and the posterior in tabs."""
-    errors, rows = _errors(shown), list[tuple[float, _Part]]()
-    name = f"effective sample size (of {shown.n_particles})"
-    ess = [] if "ess" in shown.uninformative else [_metric("ess", shown, (0.0, float(shown.n_particles)), name)]
+    errors, rows = _errors(data), list[tuple[float, _Part]]()
+    name = f"effective sample size (of {data.n_particles})"
+    ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, float(data.n_particles)), name)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
-    if uncertainty := [*ess, *_coverage(shown)]:
+    if uncertainty := [*ess, *_coverage(data)]:
         rows.append((0.8, rrb.Horizontal(*uncertainty, name="uncertainty")))
-    if expected := _group_errors(shown.metrics):  # with a truth, its errors are drawn thin
+    if expected := _group_errors(data.metrics):  # with a truth, its errors are drawn thin
         groups = [
             f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
         ]
         thin = ", thin the true one" if any(each.startswith("mpjpe_") for each in expected) else ""
         name = f"expected error (mm){thin}; {', '.join(groups)}"
-        rows.append((0.8, _metrics(name, expected, shown, legend=False)))
-    return [*rows, (2.0, rrb.Tabs(*_details(shown)))]
+        rows.append((0.8, _metrics(name, expected, data, legend=False)))
+    return [*rows, (2.0, rrb.Tabs(*_details(data)))]
 
 
-def _fit(shown: LayoutInput) -> list[tuple[float, _Part]]:
+def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
         _plot(f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}")
-        for name in FLEXIONS if name in shown.flexions
+        for name in FLEXIONS if name in data.flexions
     ]  # fmt: skip
     rows: list[tuple[float, _Part]] = [(2.4, rrb.Grid(*plots, grid_columns=2, name="flexion"))]
-    if shown.activity:
+    if data.activity:
         rows.append((0.8, rrb.StateTimelineView(origin=f"/{ACTIVITY}", name="activity")))
-    views = [*_errors(shown), *_coverage(shown)]
+    views = [*_errors(data), *_coverage(data)]
     pairs = [rrb.Horizontal(*views[k : k + 2], name="coverage" if k else "errors") for k in (0, 2) if views[k:]]
-    return [*rows, (1.4, rrb.Tabs(*pairs, *_details(shown)))]  # of three in a row the titles would be cut
+    return [*rows, (1.4, rrb.Tabs(*pairs, *_details(data)))]  # of three in a row the titles would be cut
 
 
-def _images(shown: LayoutInput) -> rrb.Container:
+def _images(data: LayoutInput) -> rrb.Container:
     """Return the cameras' images; several have their names as short titles."""
-    name, several = f"image: {shown.key(*KEY)}", len(shown.cameras) > 1
+    name, several = f"image: {data.key(*KEY)}", len(data.cameras) > 1
     images = [
         rrb.Spatial2DView(origin=f"{each.path}/image", name=each.camera.name if several else name)
-        for each in shown.cameras
+        for each in data.cameras
     ]
     return rrb.Horizontal(*images) if len(images) <= _MAX_IN_ROW else rrb.Tabs(*images)
 
 
-def _world(shown: LayoutInput) -> rrb.Spatial3DView:
+def _world(data: LayoutInput) -> rrb.Spatial3DView:
     """Return a view of the person from three metres away, without overlays on images; the eye follows the person."""
-    followed = "surface" if shown.surface else "body"  # the surface replaces the solid limbs
+    followed = "surface" if data.surface else "body"  # the surface replaces the solid limbs
     controls = rrb.EyeControls3D(
-        position=[*(shown.person[:2] + shown.towards), shown.person[2] + 0.6], look_target=shown.person,
+        position=[*(data.person[:2] + data.towards), data.person[2] + 0.6], look_target=data.person,
         eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{ESTIMATE}/{followed}",
     )  # fmt: skip
-    overlays = [f"- {each.path}/image/{name}" for each in shown.cameras for name in OVERLAYS]
-    contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * shown.surface]
-    flat = [KEY[name] for name in ("annotations", "keypoints") if name in shown.drawn]
-    also = f"; in the images {', '.join(flat)}" if flat and len(shown.cameras) > 1 else ""
-    name = f"world: {shown.key('truth', 'particles')}{also}"
+    overlays = [f"- {each.path}/image/{name}" for each in data.cameras for name in OVERLAYS]
+    contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * data.surface]
+    flat = [KEY[name] for name in ("annotations", "keypoints") if name in data.drawn]
+    also = f"; in the images {', '.join(flat)}" if flat and len(data.cameras) > 1 else ""
+    name = f"world: {data.key('truth', 'particles')}{also}"
     return rrb.Spatial3DView(origin="/world", contents=contents, name=name, eye_controls=controls)
 
 
-def _errors(shown: LayoutInput) -> list[rrb.View]:
+def _errors(data: LayoutInput) -> list[rrb.View]:
     """Return plots of joint errors in the world and in the image, or of reprojection errors without a ground truth.
 
     Errors of the particle of largest weight are drawn once, and not in a fit, where it equals the expected pose.
     """
     views: list[rrb.View] = []
-    for first, names in (("mpjpe_abs_mm", _errors_mm(shown.metrics)), ("mpjpe_px", _errors_px(shown.metrics))):
+    for first, names in (("mpjpe_abs_mm", _errors_mm(data.metrics)), ("mpjpe_px", _errors_px(data.metrics))):
         drawn = [
             name for name in names
-            if name not in shown.uninformative
-            and (not name.endswith("_max_weight") or not (shown.flexions or name == "mpjpe_mm_max_weight"))
+            if name not in data.uninformative
+            and (not name.endswith("_max_weight") or not (data.flexions or name == "mpjpe_mm_max_weight"))
         ]  # fmt: skip
-        views += [_metrics(title(first), drawn, shown)] if drawn else []
-    if shown.reprojection_errors and "mpjpe_abs_mm" not in shown.metrics:
-        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in shown.reprojection_errors]
-        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(shown.reprojection_errors, shown)))
+        views += [_metrics(title(first), drawn, data)] if drawn else []
+    if data.reprojection_errors and "mpjpe_abs_mm" not in data.metrics:
+        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in data.reprojection_errors]
+        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(data.reprojection_errors, data)))
     return views
 
 
-def _coverage(shown: LayoutInput) -> list[rrb.View]:
-    return [_metric("coverage_90", shown, (0.0, 1.0))] if "coverage_90" in shown.metrics else []
+def _coverage(data: LayoutInput) -> list[rrb.View]:
+    return [_metric("coverage_90", data, (0.0, 1.0))] if "coverage_90" in data.metrics else []
 
 
-def _details(shown: LayoutInput) -> list[_Part]:
-    units = {name: shown.posterior.unit(name) for name in shown.posterior.shown}
+def _details(data: LayoutInput) -> list[_Part]:
+    units = {name: data.posterior.unit(name) for name in data.posterior.shown_parameters}
     intervals = [
         _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
     ]
     tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
-    coefficients = range(1, len(shown.posterior.coefficients) + 1)
+    coefficients = range(1, len(data.posterior.coefficients) + 1)
     bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
     tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
-    if "nll" in shown.metrics:
+    if "nll" in data.metrics:
         tabs.append(
             rrb.Horizontal(
                 _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}"), name="ranks"
             )
         )
-    fractions = styles.variance_fractions(shown.metrics)
+    fractions = styles.variance_fractions(data.metrics)
     elsewhere = {
         "coverage_90",
-        *_errors_mm(shown.metrics),
-        *_errors_px(shown.metrics),
+        *_errors_mm(data.metrics),
+        *_errors_px(data.metrics),
         *fractions,
-        *shown.uninformative,
+        *data.uninformative,
     }
-    elsewhere |= set() if shown.flexions else {"ess", *_group_errors(shown.metrics)}
-    others = [_metric(name, shown) for name in shown.metrics if name not in elsewhere]
+    elsewhere |= set() if data.flexions else {"ess", *_group_errors(data.metrics)}
+    others = [_metric(name, data) for name in data.metrics if name not in elsewhere]
     if fractions:
-        others.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, shown))
-    return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(shown.warned)]
+        others.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, data))
+    return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(data.warned)]
 
 
 def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
@@ -273,20 +273,20 @@ def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
     return rrb.Tabs(rrb.Grid(*pictures, grid_columns=2, name="brightness"), tensor, axes, name="log posterior")
 
 
-def _metrics(name: str, metrics: Sequence[str], shown: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
+def _metrics(name: str, metrics: Sequence[str], data: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
     """Return a plot of several metrics; legend: omitted where the name explains them."""
     paths = [f"metrics/{each}" for each in metrics]
-    options = _legend(paths, shown) if legend and len(metrics) > 1 else {}
-    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, shown), **options)
+    options = _legend(paths, data) if legend and len(metrics) > 1 else {}
+    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **options)
 
 
 def _metric(
-    metric: str, shown: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
+    metric: str, data: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
 ) -> rrb.TimeSeriesView:
     """Return a plot of one metric with its reference value; span: range of its axis."""
     axis = None if span is None else rrb.ScalarAxis(range=span)
     paths = [f"/metrics/{metric}", *[f"/{path}" for path in styles.guides([metric])]]
-    return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], shown))
+    return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], data))
 
 
 def _plot(
@@ -305,18 +305,18 @@ def _bars(name: str, origin: str) -> rrb.BarChartView:
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
-def _dots(metrics: Sequence[str], shown: LayoutInput) -> dict[Any, rr.SeriesPoints]:
+def _dots(metrics: Sequence[str], data: LayoutInput) -> dict[Any, rr.SeriesPoints]:
     """Return points as the style of sparse metrics; a threshold stays a line."""
-    sparse = [name for name in metrics if name in shown.sparse and name != "forearm_width_px"]
-    return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, shown.metrics)) for name in sparse}
+    sparse = [name for name in metrics if name in data.sparse and name != "forearm_width_px"]
+    return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, data.metrics)) for name in sparse}
 
 
-def _legend(paths: Sequence[str], shown: LayoutInput) -> dict[str, Any]:
+def _legend(paths: Sequence[str], data: LayoutInput) -> dict[str, Any]:
     """Return a legend, and an axis with space for it above the curves once their ranges are known."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    if not set(paths) <= shown.spans.keys():
+    if not set(paths) <= data.spans.keys():
         return {"legend": legend}
-    low, high = min(shown.spans[path][0] for path in paths), max(shown.spans[path][1] for path in paths)
+    low, high = min(data.spans[path][0] for path in paths), max(data.spans[path][1] for path in paths)
     spread = max(high - low, 1e-3 * max(abs(high), 1e-6))
     legend_height = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
     span = (low - 0.05 * spread, high + 0.03 * spread + spread * legend_height / (1.0 - legend_height))

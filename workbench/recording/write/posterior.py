@@ -67,15 +67,15 @@ class Posterior:
         self._interval_paths = [_interval(name, row) for row in ("mean", "low", "high") for name in self.names]
 
     @property
-    def shown(self) -> tuple[str, ...]:
+    def shown_parameters(self) -> tuple[str, ...]:
         """Up to four parameters with a picture each, among those in which the first particles differ.
 
         Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
         """
-        shown = [name for name in _SHOWN_ANGLES if name in self._varying]
-        if len(shown) < _MAX_SHOWN:
-            shown = [name for name in self._skeleton.dof_names if name in self._varying]
-        return tuple(shown or self._varying)[:_MAX_SHOWN]
+        names = [name for name in _SHOWN_ANGLES if name in self._varying]
+        if len(names) < _MAX_SHOWN:
+            names = [name for name in self._skeleton.dof_names if name in self._varying]
+        return tuple(names or self._varying)[:_MAX_SHOWN]
 
     def unit(self, name: str) -> str:
         """Return a parameter's unit."""
@@ -104,8 +104,8 @@ class Posterior:
             pose = dict(zip(self._skeleton.dof_names, true_pose, strict=True))
             true = {name: pose[name] for name in self.names if name in pose}
             numbers |= {_interval(name, "truth"): value for name, value in true.items()}
-        self._truth.append({name: true[name] for name in self.shown if name in true})
-        angles = [name for name in self.shown if self.unit(name) == "rad"]
+        self._truth.append({name: true[name] for name in self.shown_parameters if name in true})
+        angles = [name for name in self.shown_parameters if self.unit(name) == "rad"]
         curves = [(name, row) for name in angles for row in _CURVES if _interval(name, row) in numbers]
         return numbers | {_interval(*each, DEGREES): float(np.degrees(numbers[_interval(*each)])) for each in curves}
 
@@ -120,7 +120,7 @@ class Posterior:
 
         Coefficients are in standard deviations of the prior's Gaussian model; the bins reach to four of them.
         """
-        for name in self.shown:
+        for name in self.shown_parameters:
             has_truth = name in self._skeleton.dof_names
             for row in [*_CURVES] if has_truth else [*_CURVES][:3]:
                 for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
@@ -157,7 +157,7 @@ class Posterior:
         tensor = rr.Tensor(log_mass, dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         drawn: list[tuple[str, Any]] = []
-        for name in self.shown:
+        for name in self.shown_parameters:
             k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
             axis = (float(low[k]), float(high[k]))
             drawn += marginal_picture(name, self.units[k], axis, log_mass[k], self.frames, truth)

@@ -91,7 +91,7 @@ class Recorder:
         self._diagnostics: tuple[str, ...] = ()
         self._uninformative, self._measured = frozenset(uninformative_metrics), dict[str, list[float]]()
         self._has_annotations, self._with_keypoints = False, set[str]()
-        self._shown: layout.LayoutInput | None = None
+        self._layout_input: layout.LayoutInput | None = None
         self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
@@ -176,7 +176,7 @@ class Recorder:
         for name, value in measured.items():
             self._measured.setdefault(name, []).append(value)
         self._diagnostics = tuple(step.diagnostics)
-        if self._shown is None:
+        if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
         pose = columns.curves({"estimate/pose": step.expected_pose})
@@ -208,15 +208,15 @@ class Recorder:
         self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.message), static=True)
         lanes = outcome.log_lanes(self._stream, verdict, measured)
         reprojection = outcome.log_reprojection_errors(self._stream, measured)
-        if self._shown is None or self._places:
+        if self._layout_input is None or self._places:
             return
         n_values = {name: len(values) for name, values in self._measured.items()}
-        names = tuple(name for name in self._shown.metrics if n_values[name] > 1 or self._n_frames == 1)
+        names = tuple(name for name in self._layout_input.metrics if n_values[name] > 1 or self._n_frames == 1)
         sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
         finite = {f"metrics/{name}": [v for v in values if np.isfinite(v)] for name, values in self._measured.items()}
         spans = {path: (min(values), max(values)) for path, values in finite.items() if values} | reprojection
-        self._shown = replace(
-            self._shown, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
+        self._layout_input = replace(
+            self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
             spans=spans if n_values["ess"] == self._n_frames else {},  # unknown in resumed frames
             n_characters=len(verdict.message),
         )  # fmt: skip
@@ -281,7 +281,7 @@ class Recorder:
 
     def _lay_out(self, step: Step, metrics: Sequence[str]) -> None:
         """Update the layout when a metric, a warning or an overlay occurs for the first time."""
-        before = self._shown or layout.LayoutInput(
+        before = self._layout_input or layout.LayoutInput(
             cameras=[self._camera(view.camera) for view in step.frame.views],
             person=step.expected_pose[:3],
             towards=scene.viewpoint(step),
@@ -298,12 +298,12 @@ class Recorder:
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.metric_lines(new), static=True)
-            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
+            self._layout_input = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
             self._laid_out = False  # sent at the next flush, since the second frame has more metrics than the first
 
     def _send_layout(self) -> None:
-        if self._shown is not None and not self._laid_out:
-            self._stream.send_blueprint(layout.layout(self._shown))
+        if self._layout_input is not None and not self._laid_out:
+            self._stream.send_blueprint(layout.layout(self._layout_input))
         self._laid_out = True
 
     def _send_pictures(self) -> None:
@@ -315,7 +315,7 @@ class Recorder:
         self._file.send(chain(pictures, posterior.rank_pictures(self._ranks)), static=True)
         self._file.send_property("marginals", axes)
         if self._places:
-            places, warned = np.stack(self._places), self._shown is not None and self._shown.warned
+            places, warned = np.stack(self._places), self._layout_input is not None and self._layout_input.warned
             self._file.send(scene.trails(self._figure, places), static=True)
             dof_names = self._body.skeleton.dof_names
             self._stream.send_blueprint(layout.trails_layout(places, dof_names, self._diagnostics, warned))

@@ -52,7 +52,7 @@ class Series(NamedTuple):
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
 
 
-class _Shown(NamedTuple):
+class _PlotData(NamedTuple):
     """Data of the plots. errors: see `_errors`, of the metric. more: a sentence on series that are not shown."""
 
     grouping: Grouping
@@ -68,10 +68,10 @@ def plots_of(grouping: Grouping) -> list[Plot]:
         return []
     series, n_left_out = all_series(grouping, metric)
     more = f" Shown are the best; {n_left_out} more are in the tables." if n_left_out else ""
-    shown = _Shown(grouping, metric, _errors(grouping, metric), series, more)
+    data = _PlotData(grouping, metric, _errors(grouping, metric), series, more)
     with context(_STYLE):
         makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
-        plots = [make(shown) for make in makers]
+        plots = [make(data) for make in makers]
     return [plot for plot in plots if plot is not None]
 
 
@@ -85,9 +85,9 @@ def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
         settings = grouping.settings[group]
         members.setdefault(label(keys, settings) or str(settings[EXPERIMENT]), []).append(group)
     best = sorted(members, key=lambda name: errors["mean"][members[name]].min())[: len(SERIES)]
-    shown = [name for name in members if name in best]
+    best_names = [name for name in members if name in best]
     series = [Series(name, [group for group in errors.index if group in members[name]], to_rgb(colour))
-              for name, colour in zip(shown, SERIES, strict=False)]  # fmt: skip
+              for name, colour in zip(best_names, SERIES, strict=False)]  # fmt: skip
     return series, len(members) - len(series)
 
 
@@ -108,11 +108,11 @@ def joint_errors(run: Run) -> Mapping[str, float]:
     return dict(zip(estimate.names, means.tolist(), strict=True))
 
 
-def _against_particles(shown: _Shown) -> Plot | None:
-    lines = _lines(shown, "particles")
+def _against_particles(data: _PlotData) -> Plot | None:
+    lines = _lines(data, "particles")
     if not any(rows["particles"].nunique() > 1 for _, rows in lines):
         return None
-    figure, axes = _canvas("Error against particles", "particles", TITLES[shown.metric])
+    figure, axes = _canvas("Error against particles", "particles", TITLES[data.metric])
     axes.set_xscale("log")
     ticks = sorted({count for _, rows in lines for count in rows["particles"]})
     axes.set_xticks(ticks, [f"{count:.0f}" for count in ticks])
@@ -123,25 +123,25 @@ def _against_particles(shown: _Shown) -> Plot | None:
         )
         axes.plot(rows["particles"], rows["mean"], color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
         for group, count in rows["particles"].items():
-            sample = shown.grouping.sample(shown.metric, group)["value"]
+            sample = data.grouping.sample(data.metric, group)["value"]
             axes.plot([count] * len(sample), sample, color=line.colour, **_DOTS)
     _finish(axes, lines, "particles")
-    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{shown.more}"
+    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{data.more}"
     return _plot("error_against_particles", caption, figure)
 
 
-def _against_seconds(shown: _Shown) -> Plot | None:
-    lines = _lines(shown, "seconds")
+def _against_seconds(data: _PlotData) -> Plot | None:
+    lines = _lines(data, "seconds")
     if not lines:
         return None
-    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[shown.metric])
+    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[data.metric])
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
     for line, rows in lines:
         axes.plot(rows["seconds"], rows["mean"], color=line.colour, linewidth=1.0, alpha=0.5)
         for group, row in rows.iterrows():
-            both = shown.grouping.sample("seconds", group).merge(
-                shown.grouping.sample(shown.metric, group), on="recording"
+            both = data.grouping.sample("seconds", group).merge(
+                data.grouping.sample(data.metric, group), on="recording"
             )
             axes.plot(both["value_x"], both["value_y"], color=line.colour, **_DOTS)
             axes.plot([row["seconds"]] * 2, row[["low_95", "high_95"]], color=line.colour, linewidth=7.0, **_BAND)
@@ -159,14 +159,14 @@ def _against_seconds(shown: _Shown) -> Plot | None:
     numbered = " Small numbers count particles." if any(len(rows) > 1 for _, rows in lines) else ""
     caption = (
         "Large dots are means over people and seeds, bands the errors' 95 % intervals, small dots single runs. The "
-        f"time is that of the inference alone, on the machine that ran it.{numbered}{shown.more}"
+        f"time is that of the inference alone, on the machine that ran it.{numbered}{data.more}"
     )
     return _plot("error_against_time", caption, figure)
 
 
-def _coverage(shown: _Shown) -> Plot | None:
-    covered = set(shown.grouping.values["group"][shown.grouping.values["metric"] == COVERAGE])
-    rows = [(line, group) for line in shown.series for group in line.groups if group in covered]
+def _coverage(data: _PlotData) -> Plot | None:
+    covered = set(data.grouping.values["group"][data.grouping.values["metric"] == COVERAGE])
+    rows = [(line, group) for line in data.series for group in line.groups if group in covered]
     if not rows:
         return None
     figure, axes = _canvas(
@@ -178,24 +178,24 @@ def _coverage(shown: _Shown) -> Plot | None:
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        sample, colour = repetitions(shown.grouping.sample(COVERAGE, group)), line.shade(group)
+        sample, colour = repetitions(data.grouping.sample(COVERAGE, group)), line.shade(group)
         axes.plot(sample, [y] * len(sample), color=_mixed(colour, 0.0, 0.3), **_DOTS)
         _interval_row(axes, y, sample, colour, 9.0)
-    axes.set_yticks(range(len(rows)), [shown.grouping.labels["group"][group] for _, group in rows])
+    axes.set_yticks(range(len(rows)), [data.grouping.labels["group"][group] for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
         "Fraction of true values within the posterior's 90 % credible interval: left of the line the tracker is "
         "overconfident. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
-        f"single runs where there is one person.{shown.more}"
+        f"single runs where there is one person.{data.more}"
     )
     return _plot("coverage", caption, figure)
 
 
-def _per_joint(shown: _Shown) -> Plot | None:
-    runs = shown.grouping.runs.groupby("group")["run"]
-    every = [(line, group) for line in shown.series for group in line.groups]
-    rows = sorted(every, key=lambda row: shown.errors["mean"][row[1]])[:_MAX_GROUPS]
+def _per_joint(data: _PlotData) -> Plot | None:
+    runs = data.grouping.runs.groupby("group")["run"]
+    every = [(line, group) for line in data.series for group in line.groups]
+    rows = sorted(every, key=lambda row: data.errors["mean"][row[1]])[:_MAX_GROUPS]
     measured = [
         [joint_errors(run) for run in runs.get_group(group)]
         for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)
@@ -213,7 +213,7 @@ def _per_joint(shown: _Shown) -> Plot | None:
                 _interval_row(axes, y + offset, np.array(sample), colour, min(7.0, 24.0 / len(rows)))
         height = 0.99 - k * 0.05
         axes.text(1.02, height, "●", transform=axes.transAxes, color=colour, va="top")
-        axes.text(1.05, height, shown.grouping.labels["group"][group], transform=axes.transAxes, va="top")
+        axes.text(1.05, height, data.grouping.labels["group"][group], transform=axes.transAxes, va="top")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axes.tick_params(axis="y", length=0.0)
     axes.set_ylim(len(names) - 0.5, -0.5)
@@ -235,9 +235,9 @@ def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -
     return figure, axes
 
 
-def _lines(shown: _Shown, x: str) -> list[tuple[Series, pd.DataFrame]]:
+def _lines(data: _PlotData, x: str) -> list[tuple[Series, pd.DataFrame]]:
     """Return each series with the rows of its groups with a value in column x."""
-    lines = [(line, shown.errors.loc[line.groups].dropna(subset=[x])) for line in shown.series]
+    lines = [(line, data.errors.loc[line.groups].dropna(subset=[x])) for line in data.series]
     return [(line, rows) for line, rows in lines if not rows.empty]
 
 
