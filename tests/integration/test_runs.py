@@ -41,7 +41,7 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     assert summary["assumptions"] == recorded.settings["assumptions"]
     assert {"initial_pose", "limb_lengths"} <= set(summary["assumptions"])
     assert recorded.provenance["assumptions"] == ", ".join(summary["assumptions"])
-    assert f"given: {recorded.provenance['given']}\n" in told
+    assert f"assumptions: {recorded.provenance['assumptions']}\n" in told
     assert "the experiment as it stands lists" not in told
     assert not list(folder.glob("*.part"))
 
