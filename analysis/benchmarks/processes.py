@@ -21,7 +21,7 @@ FEW, MANY = 64, 100_000  # particles
 SHORT, LONG = 50, 5000  # frames
 N_RUNS, PER_SWEEP = 1000, 100
 QUERY = ("-m", "workbench.cli.runs", "list")
-CONDITIONS = ("prior=smooth", "n_particles>200", "error_abs_mm<5", "--sort", "error_abs_mm")
+CONDITIONS = ("prior=smooth", "n_particles>200", "mpjpe_abs_mm<5", "--sort", "mpjpe_abs_mm")
 N_JOBS = 24
 WORKERS = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 
@@ -110,7 +110,7 @@ def _summary(k: int) -> dict[str, object]:
     return {
         "status": "complete", "experiment": "walk_straight", "seed": k, "identity": f"{k:064d}", "host": "elsewhere",
         "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "error": None,
-        "metrics": {"error_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
+        "metrics": {"mpjpe_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
         "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench seed={k}"},
         "settings": {"seed": k, "inference": {"n_particles": n_particles}, **parts},
     }  # fmt: skip

@@ -26,7 +26,7 @@ from analysis.benchmarks.figure import Figure
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
-from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
@@ -116,7 +116,7 @@ def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Component
 
 def _once(parts: Components, config: DictConfig, folder: Path, keep: bool = False) -> Times:
     n_frames, summary = len(parts.clip), Summary("step", 0, folder / "run.rrd")
-    evidence = Evidence(parts.body) if keep else None
+    collector = MeasurementCollector(parts.body) if keep else None
     with (
         warnings.catch_warnings(),
         threadpool_limits(limits=1, user_api="blas"),
@@ -124,10 +124,10 @@ def _once(parts: Components, config: DictConfig, folder: Path, keep: bool = Fals
     ):
         warnings.simplefilter("ignore")
         started = perf_counter()
-        record(parts, recorder, int(config.seed), summary, quiet=True, evidence=evidence)
+        record(parts, recorder, int(config.seed), summary, quiet=True, collector=collector)
         whole = perf_counter() - started
-        if evidence is not None:
-            evidence.measured()
+        if collector is not None:
+            collector.measurements()
             recorder.set_result(summary.metrics)
     if not keep:
         summary.recording.unlink()

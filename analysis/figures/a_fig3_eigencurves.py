@@ -26,7 +26,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
         "Paper A, fig. 3: learning a walking model",
         2.7,
         f"Ours: {result['n_components']:.0f} components explain 95 % of the variance of {result['n_cycles']:.0f} "
-        f"cycles (five: {100 * result['explained_5']:.0f} %), cut at gait events. "
+        f"cycles (five: {100 * result['explained_variance_5']:.0f} %), cut at gait events. "
         "The paper: five components, 13 cycles of 4 people, cut by hand.",
     )
     cycles, modes, shares = figure.subplots(1, 3)

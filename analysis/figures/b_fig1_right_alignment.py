@@ -26,7 +26,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
         4.4,
         f"Ours: {result['n_sequences']:.0f} walks (grey), their mean and, once aligned, their common spline (blue), "
         f"from which they deviate by {result['deviation_before']:.2f} standard deviations of the angles before and "
-        f"{result['deviation_after']:.2f} after {result['passes']:.0f} passes. The paper shows eight walks and gives "
+        f"{result['deviation_after']:.2f} after {result['n_passes']:.0f} passes. The paper shows eight walks and gives "
         "no number.",
     )
     for row, when in zip(figure.subplots(2, len(ANGLES), sharex=True), ("before", "after"), strict=True):

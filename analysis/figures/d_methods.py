@@ -34,8 +34,8 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
     columns = figure.subplots(1, 3, sharey=True)
     runs = [readings[experiment].ours for experiment in NAMES]
     values = {
-        "joints off by (mm)": [run.result["error_abs_mm"] for run in runs],
-        "knees off by (degrees)": [run.result["knee_deg"] for run in runs],
+        "joints off by (mm)": [run.result["mpjpe_abs_mm"] for run in runs],
+        "knees off by (degrees)": [run.result["knee_flexion_rmse_deg"] for run in runs],
         "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in runs],
     }
     for axes, (name, row) in zip(columns, values.items(), strict=True):

@@ -32,9 +32,9 @@ ROWS = {
     for perturbation, exact in PERTURBATION.items()
 }
 COVERAGES = ("coverage_90", *(f"coverage_90_{group}" for group in GROUPS))
-SCORES = {"z2": ".1f", "crps_mm": ".1f", "crps_deg": ".1f", "error_abs_mm": ".0f", "error_px": ".1f"}
+SCORES = {"nees_per_dim": ".1f", "crps_mm": ".1f", "crps_deg": ".1f", "mpjpe_abs_mm": ".0f", "mpjpe_px": ".1f"}
 """Metrics besides coverage, with the format of their digits."""
-MEASURED = (*COVERAGES, *SCORES, "coverage_50", "calibration_error", "log_score", "held")
+MEASURED = (*COVERAGES, *SCORES, "coverage_50", "expected_calibration_error", "nll", "tracked")
 
 
 def table(numbers_by_run: Mapping[Run, Numbers]) -> str:

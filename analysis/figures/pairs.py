@@ -27,12 +27,13 @@ ROWS = {
     "last bit": ("prior.sigma_phase=0.009000000000000001",),
     "0.1 %": ("prior.sigma_phase=0.009009",),
 }
-TABULATED = ("error_abs_mm", "error_rel_mm", "error_px")
+TABULATED = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
 NUMBERS = (
-    *TABULATED, "error_procrustes_mm", "error_angle_deg", "humaneva_mm", "humaneva_px", "pck_150mm", "error_abs_mm_map",
-    "error_rel_mm_map", "error_px_map", "coverage_50", "coverage_90", "coverage_90_root", "coverage_90_head",
-    "coverage_90_arms", "coverage_90_legs", "crps_mm", "crps_deg", "z2", "log_score", "calibration_error", "knee_deg",
-    "hip_deg", "acceleration_error_m_s2", "ess_mean", "ancestors_10", "times_lost", "lost_share", "held",
+    *TABULATED, "pa_mpjpe_mm", "mpjae_local_deg", "humaneva_mm", "humaneva_px", "pck_abs_150mm",
+    "mpjpe_abs_mm_max_weight", "mpjpe_mm_max_weight", "mpjpe_px_max_weight", "coverage_50", "coverage_90",
+    "coverage_90_root", "coverage_90_head", "coverage_90_arms", "coverage_90_legs", "crps_mm", "crps_deg",
+    "nees_per_dim", "nll", "expected_calibration_error", "knee_flexion_rmse_deg", "hip_flexion_rmse_deg",
+    "acceleration_error_m_s2", "ess_mean", "unique_ancestors_lag10", "n_track_losses", "lost_fraction", "tracked",
 )  # fmt: skip
 N_CHECKS, N_PAIRS = 1000, 8
 MAX_RUNS = 100_000

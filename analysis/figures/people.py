@@ -18,7 +18,7 @@ LISTS: Mapping[tuple[str, ...], str] = {("walk",): "test", ("run",): "test_run",
 """List below `clips` in the configuration, by the activities of an experiment."""
 FULL = "report_full"
 """The list for a motion file's own skeleton with every joint."""
-METRICS = {"error_abs_mm": "mm", "error_rel_mm": "mm", "error_px": "px", "knee_deg": "°", "coverage_90": ""}
+METRICS = {"mpjpe_abs_mm": "mm", "mpjpe_mm": "mm", "mpjpe_px": "px", "knee_flexion_rmse_deg": "°", "coverage_90": ""}
 """Metrics of the table with their units, if a run has them."""
 
 Clips = tuple[str, ...]
@@ -71,7 +71,7 @@ class OverPeople:
     @property
     def held(self) -> tuple[int, int]:
         """Return the number of runs that tracked the person to the end, and of all."""
-        every = [run["held"] for runs in self.runs.values() for run in runs]
+        every = [run["tracked"] for runs in self.runs.values() for run in runs]
         return round(sum(every)), len(every)
 
     def spread(self, metric: str) -> tuple[float, float]:

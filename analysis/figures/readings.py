@@ -12,8 +12,8 @@ BOTH, OURS = ("literal", "ours"), ("ours",)
 ROW = {"literal": "As the paper writes it", "ours": "Ours"}
 
 ERRORS = {
-    "images": {"error_px": "px", "error_abs_mm": "mm"},
-    "points": {"error_abs_mm": "mm", "hip_deg": "° hips", "knee_deg": "° knees"},
+    "images": {"mpjpe_px": "px", "mpjpe_abs_mm": "mm"},
+    "points": {"mpjpe_abs_mm": "mm", "hip_flexion_rmse_deg": "° hips", "knee_flexion_rmse_deg": "° knees"},
 }
 """Metrics of a reading by observation, and their units."""
 
@@ -59,7 +59,7 @@ class Reading:
         if reading not in self.numbers:
             return ""
         numbers = self.numbers[reading]
-        of = "images" if "error_px" in numbers.runs[0] else "points"
+        of = "images" if "mpjpe_px" in numbers.runs[0] else "points"
         available = [(metric, unit) for metric, unit in ERRORS[of].items() if metric in numbers.runs[0]]
         if not available:  # no person is tracked
             return ""

@@ -34,9 +34,9 @@ DATASET_SEED_OFFSET = 1000
 """Difference between a run's seed and that of its dataset."""
 NEXT_PERSON = 100
 """Difference between the first seeds of two people."""
-KNEES = [("knee_deg", "°")]
+KNEES = [("knee_flexion_rmse_deg", "°")]
 HELD_MM, LAST_FRAMES = 150.0, 5
-"""Without images a person is tracked if the joint error is below this in the last frames, as in pck_150mm."""
+"""Without images a person is tracked if the joint error is below this in the last frames, as in pck_abs_150mm."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Replicates:
     @property
     def held(self) -> tuple[int, int]:
         """Return the number of runs that tracked the person to the end, and of all."""
-        return round(sum(run["held"] for run in self.runs)), len(self.runs)
+        return round(sum(run["tracked"] for run in self.runs)), len(self.runs)
 
     def mean(self, metric: str) -> tuple[float, float, float]:
         """Return the mean of a metric over the seeds, and its 95 % bootstrap interval; NaN for fewer than two seeds."""
@@ -115,8 +115,8 @@ def _run(config: DictConfig, experiment: str) -> dict[str, float]:
     if config.study is not None:
         raise InputError(f"{experiment}: a study has no replicates")
     summary = finished(config, experiment)
-    off_mm = np.mean(summary.per_frame.get("error_abs_mm", [np.nan])[-LAST_FRAMES:])
-    return {"held": float(off_mm < HELD_MM), **summary.metrics}
+    off_mm = np.mean(summary.per_frame.get("mpjpe_abs_mm", [np.nan])[-LAST_FRAMES:])
+    return {"tracked": float(off_mm < HELD_MM), **summary.metrics}
 
 
 def table(results: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
@@ -125,9 +125,9 @@ def table(results: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
     yield "| --- | --- | --- | --- | --- | --- |"
     for (experiment, paper), each in results.items():
         held, n = each.held
-        metrics = [("error_abs_mm", "mm"), *([("error_px", "px")] if "error_px" in each.runs[0] else KNEES)]
+        metrics = [("mpjpe_abs_mm", "mm"), *([("mpjpe_px", "px")] if "mpjpe_px" in each.runs[0] else KNEES)]
         cells = {metric: each.described(metric, unit) for metric, unit in metrics if metric in each.runs[0]}
-        row = [cells.get(metric, "") for metric in ("error_abs_mm", "error_px", "knee_deg")]
+        row = [cells.get(metric, "") for metric in ("mpjpe_abs_mm", "mpjpe_px", "knee_flexion_rmse_deg")]
         yield f"| {experiment} | {paper} | {held} of {n} | {' | '.join(row)} |"
 
 

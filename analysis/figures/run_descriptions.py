@@ -22,16 +22,17 @@ def accuracy(run: Run) -> str:
     tracked."""
     result = run.result
     words = []
-    if "error_px" in result:
-        words.append(f"{result['error_px']:.1f} px in the image")
-    if "error_abs_mm" in result:
-        words.append(f"{result['error_abs_mm']:.0f} mm in space")
-    if "error_rel_mm" in result and abs(result["error_rel_mm"] - result["error_abs_mm"]) > 0.5:  # the root moves
-        words.append(f"{result['error_rel_mm']:.0f} mm root-aligned")
-    outcome = {1.0: "; tracked", 0.0: "; lost"}.get(result.get("held", -1.0), "")
+    if "mpjpe_px" in result:
+        words.append(f"{result['mpjpe_px']:.1f} px in the image")
+    if "mpjpe_abs_mm" in result:
+        words.append(f"{result['mpjpe_abs_mm']:.0f} mm in space")
+    if "mpjpe_mm" in result and abs(result["mpjpe_mm"] - result["mpjpe_abs_mm"]) > 0.5:  # the root moves
+        words.append(f"{result['mpjpe_mm']:.0f} mm root-aligned")
+    outcome = {1.0: "; tracked", 0.0: "; lost"}.get(result.get("tracked", -1.0), "")
     return f"mean joint error {', '.join(words)}{outcome}" if words else "no ground truth"
 
 
 def legs(run: Run) -> str:
     """Return the root mean square errors of the legs' flexions, degrees."""
-    return f"error of hips {run.result['hip_deg']:.1f}°, knees by {run.result['knee_deg']:.1f}° (root mean square)"
+    hip, knee = run.result["hip_flexion_rmse_deg"], run.result["knee_flexion_rmse_deg"]
+    return f"error of hips {hip:.1f}°, knees by {knee:.1f}° (root mean square)"

@@ -31,17 +31,17 @@ ROWS: Mapping[str, Sequence[str]] = {
 }
 PEOPLE = ("35_02", "38_02", "39_02")
 """Clips of three people who are not in the training data of walk_multi_cue's prior."""
-MEASURED = ("error_abs_mm", "error_px", "held")
+MEASURED = ("mpjpe_abs_mm", "mpjpe_px", "tracked")
 
 
 def table(numbers_by_run: Mapping[Run, Numbers]) -> str:
     """Return a Markdown table: means over people of their means over seeds, ± the standard deviation between people,
     and that between seeds."""
-    lines = ["| perturbation | error_abs_mm | error_px | held |", "| --- | --- | --- | --- |"]
+    lines = ["| perturbation | mpjpe_abs_mm | mpjpe_px | tracked |", "| --- | --- | --- | --- |"]
     for row in dict.fromkeys(run.row for run in numbers_by_run):
         runs = {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
-        cells = [spread(runs, "error_abs_mm", ".0f"), spread(runs, "error_px", ".1f")]
-        held = sum(numbers["held"] for numbers in runs.values())
+        cells = [spread(runs, "mpjpe_abs_mm", ".0f"), spread(runs, "mpjpe_px", ".1f")]
+        held = sum(numbers["tracked"] for numbers in runs.values())
         lines.append(f"| {row} | {' | '.join(cells)} | {held:.0f}/{len(runs)} |")
     return "\n".join(lines)
 

@@ -78,4 +78,4 @@ def _drawn(run: Run) -> bool:
 
 def _errors(part: SubFigure, runs: Mapping[str, Run]) -> None:
     colours = dict(zip(runs, (*SERIES[2:], *SERIES[:2]), strict=False))
-    over_frames(part.subplots(), runs, "error_px", "error (px)", colours)
+    over_frames(part.subplots(), runs, "mpjpe_px", "error (px)", colours)

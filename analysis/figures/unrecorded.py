@@ -32,5 +32,5 @@ def finished(config: DictConfig, experiment: str) -> Summary:
         meter = Meter(parts)
         for step, errors in track(parts, int(config.seed), meter):
             summary.add(step, errors)
-    summary.over_run = meter.over_run
+    summary.run_metrics = meter.run_metrics
     return summary

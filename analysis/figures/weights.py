@@ -42,12 +42,12 @@ CHOICES: Mapping[str, Choice] = {
     ),
 }
 SCORES = {
-    "log_score": ".2f",
+    "nll": ".2f",
     "crps_mm": ".1f",
     "crps_deg": ".2f",
     "coverage_90": ".2f",
-    "z2": ".1f",
-    "error_abs_mm": ".0f",
+    "nees_per_dim": ".1f",
+    "mpjpe_abs_mm": ".0f",
 }
 
 
@@ -64,7 +64,7 @@ def table(title: str, numbers_by_run: Mapping[Run, Numbers]) -> str:
         row: {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
         for row in dict.fromkeys(run.row for run in numbers_by_run)
     }
-    mean = {row: np.mean([numbers["log_score"] for numbers in runs.values()]) for row, runs in of_row.items()}
+    mean = {row: np.mean([numbers["nll"] for numbers in runs.values()]) for row, runs in of_row.items()}
     for row, runs in of_row.items():
         cells = [spread(runs, *score) for score in SCORES.items()]
         lines.append(f"| {f'**{row}**' if row == min(mean, key=mean.__getitem__) else row} | {' | '.join(cells)} |")

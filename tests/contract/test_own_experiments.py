@@ -113,5 +113,5 @@ def test_a_copy_runs_alone_and_in_the_workers_of_a_launcher(folder, tmp_path, ca
         assert done.returncode == 0, done.stdout + done.stderr
     summaries = [json.loads((tmp_path / run / SUMMARY).read_text()) for run in ("alone", "sweep/0", "sweep/1")]
     assert [each["experiment"] for each in summaries] == ["mine"] * 3
-    for metric in ("error_abs_mm", "error_px"):
+    for metric in ("mpjpe_abs_mm", "mpjpe_px"):
         assert summaries[0]["metrics"][metric] == summaries[1]["metrics"][metric]

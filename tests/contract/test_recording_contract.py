@@ -81,7 +81,7 @@ CONTRACT = [
     ("/world/camera", True, "Transform3D:mat3x3"),
     ("/world/camera/image", True, "Pinhole:image_from_camera"),
     ("/world/camera/image", False, "EncodedImage:blob"),
-    ("/world/camera/image/truth_marks", False, "Points2D:positions"),
+    ("/world/camera/image/annotations", False, "Points2D:positions"),
     ("/world/estimate/skeleton", False, "LineStrips3D:strips"),
     ("/world/estimate/joints", False, "Points3D:positions"),
     ("/world/estimate/joints", True, "Points3D:labels"),
@@ -200,8 +200,8 @@ def pieces(path, entity="/estimate/pose"):
 @pytest.mark.parametrize(("most", "sizes"), [(60, [3, 3, 5, 2]), (4, [3, 3, 4, 3])])  # after 11 frames five together
 def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, sizes):
     monkeypatch.setattr(module, "LONG", 6)
-    monkeypatch.setattr(module, "OF_LONG", 2)
-    monkeypatch.setattr(module, "MOST_TOGETHER", most)
+    monkeypatch.setattr(module, "FLUSH_FRACTION", 2)
+    monkeypatch.setattr(module, "MAX_FLUSH_EVERY", most)
     path = record(tmp_path / "run.rrd", run)
     assert [len(frames) for frames in pieces(path)] == sizes
     shown = [frame for frames in pieces(path) for frame in frames]
@@ -210,7 +210,7 @@ def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, s
 
 def test_large_images_do_not_wait_for_the_rest(run, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "FLUSH_EVERY", 5)
-    monkeypatch.setattr(module, "MOST_WAITING", 5000)
+    monkeypatch.setattr(module, "MAX_BUFFERED_BYTES", 5000)
     path = record(tmp_path / "run.rrd", run)
     shown = pieces(path, "/world/camera/image")
     assert shown == [[step.frame.index] for step in run]
@@ -270,7 +270,7 @@ def test_truth_that_ends_is_not_shown_any_longer(run, tmp_path):
         ("/world/truth/joints", "Points3D:positions"),
         ("/world/truth/skeleton", "LineStrips3D:strips"),
         ("/world/camera/image/truth", "LineStrips2D:strips"),
-        ("/world/camera/image/truth_marks", "Points2D:positions"),
+        ("/world/camera/image/annotations", "Points2D:positions"),
     ):
         shown = column(path, entity, name)
         assert shown[run[0].frame.index]
@@ -284,7 +284,7 @@ def test_missing_and_hidden_marks(run, tmp_path):
     step = replace(run[0], frame=replace(run[0].frame, truth=Truth(annotations=marks, annotations_visible=visible)))
     path = log_all(recorder(tmp_path / "run.rrd"), [step])
     (points,), (colours,) = (
-        values(path, "/world/camera/image/truth_marks", f"Points2D:{name}") for name in ("positions", "colors")
+        values(path, "/world/camera/image/annotations", f"Points2D:{name}") for name in ("positions", "colors")
     )
     assert np.array(points) == pytest.approx(np.delete(marks, 3, axis=0), abs=1e-3)
     assert len(set(colours)) == 2
@@ -296,7 +296,7 @@ def test_images_of_a_bent_lens_are_straightened(tmp_path):
     (step,) = steps(1, n_particles=20, camera=bent)
     path = log_all(recorder(tmp_path / "run.rrd"), [step])
     straight = CAMERA.project(step.frame.truth.joints)
-    (marks,) = column(path, "/world/camera/image/truth_marks", "Points2D:positions").values()
+    (marks,) = column(path, "/world/camera/image/annotations", "Points2D:positions").values()
     assert np.array(marks) == pytest.approx(straight, abs=0.02)  # px; OpenCV inverts the lens in five iterations
     (blob,) = column(path, "/world/camera/image", "EncodedImage:blob").values()
     image = cv2.imdecode(np.array(blob[0], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -359,7 +359,7 @@ def free_port():
 def test_live_without_a_viewer_says_so_and_records(run, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(file, "PORT", free_port())
     with caplog.at_level(logging.WARNING):
-        path = record(tmp_path / "run.rrd", run[:2], live=True)
+        path = record(tmp_path / "run.rrd", run[:2], stream=True)
     assert "no viewer listens" in caplog.text
     (sentence,) = values(path, "/log", "TextLog:text")
     assert str(file.PORT) in sentence
@@ -372,7 +372,7 @@ def test_the_file_does_not_wait_for_a_viewer_that_never_answers(run, tmp_path, m
         monkeypatch.setattr(file, "PORT", listener.getsockname()[1])
         began = time.monotonic()
         with caplog.at_level(logging.WARNING):
-            path = record(tmp_path / "run.rrd", run, live=True)
+            path = record(tmp_path / "run.rrd", run, stream=True)
     assert time.monotonic() - began < 40.0  # on a busy machine; it was for ever
     assert caplog.text.count("does not answer") == 1
     assert read(path).poses[1].tolist() == [step.expected_pose.tolist() for step in run]
@@ -400,12 +400,12 @@ def test_a_viewer_gets_what_the_file_gets_and_may_stop_in_the_middle(run, tmp_pa
         try:
             while not file.viewer_listens():
                 assert server.poll() is None
-            whole = record(tmp_path / "whole.rrd", run, run_id="whole", live=True)
+            whole = record(tmp_path / "whole.rrd", run, run_id="whole", stream=True)
             assert not caplog.messages
             with subprocess.Popen(save_command, **given) as save:
                 until(lambda: got.is_file() and read(got).poses[0].tolist() == read(whole).poses[0].tolist())
                 save.kill()
-            with caplog.at_level(logging.WARNING), recorder(tmp_path / "run.rrd", live=True) as recording:
+            with caplog.at_level(logging.WARNING), recorder(tmp_path / "run.rrd", stream=True) as recording:
                 for step in run[:3]:
                     recording.log(step, {})
                 server.send_signal(signal.SIGSTOP)

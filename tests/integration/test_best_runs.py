@@ -23,8 +23,8 @@ def test_recorded_walkers_are_held(run, data, experiment, n_frames):
         "out", f"experiment={experiment}", f"paths.data={data}", f"dataset.n_frames={n_frames}", *SMALL_SCENE, *NO_EDGES
     )
     assert code == 0, told
-    assert metrics(folder)["frames"] == n_frames
-    assert metrics(folder)["held"] == 1.0
+    assert metrics(folder)["n_frames"] == n_frames
+    assert metrics(folder)["tracked"] == 1.0
 
 
 @pytest.mark.slow
@@ -34,7 +34,7 @@ def test_the_woman_of_the_video_is_held(run, data, experiment):
         pytest.skip("no video with marked joints")
     code, told, folder = run("out", f"experiment={experiment}", f"paths.data={data}", "dataset.n_frames=9", *NO_EDGES)
     assert code == 0, told
-    assert metrics(folder)["error_px"] < 20.0  # in frame 70; she is 390 px tall
+    assert metrics(folder)["mpjpe_px"] < 20.0  # in frame 70; she is 390 px tall
 
 
 @pytest.mark.slow
@@ -50,4 +50,4 @@ def test_a_video_of_ones_own_is_tracked_with_nothing_but_a_height_and_marks(run,
     assert code == 0, told
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["assumptions"] == ["initial_annotations", "height", "camera_calibration", "static_background"]
-    assert summary["metrics"]["frames"] == 4
+    assert summary["metrics"]["n_frames"] == 4

@@ -24,7 +24,7 @@ def recorded(folder, cache, *overrides):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("WORKBENCH_CACHE", str(cache))
         patch.delenv("WORKBENCH_DATA", raising=False)
-        patch.setattr(checkpoints, "SHARE", np.inf)
+        patch.setattr(checkpoints, "MAX_FRACTION", np.inf)
         assert main(["run", "experiment=walk_circle", *overrides, f"hydra.run.dir={folder}"]) == 0
     return folder / "run.rrd"
 
@@ -168,7 +168,7 @@ def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypa
 
 def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatch):
     config, part = OmegaConf.create(read(long).config), tmp_path / "earlier.rrd.part"
-    monkeypatch.setattr(checkpoints, "SHARE", np.inf)
+    monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
     with monkeypatch.context() as patch:
         cut_at(6, patch)
         with pytest.raises(KeyboardInterrupt):

@@ -21,10 +21,10 @@ def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
     )  # fmt: skip
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
-    assert metrics["held"] == 1.0
+    assert metrics["tracked"] == 1.0
     for group in ("root", "head", "arms", "legs"):
-        assert metrics[f"doubt_{group}_mm"] > 0.0
-        assert metrics[f"missed_{group}_mm"] > 0.0
+        assert metrics[f"expected_error_{group}_mm"] > 0.0
+        assert metrics[f"mpjpe_abs_{group}_mm"] > 0.0
 
 
 @pytest.mark.slow

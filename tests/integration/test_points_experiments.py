@@ -16,9 +16,9 @@ def test_a_fit_follows_the_person_from_an_automatic_start(cache, summary_of, tmp
     metrics = summary["metrics"]
     assert summary["status"] == "complete"
     # generated people whose model was learned from others: a body is about as thick as these bounds
-    assert metrics["error_abs_mm"] < 60.0
-    assert metrics["knee_deg"] < 15.0
-    assert metrics["hip_deg"] < 15.0
+    assert metrics["mpjpe_abs_mm"] < 60.0
+    assert metrics["knee_flexion_rmse_deg"] < 15.0
+    assert metrics["hip_flexion_rmse_deg"] < 15.0
     assert {"iterations", "ms_per_frame", "jacobian_cost_ratio", "activity_accuracy"} <= metrics.keys()
     found = read(tmp_path / "out" / "run.rrd")
     assert found.poses[1].shape == (20, 25)
@@ -34,17 +34,17 @@ def test_a_generated_walk_is_found_in_noisy_keypoints(summary_of, tmp_path):
     metrics = summary["metrics"]
     assert summary["status"] == "complete"
     # noise of 4 px is 2.5 cm where the person is 270 px tall; the frames' means are better
-    assert metrics["error_px"] < 4.0
-    assert metrics["error_rel_mm"] < 40.0
+    assert metrics["mpjpe_px"] < 4.0
+    assert metrics["mpjpe_mm"] < 40.0
     assert read(tmp_path / "out" / "run.rrd").poses[1].shape == (10, 25)
 
 
 @pytest.mark.slow
 def test_the_whole_experiment(summary_of, tmp_path):
     metrics = summary_of(tmp_path, "experiment=walk_keypoints_synthetic")["metrics"]
-    assert metrics["error_px"] < 3.0
-    assert metrics["error_rel_mm"] < 30.0
-    assert np.isfinite(metrics["knee_deg"])
+    assert metrics["mpjpe_px"] < 3.0
+    assert metrics["mpjpe_mm"] < 30.0
+    assert np.isfinite(metrics["knee_flexion_rmse_deg"])
 
 
 SMALL = ("dataset.n_frames=5", "inference.n_particles=200", "dataset.width=160", "dataset.height=120")

@@ -33,9 +33,9 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     # generated people whose model was learned from others: a body is about as thick as these bounds
-    assert metrics["error_abs_mm"] < 60.0
-    assert metrics["knee_deg"] < 15.0
-    assert metrics["hip_deg"] < 15.0
+    assert metrics["mpjpe_abs_mm"] < 60.0
+    assert metrics["knee_flexion_rmse_deg"] < 15.0
+    assert metrics["hip_flexion_rmse_deg"] < 15.0
     assert {"activity_accuracy", "jacobian_cost_ratio"} <= metrics.keys()
     found = read(folder / "run.rrd")
     body = found.properties["body"]

@@ -9,9 +9,9 @@ from workbench.recording.read.reader import read
 from workbench.studies.learning_activities import style
 
 METRICS = {
-    "learn_walk": {"n_cycles", "n_components", "explained", "explained_5"},
+    "learn_walk": {"n_cycles", "n_components", "explained_variance", "explained_variance_5"},
     "period_snr": {"period_error_max_pct", "period_error_max_pct_30", "white_noise_peak_ratio", "n_clips"},
-    "align_cycles": {"n_sequences", "passes", "deviation_before", "deviation_after"},
+    "align_cycles": {"n_sequences", "n_passes", "deviation_before", "deviation_after"},
     "impute_gaps": {f"rmse_deg_20{method}" for method in ("", "_linear", "_periodic", "_paper", "_markers")},
     "learn_walk_run": {"n_examples", "n_clips", "cycle_rate_hz_walk", "activity_accuracy", "unseen_style_deg_legs"},
     "temperature": {"tv_sign_tree", "tv_search", "visited_pct"},

@@ -67,18 +67,18 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     after = summaries(folder)
     assert [job for job in after if after[job]["started"] == before[job]["started"]] == [1]
     assert "1  reused" in told
-    assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
+    assert after[2]["metrics"]["mpjpe_abs_mm"] == before[2]["metrics"]["mpjpe_abs_mm"]
 
 
 @pytest.mark.slow
 def test_a_run_that_is_lost_ends_early_and_counts_as_ended(tmp_path, sweep):
-    lost = ("dataset.n_frames=12", *TINY[1:], "body=height", "body.height_m=1.2", "sweep.stop_if=times_lost>0")
+    lost = ("dataset.n_frames=12", *TINY[1:], "body=height", "body.height_m=1.2", "sweep.stop_if=n_track_losses>0")
     folder = tmp_path / "sweep"
     code, told, status = sweep(*lost, f"hydra.sweep.dir={folder}")
     assert (code, status) == (0, {0: "stopped"})
-    assert summaries(folder)[0]["stopped"] == "times_lost>0 in frame 5"
+    assert summaries(folder)[0]["stopped"] == "n_track_losses>0 in frame 5"
     recorded = read(folder / "0" / "run.rrd")
-    assert (recorded.status, recorded.properties["run"]["stopped"]) == ("stopped", "times_lost>0 in frame 5")
+    assert (recorded.status, recorded.properties["run"]["stopped"]) == ("stopped", "n_track_losses>0 in frame 5")
     assert recorded.poses[0].tolist() == [*range(6)]
     code, told, _ = sweep(*lost, f"sweep.resume={folder}")
     assert code == 0

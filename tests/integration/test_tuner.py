@@ -14,7 +14,7 @@ SMALL = (
 @pytest.mark.slow
 def test_the_tuner_finds_a_better_process_noise_than_a_bad_one(tmp_path, run):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    common = ("experiment=walk_straight", *SMALL, "inference.n_particles=300", "sweep.objective=error_abs_mm")
+    common = ("experiment=walk_straight", *SMALL, "inference.n_particles=300", "sweep.objective=mpjpe_abs_mm")
     bad = 0.1  # cycles a frame, where the prior's own is 0.009
     code, _, folder = run("bad", *common, f"prior.sigma_phase={bad}")
     assert code == 0
@@ -25,5 +25,5 @@ def test_the_tuner_finds_a_better_process_noise_than_a_bad_one(tmp_path, run):
     best = yaml.safe_load((tmp_path / "sweep" / "optimization_results.yaml").read_text())
     jobs = [read_summary(path.parent) for path in (tmp_path / "sweep").rglob("summary.json")]
     assert len(jobs) == 20
-    found = [job["metrics"]["error_abs_mm"] for job in jobs]
-    assert best["best_value"] == min(found) < read_summary(folder)["metrics"]["error_abs_mm"]
+    found = [job["metrics"]["mpjpe_abs_mm"] for job in jobs]
+    assert best["best_value"] == min(found) < read_summary(folder)["metrics"]["mpjpe_abs_mm"]

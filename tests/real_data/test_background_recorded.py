@@ -61,7 +61,7 @@ def test_a_real_image_is_straightened_as_its_marks_are(data):
     video = cv2.VideoCapture(str(data / "pose2sim_balance" / "cam01.mp4"))
     read, frame = video.read()
     assert read
-    shown = images.picture(camera)
+    shown = images.recorded_camera(camera)
     ((_, logged),) = images.image(shown, np.ascontiguousarray(frame[..., ::-1]), 95)
     straight = cv2.imdecode(logged.fields["blob"][0], cv2.IMREAD_COLOR)
     assert straight.shape == (camera.height, camera.width, 3)

@@ -35,8 +35,11 @@ def errors_of(model, data, clip):
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
     fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
     errors = [step_errors(step, body) for step in fitting.run(frames, None, streams)]
-    knee, hip = (np.sqrt(np.mean([error[name] ** 2 for error in errors])) for name in ("knee_deg", "hip_deg"))
-    return np.mean([error["error_abs_mm"] for error in errors]), knee, hip
+    knee, hip = (
+        np.sqrt(np.mean([error[name] ** 2 for error in errors]))
+        for name in ("knee_flexion_rmse_deg", "hip_flexion_rmse_deg")
+    )
+    return np.mean([error["mpjpe_abs_mm"] for error in errors]), knee, hip
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from workbench.core.frame_cache import FrameCache
 from workbench.datasets.association.keypoint_kalman import exchanged
 from workbench.datasets.association.target_selection import select_target
 from workbench.datasets.files.joint_annotations import read_detections
-from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
@@ -67,11 +67,14 @@ def said(dataset, height_m=1.69, **told):
     clip = FrameCache(dataset)
     body = of_keypoints(clip, height_m=height_m)
     fit = LeastSquares(body, KeypointLikelihood(body, sigma_px=5.0, loss="huber"), problem=SmoothFit(), n_particles=20)
-    evidence, streams = Evidence(body, SCALE), {name: np.random.default_rng(0) for name in ("start", "prior")}
+    collector, streams = (
+        MeasurementCollector(body, SCALE),
+        {name: np.random.default_rng(0) for name in ("start", "prior")},
+    )
     for step in fit.run(clip, None, streams):
-        evidence.add(step, {})
+        collector.add(step, {})
     known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **told)
-    found = verdict(evidence.measured(), known)
+    found = verdict(collector.measurements(), known)
     print(found.sentence)
     return found
 
@@ -87,7 +90,7 @@ def folder(data):
 def test_an_undisturbed_run_is_accused_of_nothing(folder):
     found = said(Detections(folder))
     assert (found.kind, found.findings) == ("no truth", ())
-    assert set(found.states) == {"held"}
+    assert set(found.states) == {"tracked"}
 
 
 def test_two_cameras_exchanged(folder):

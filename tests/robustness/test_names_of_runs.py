@@ -29,7 +29,7 @@ def home(tmp_path, monkeypatch, trusted):
         leave_recorded(
             tmp_path / "home" / name, f"{NASTY}{k}", prior=NASTY, day=1 + k, experiment=NASTY,
             settings={LONG: 1.0, NASTY: NASTY, "seed": k, "prior": {"_target_": NASTY}, "paths": NASTY},
-            metrics={"error_abs_mm": 10.0 + k, LONG: 1.0, NASTY: 2.0},
+            metrics={"mpjpe_abs_mm": 10.0 + k, LONG: 1.0, NASTY: 2.0},
             origin={"commit": "; rm -rf ~", "command": f"workbench; rm -rf ~ {NASTY}", "inputs": [NASTY]},
         )  # fmt: skip
     leave(tmp_path / "home" / NO_TEXT, day=29, status="failed")

@@ -14,7 +14,7 @@ from small_recordings import leave_recorded, record
 from workbench.cli.main import main
 from workbench.experiment.summary import Summary
 from workbench.recording.read import crash_probe as probe
-from workbench.recording.read.crash_probe import fatal, is_own, open_sound_runs, read_sound_run
+from workbench.recording.read.crash_probe import crashing_recordings, is_own, open_sound_runs, read_sound_run
 from workbench.utils.errors import LONGEST, InputError
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
@@ -62,7 +62,7 @@ def test_the_recordings_that_crash_are_found_among_others(tmp_path, monkeypatch,
             raise InputError("crashed")
 
     monkeypatch.setattr(probe, "parse_limited", parse_limited)
-    assert fatal([*paths, tmp_path / "none.rrd"]) == {paths[k] for k in bad}
+    assert crashing_recordings([*paths, tmp_path / "none.rrd"]) == {paths[k] for k in bad}
 
 
 FLIPS = {"period_snr": [(8003, 3), (6586, 1), (50009, 7)], "arm_twist": [(3493, 4), (79294, 0), (1270, 2)]}
@@ -120,7 +120,7 @@ def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, 
     for path in (folder / "run.rrd", tmp_path / "other.rrd"):
         path.write_bytes(kinds[0])
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
-    monkeypatch.setattr(probe, "fatal", lambda paths: {Path(path) for path in paths})
+    monkeypatch.setattr(probe, "crashing_recordings", lambda paths: {Path(path) for path in paths})
     places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder}
     code = main([word.format(**places) for word in words.split()])
     printed = " ".join("".join(capsys.readouterr()).split())

@@ -41,7 +41,7 @@ BOMBS = {
 def recorded(text=YAML, **properties):
     """Return a run whose recording has this configuration and these properties."""
     plain = {"run": {"id": "b", "status": "complete"}, "config": {"TextDocument:text": text}, "provenance": {"seed": 3}}
-    return Run(PATH, plain | properties, {"error_abs_mm": Curve(np.arange(3), np.ones((3, 1)))})
+    return Run(PATH, plain | properties, {"mpjpe_abs_mm": Curve(np.arange(3), np.ones((3, 1)))})
 
 
 @given(changes)
@@ -112,7 +112,7 @@ SOUND = {
     "provenance": {"experiment": "walk", "seed": 3, "choices": ["prior=a", "body=b"], "workbench": "0.1"},
     "body": {"joints": list(JOINT_NAMES), "pose": list(POSE_NAMES)},
     "shape": {name: list(v) if isinstance(v, tuple) else v for name, v in from_height(1.7).as_dict().items()},
-    "metrics": {"error_abs_mm": 1.0, "frames": 3.0}, "cost": {"seconds": 1.0},
+    "metrics": {"mpjpe_abs_mm": 1.0, "n_frames": 3.0}, "cost": {"seconds": 1.0},
     "marginals": {"names": ["a"], "units": ["m"], "low": 0.0, "high": 1.0, "frames": [0.0, 1.0]},
 }  # fmt: skip
 VALUES = (
@@ -130,7 +130,7 @@ def test_changed_properties_are_refused_or_hide_no_sound_run_in_a_report(values)
         properties[name][key] = value
     if refusal(checked, PATH, properties):
         return
-    changed, sound = recorded(**checked(PATH, properties)), recorded(metrics={"error_abs_mm": 2.0})
+    changed, sound = recorded(**checked(PATH, properties)), recorded(metrics={"mpjpe_abs_mm": 2.0})
     shown = terminal(contents(group_runs([changed, sound])))
     assert "2" in shown
     assert "\x1b" not in shown

@@ -19,7 +19,7 @@ def leave_kinds(folder):
     _leave(folder / "synthesis.rrd", "synthesis", blind, sigma="wide")  # a text, where the other's is a number
     with RecordingFile(folder / "study.rrd", **_labels("study", sigma=True)) as file:
         figure = Bars("c1", np.arange(-1.0, 2.0), np.ones(3) / 3, "σ", np.ones(3) / 3)
-        record_study(file, StudyResult({"n_cycles": 93, "explained": 0.5}, (figure,), "A note."))
+        record_study(file, StudyResult({"n_cycles": 93, "explained_variance": 0.5}, (figure,), "A note."))
     return folder
 
 
@@ -31,5 +31,5 @@ def _labels(name, **settings):
 def _leave(path, name, run, **settings):
     with Recorder(path, BODY, SPACE, **_labels(name, **settings)) as recorder:
         for step in run:
-            recorder.log(step, {"error_abs_mm": 1.0} if step.frame.truth else {})
-        recorder.set_result({"error_abs_mm": 1.0, "frames": len(run)})
+            recorder.log(step, {"mpjpe_abs_mm": 1.0} if step.frame.truth else {})
+        recorder.set_result({"mpjpe_abs_mm": 1.0, "n_frames": len(run)})

@@ -8,11 +8,11 @@ def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1,
     """What a run's summary.json says."""
     return {
         "status": status, "experiment": "walk_straight", "seed": seed, "given": ["start"],
-        "metrics": {"error_abs_mm": error, "coverage_90": 0.9, "log_evidence": None},
+        "metrics": {"mpjpe_abs_mm": error, "coverage_90": 0.9, "log_evidence": None},
         "provenance": {"commit": "c" * 40, "changed": "no", "choices": [f"prior={prior}", "body=dataset"]},
         "settings": {
             "seed": seed, "prior": {"_target_": f"workbench.priors.{prior}"}, "inference": {"n_particles": n},
-            "likelihood": {"weights": {"edges": 0.5}}, "recorder": {"live": False},
+            "likelihood": {"weights": {"edges": 0.5}}, "recorder": {"stream": False},
         },
         "identity": f"{prior}-{n}-{seed}", "started": f"202611{day:02d}T150000.123456Z", "host": "elsewhere",
         "error": None, **other,

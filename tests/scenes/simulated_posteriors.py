@@ -14,7 +14,7 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
-from workbench.evaluation.posterior_calibration import rank_histogram, ranks, share_below
+from workbench.evaluation.posterior_calibration import rank_histogram, ranks, weight_below
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
@@ -107,7 +107,7 @@ def ranked(steps, truth, moving):
     """Ranks (T, Q) of the numbers `moving` of true poses (T, P) in a run's steps."""
     return np.array(
         [
-            ranks(share_below(step.poses[:, moving], np.exp(step.log_weights), truth[t, moving]))
+            ranks(weight_below(step.poses[:, moving], np.exp(step.log_weights), truth[t, moving]))
             for t, step in enumerate(steps)
         ]
     )

@@ -20,7 +20,7 @@ def record(path, run_id="a run", experiment="walk_straight", **said):
         file.stream.send_blueprint(rrb.Blueprint(rrb.Spatial2DView(origin="world/camera/image"), auto_views=False))
         for frame in range(3):
             file.stream.set_time("frame", sequence=frame)
-            file.stream.log("metrics/error_abs_mm", rr.Scalars(float(frame)))
+            file.stream.log("metrics/mpjpe_abs_mm", rr.Scalars(float(frame)))
             file.stream.log("world/camera/image", rr.EncodedImage(contents=JPEG, media_type="image/jpeg"))
         file.send_numbers("metrics", {name: value for name, value in told["metrics"].items() if value is not None})
     return path

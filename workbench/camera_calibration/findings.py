@@ -9,7 +9,7 @@ from workbench.body.camera import Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, LEG_LENGTH, SHOULDER_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.observed_joints import ObservedJoints
-from workbench.evaluation.multiview_consistency import height_px, limb_lengths, nearest
+from workbench.evaluation.multiview_consistency import height_px, limb_lengths, triangulate_rays
 from workbench.utils.arrays import FloatArray
 
 _MIN_WEIGHT = 0.3
@@ -113,7 +113,7 @@ def triangulate(cameras: Sequence[Camera], keypoints: FloatArray) -> FloatArray:
     """Return points (F, J, 3), m, nearest to the rays of keypoints (V, F, J, 3), [u, v, weight]; NaN for
     fewer than two."""
     pixels = np.where(np.nan_to_num(keypoints[..., 2:]) >= _MIN_WEIGHT, keypoints[..., :2], np.nan)
-    points = nearest([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
+    points = triangulate_rays([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
     return points.reshape(*keypoints.shape[1:3], 3)
 
 

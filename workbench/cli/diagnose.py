@@ -11,7 +11,7 @@ from typer import Argument, Option
 from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.recording.read.crash_probe import read_sound_run
-from workbench.results.diagnose import AFTER, BEFORE, lost_frames, sentence, table
+from workbench.results.diagnose import AFTER, BEFORE, conclusion, lost_frames, table
 from workbench.results.diagnose import diagnose as repeat_with_changes
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
@@ -49,6 +49,6 @@ def diagnose(
         print(f"{run.path}: track lost in frame {loss}; repeating frames {stretch}", flush=True)
         with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
             outcomes, refused = repeat_with_changes(run, loss, words, seeds, jobs, Path(folder, f"frame_{loss}"))
-        print("\n".join([*(f"omitted: {reason}" for reason in refused), table(outcomes), sentence(outcomes)]))
+        print("\n".join([*(f"omitted: {reason}" for reason in refused), table(outcomes), conclusion(outcomes)]))
     if output is not None:
         print(f"repetitions: workbench view {output}")

@@ -15,7 +15,7 @@ _NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
 
 
 def quoted(argument: str) -> str:
-    """Return an argument with its value quoted if Hydra cannot parse it, such as `times_lost>0` or a folder.
+    """Return an argument with its value quoted if Hydra cannot parse it, such as `n_track_losses>0` or a folder.
 
     A value with symbols of Hydra's grammar is unchanged, except for folders and clip names such as 35_02. Raises
     InputError for a value on which Hydra's parser fails.

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from workbench.experiment.summary import Summary
 
 NUMBERS: Mapping[str, tuple[str, str, float]] = {
-    "error_abs_mm": ("MPJPE", "mm", 1.0),
-    "error_procrustes_mm": ("PA-MPJPE", "mm", 1.0),
-    "error_px": ("error in the image", "px", 1.0),
-    "coverage_90": ("truth inside the 5–95 % bands, of 90 %", "%", 100.0),
-    "coverage_90_joints": ("joints inside the 5–95 % bands, of 90 %", "%", 100.0),
-    "knee_deg": ("error of the knees", "degrees", 1.0),
-    "lost_share": ("frames lost", "%", 100.0),
+    "mpjpe_abs_mm": ("absolute MPJPE", "mm", 1.0),
+    "pa_mpjpe_mm": ("PA-MPJPE", "mm", 1.0),
+    "mpjpe_px": ("2-D MPJPE", "px", 1.0),
+    "coverage_90": ("coverage of the 90 % credible intervals", "%", 100.0),
+    "coverage_90_joints": ("coverage of the 90 % credible intervals, joints", "%", 100.0),
+    "knee_flexion_rmse_deg": ("RMSE of the knee flexion", "degrees", 1.0),
+    "lost_fraction": ("lost frames", "%", 100.0),
     "ess_mean": ("effective sample size", "particles", 1.0),
-    "inliers": ("observations near the body", "%", 100.0),
+    "inlier_fraction": ("inliers, observations near the body", "%", 100.0),
     "log_evidence": ("log evidence", "nats", 1.0),
 }
 """Printed metrics by name: description, unit, and factor to that unit."""
@@ -33,13 +33,15 @@ NUMBERS: Mapping[str, tuple[str, str, float]] = {
 def summary_lines(summary: "Summary") -> Iterator[str]:
     """Yield the lines of the summary; for a study, all its metrics."""
     if summary.verdict is not None:
-        yield f"verdict: {summary.verdict.sentence}"
+        yield f"verdict: {summary.verdict.message}"
     metrics = summary.metrics
     if summary.study is not None:
         width = max(map(len, metrics), default=0)
         yield from (f"{name:<{width}} {value:10.4g}" for name, value in metrics.items())
     else:
-        printed = {name: metrics[name] for name in NUMBERS if name in metrics and name not in summary.constant}
+        printed = {
+            name: metrics[name] for name in NUMBERS if name in metrics and name not in summary.uninformative_metrics
+        }
         names = {name: f"{NUMBERS[name][0]} ({name})" for name in printed}
         width = max(map(len, names.values()), default=0)
         for name, value in printed.items():
@@ -61,8 +63,8 @@ def _times(cost: Mapping[str, float]) -> str:
     text = f"took {cost.get('seconds', 0.0):.1f} s"
     if "ms_per_frame" in cost:
         text += f", {cost['ms_per_frame']:.0f} ms per frame"
-    if "compiling_s" in cost:
-        text += f"; compiling kernels, once on this machine, {cost['compiling_s']:.1f} s"
+    if "compile_s" in cost:
+        text += f"; compiling kernels, once on this machine, {cost['compile_s']:.1f} s"
     return text
 
 

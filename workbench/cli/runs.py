@@ -63,8 +63,8 @@ def _list_runs(
     """List runs, newest first, with status, differences and errors.
 
     Examples:
-      workbench runs list experiment=walk_straight 'error_px<9' --sort error_px
-      workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,error_abs_mm --csv
+      workbench runs list experiment=walk_straight 'mpjpe_px<9' --sort mpjpe_px
+      workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,mpjpe_abs_mm --csv
     """
     runs = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
@@ -119,7 +119,7 @@ def gallery(
 
     Examples:
       workbench runs gallery recordings/sweeps/priors
-      workbench runs gallery prior=walking --sort error_px --serve
+      workbench runs gallery prior=walking --sort mpjpe_px --serve
     """
     from workbench.cli.view import viewer
     from workbench.recording.write.file import HOST

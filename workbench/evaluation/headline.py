@@ -1,7 +1,7 @@
-"""The metrics that tables, cards, plots and sweeps show first."""
+"""Metrics that tables, cards, plots and sweeps show first, with their titles."""
 
-ERRORS = {"error_abs_mm": "mm", "error_px": "px"}
-"""The errors that runs are ranked by, with their units: the first that a run has; less is better."""
+ERRORS = {"mpjpe_abs_mm": "mm", "mpjpe_px": "px"}
+"""The errors that runs are ranked by, with their units: the first one that a run has."""
 
 COVERAGE = "coverage_90"
 
@@ -9,13 +9,13 @@ SHORT_TITLES = {**{name: f"error, {unit}" for name, unit in ERRORS.items()}, COV
 """Titles of columns for the errors and the coverage."""
 
 TITLES = {
-    "error_abs_mm": "mean joint error (mm)",
-    "error_rel_mm": "mean joint error, pelvis on pelvis (mm)",
-    "error_px": "mean error in the image (px)",
-    "held": "held throughout (fraction of runs)",
-    COVERAGE: "coverage of the 90 % band (fraction)",
-    "activity_accuracy": "activity told right (fraction)",
-    "seconds": "time taken (s)",
+    "mpjpe_abs_mm": "absolute MPJPE (mm)",
+    "mpjpe_mm": "MPJPE, root-aligned (mm)",
+    "mpjpe_px": "2-D MPJPE (px)",
+    "tracked": "tracked throughout (fraction of runs)",
+    COVERAGE: "coverage of the 90 % credible interval (fraction)",
+    "activity_accuracy": "activity accuracy (fraction)",
+    "seconds": "inference time (s)",
     "likelihood_evaluations": "likelihood evaluations",
 }
 """The metrics that a report shows first, in this order, with their titles and units."""

@@ -1,4 +1,4 @@
-"""How sure a mean over a few repetitions is."""
+"""Confidence intervals of means over repetitions, and weighted quantiles."""
 
 import numpy as np
 import scipy
@@ -11,9 +11,9 @@ N_RESAMPLES = 10_000
 def bootstrap_interval(values: FloatArray, rng: np.random.Generator, level: float = 0.95) -> FloatArray:
     """Return the percentile bootstrap interval (2, ...) of the mean of values (n, ...) over their first axis.
 
-    Efron & Tibshirani, An Introduction to the Bootstrap (1993), section 13.3. NaN for fewer than two values, which say
-    nothing about their spread. It is too narrow for a handful of values: for three it is their range, within which the
-    mean of a normal distribution lies three times in four. scipy.stats.bootstrap gives the same in twice the time.
+    Efron & Tibshirani, An Introduction to the Bootstrap (1993), section 13.3. NaN for fewer than two values. It is too
+    narrow for a handful of values: for three it is their range, which covers the mean of a normal distribution with
+    probability 3/4. scipy.stats.bootstrap gives the same in twice the time.
     """
     n = len(values)
     if n < 2:
@@ -31,35 +31,38 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[fl
     """
     columns = np.ascontiguousarray(values.T)
     if len(weights) and (weights == weights[0]).all():  # the same ranks in all columns: a partition does
-        shares = np.cumsum(weights)
-        shares /= shares[-1]
-        rows = [min(int((shares < level - 1e-12).sum()), len(values) - 1) for level in levels]
-        return np.partition(columns, rows, axis=1)[:, rows].T
+        cumulative = np.cumsum(weights)
+        cumulative /= cumulative[-1]
+        positions = [min(int((cumulative < level - 1e-12).sum()), len(values) - 1) for level in levels]
+        return np.partition(columns, positions, axis=1)[:, positions].T
     order = np.argsort(columns, axis=1)  # not the stable sort, which takes four times as long
     reached = np.cumsum(weights[order], axis=1)
     reached /= reached[:, -1:]
     ranks = np.stack([(reached < level - 1e-12).sum(axis=1) for level in levels])  # 1e-12: the sum's rounding
-    every = np.arange(len(columns))
-    return columns[every, order[every, ranks.clip(max=len(values) - 1)]]
+    rows = np.arange(len(columns))
+    return columns[rows, order[rows, ranks.clip(max=len(values) - 1)]]
 
 
-_ROUNDING = 1e-9  # of a number, where it is the same for every seed
+_ROUNDING = 1e-9
+"""Relative tolerance of a number that is equal for every seed."""
 
 
 def mean_interval(old: FloatArray, new: FloatArray, level: float) -> float:
-    """Return how far the mean of `new` may lie from the mean of `old` when both have one distribution.
+    """Return the largest difference of the means of `old` and `new` that is consistent with one distribution.
 
-    The half-width of the interval of Student's two-sample t test. That nothing has changed is the hypothesis, under
-    which both have one variance, so it is pooled:
+    It is the half-width of the interval of Student's two-sample t test. Under the hypothesis of no change both have one
+    variance, so it is pooled:
 
         t(n + k − 2) s √(1/n + 1/k),  s² = (Σ (oldᵢ − mean)² + Σ (newⱼ − mean)²) / (n + k − 2).
 
-    With one old number, n = 1, this is the new numbers' prediction interval for one more: does the old number look
-    like one of them? With n > 1 old ones it asks whether the new mean lies in the interval about the old mean.
-    A number that is the same for every seed may differ by rounding only.
+    For one old number, n = 1, this is the new numbers' prediction interval for one more number. A number that is equal
+    for every seed may differ by rounding only.
 
-    old: (n,), n ≥ 1. new: (k,), k ≥ 2, of other seeds. level: of the interval, such as 0.95; 1 − 0.05 / m where m
-    numbers are judged at once (Bonferroni), so that all of them pass 95 % of the time.
+    Parameters
+    ----------
+    old : (n,), n ≥ 1.
+    new : (k,), k ≥ 2, of other seeds.
+    level : of the interval, such as 0.95, or 1 − 0.05 / m for m simultaneous tests (Bonferroni).
     """
     n, k = len(old), len(new)
     squares = float(((old - old.mean()) ** 2).sum() + ((new - new.mean()) ** 2).sum())

@@ -1,7 +1,7 @@
-"""Errors of estimated poses and joints, in space and in the image; joints that are not known (NaN) are left out.
+"""Errors of estimated poses and joints, in space and in the image; unknown joints (NaN) are ignored.
 
-Estimates and truths are (..., J, D): D is 3 (m) or 2 (px), J the joints that are measured. HumanEva's errors are of
-Sigal, Balan & Black, IJCV 87 (2010), eq. 4 and 5; what else is named is what the field reports by that name.
+Estimates and truths are (..., J, D): D is 3 (m) or 2 (px), J the measured joints. HumanEva's errors are of Sigal, Balan
+& Black, IJCV 87 (2010), eq. 4 and 5; the other names are standard.
 """
 
 from collections import deque
@@ -23,34 +23,45 @@ _PCK_M = 0.15
 """Threshold of the percentage of correct keypoints in space (Mehta et al., 3DV 2017): half a head's height."""
 _MIN_FOR_PROCRUSTES = 4
 """Joints below which a similarity explains nearly anything."""
-_OF_MAX_WEIGHT = ("error_abs_mm", "error_rel_mm")
-"""Errors in space that are reported of the heaviest particle, too."""
+_OF_MAX_WEIGHT = ("mpjpe_abs_mm", "mpjpe_mm")
+"""Errors in space that are also reported of the particle with the largest weight."""
 
 
 def step_errors(
     step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
 ) -> dict[str, float]:
-    """Measure what a step's truth allows: errors of the expected pose, and three (`_map`) of the heaviest particle.
+    """Return the errors of a step against its truth; {} without one.
 
-    The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
-    of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
-    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with the
-    root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
-    image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
-    marked by hand, over the visible marks. The estimate is seen through the camera as it is told, as it is drawn over
-    the image, and the true joints through the camera that took the image (`Truth.cameras`), where marks would lie: as
-    with marked video, what counts is whether the estimate lies on the person in the image. forearm_px: width of a
-    forearm in the same pixels, the yardstick of `held`, where the true joints are known. coverage_50, coverage_90,
-    crps_mm, crps_deg, z2, log_score: how true the posterior is, see `step_calibration`; where the true pose is not
-    known, of the joints' coordinates. error_angle_deg: the mean turn between joints' frames and the true ones, relative
-    to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true
-    one.
+    They are errors of the expected pose; with the suffix _max_weight three of them are those of the particle with the
+    largest weight. Means are over the joints below the parameters `moving`, without the root: 14 of a person, elbow and
+    wrist of a tracked arm.
+
+    mpjpe_abs_mm: mean joint error in the world. mpjpe_mm: the same after aligning the roots. pa_mpjpe_mm: after
+    Procrustes alignment. humaneva_mm: over all joints with the root, HumanEva's 15. pck_abs_150mm: fraction of the
+    joints within 15 cm.
+
+    mpjpe_px: mean joint error in the first view, in pixels of the unscaled image; over the visible annotations where
+    joints are annotated. humaneva_px: the same over all views. The estimate is projected by the assumed camera, and the
+    true joints by the camera that took the image (`Truth.cameras`), where annotations would lie: the error is that of
+    the position in the image. forearm_width_px: a forearm's width in the same pixels, the threshold of `tracked`, where
+    the true joints are known.
+
+    coverage_50, coverage_90, crps_mm, crps_deg, nees_per_dim, nll: calibration of the posterior, see
+    `step_calibration`; without a true pose, that of the joints' coordinates. mpjae_local_deg: mean angle between the
+    joints' estimated and true rotations relative to their parents. knee_flexion_rmse_deg, hip_flexion_rmse_deg: see
+    `flexion_errors`. activity_accuracy: 1 where the estimated activity is the true one, else 0.
+
+    Parameters
+    ----------
+    step, body : the estimate and the tracked body.
+    moving : the parameters that the prior moves.
+    image_scale : factor by which the images were resized.
     """
     truth = step.frame.truth
     if truth is None:
         return {}
     skeleton, measured = body.skeleton, moved_joints(body.skeleton, moving)
-    poses = {"": step.expected_pose} | ({} if step.map_pose is step.expected_pose else {"_map": step.map_pose})
+    poses = {"": step.expected_pose} | ({} if step.map_pose is step.expected_pose else {"_max_weight": step.map_pose})
     estimates = joints(skeleton, np.stack([*poses.values()]))
     errors: dict[str, float] = {}
     for suffix, estimate in zip(poses, estimates, strict=True):
@@ -59,21 +70,21 @@ def step_errors(
             errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in _OF_MAX_WEIGHT}
         pixels = _pixel_error(step.frame, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
-            errors[f"error_px{suffix}"] = pixels / image_scale
+            errors[f"mpjpe_px{suffix}"] = pixels / image_scale
     if len(poses) == 1:
         errors |= {f"{name}_map": errors[name] for name in (*_OF_MAX_WEIGHT, "error_px") if name in errors}
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
         views = zip(cameras, true_cameras(step.frame), strict=True)
         places = truth.joints
-        distances = [_pixel_distances(told, estimates[0], took.project(places)).mean() for told, took in views]
+        distances = [_pixel_distances(used, estimates[0], true.project(places)).mean() for used, true in views]
         error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
-    if truth.joints is not None and "error_px" in errors:
-        errors["forearm_px"] = forearm_px(cameras[0], body, truth.joints, measured) / image_scale
+    if truth.joints is not None and "mpjpe_px" in errors:
+        errors["forearm_width_px"] = forearm_width_px(cameras[0], body, truth.joints, measured) / image_scale
     if truth.pose is not None:
         errors |= pose_calibration(step, skeleton)
-        errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
+        errors["mpjae_local_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
         errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
     elif truth.joints is not None:
         errors |= joint_calibration(step, skeleton, truth.joints, measured)
@@ -83,18 +94,20 @@ def step_errors(
 
 
 def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """Return knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has
-    it. Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
+    """Return knee_flexion_rmse_deg and hip_flexion_rmse_deg, over both legs, where the skeleton has these joints.
+
+    Whole turns are no error: without limits a fit may end a turn away.
+    """
     estimate, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
-        apart = [wrapped_deg(estimate[name] - true[name]) for name in estimate if name.endswith(joint)]
-        if apart:
-            errors[f"{joint}_deg"] = float(np.sqrt(np.mean(np.square(apart))))
+        residuals = [wrapped_deg(estimate[name] - true[name]) for name in estimate if name.endswith(joint)]
+        if residuals:
+            errors[f"{joint}_flexion_rmse_deg"] = float(np.sqrt(np.mean(np.square(residuals))))
     return errors
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
-    """List the joints, but the root, that a parameter called in `moving` moves: those below the one it turns."""
+    """Return the joints without the root that a parameter in `moving` moves: those below the joint that it rotates."""
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -105,39 +118,43 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
     return [joint for joint in range(1, len(skeleton.names)) if moves(joint)]
 
 
-def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
-    """Return the mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
+def forearm_width_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
+    """Return the forearm's mean width in the image, px, at the mean depth of the measured of true joints (J, 3), m."""
     width_m = float(np.sum(body.shape.forearm_radii))  # the mean of the two ends' diameters
     depth_m = float(np.nanmean(camera.to_camera(true_joints)[list(measured), 2]))
     return float(camera.matrix[0, 0]) * width_m / depth_m
 
 
 def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """Return errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is
-    known (not NaN); what needs more than is known is left out."""
+    """Return the errors in space of joints (J, 3), m, over the measured joints whose truth (J, 3), m, is not NaN.
+
+    An error that needs more true joints than there are is left out.
+    """
     places, true = estimate[list(measured)], truth[list(measured)]
     whole = len(measured) == len(truth) - 1
     errors = {
-        "error_abs_mm": 1e3 * float(mean_distance(places, true)),
-        "error_rel_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
-        "error_procrustes_mm": 1e3 * procrustes(places, true),
+        "mpjpe_abs_mm": 1e3 * float(mean_distance(places, true)),
+        "mpjpe_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
+        "pa_mpjpe_mm": 1e3 * procrustes(places, true),
         "humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
-        "pck_150mm": float(correct_keypoints(places, true, _PCK_M)),
+        "pck_abs_150mm": float(correct_keypoints(places, true, _PCK_M)),
     }
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
 
 class AccelerationError:
-    """acceleration_error_m_s2: of the expected pose's joints against the true ones', in the frame before the one that
-    comes in, over the joints that parameters called `moving` move. Unlike the others it tells shaking from standing
-    beside."""
+    """Measures acceleration_error_m_s2, the mean error of the joints' accelerations in the frame before the added one.
+
+    It is the expected pose's, over the joints that parameters in `moving` move. In contrast to the other errors it
+    separates jitter from a constant offset.
+    """
 
     def __init__(self, skeleton: Skeleton, moving: Sequence[str] = POSE_NAMES) -> None:
         self._skeleton, self._measured = skeleton, moved_joints(skeleton, moving)
         self._last: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=3)
 
     def add(self, step: Step) -> dict[str, float]:
-        """Return the error, where this frame and the two before have a truth."""
+        """Return the error; {} unless this frame and the two before have a truth."""
         truth = step.frame.truth
         if truth is None or truth.joints is None:
             self._last.clear()
@@ -152,8 +169,11 @@ class AccelerationError:
 
 
 def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, moving: Sequence[str]) -> float:
-    """Return the mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true
-    ones, over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
+    """Return the mean angle, degrees, between the joints' rotations relative to their parents in two poses (P,).
+
+    The mean is over the joints that parameters in `moving` rotate. In contrast to differences of single angles it has
+    no singular poses.
+    """
     rotations = forward(skeleton, np.stack([pose, truth])).rotations
     local = rotations.copy()
     children = np.flatnonzero(skeleton.parents >= 0)
@@ -163,20 +183,23 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
 
 
 def _pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray) -> FloatArray:
-    """Return distances (J,), px, of joints (J, 3), m, in the image from true pixels (J, 2); of an estimate behind the
-    camera the image's diagonal, NaN where the truth is not seen."""
-    apart = np.linalg.norm(camera.project(estimate) - truth_px, axis=1)
-    behind = ~np.isfinite(apart) & np.isfinite(truth_px).all(axis=1)
-    return np.where(behind, np.hypot(camera.width, camera.height), apart)
+    """Return distances (J,), px, of projected joints (J, 3), m, from true pixels (J, 2), NaN where these are.
+
+    An estimate behind the camera counts as the image's diagonal.
+    """
+    distances = np.linalg.norm(camera.project(estimate) - truth_px, axis=1)
+    behind = ~np.isfinite(distances) & np.isfinite(truth_px).all(axis=1)
+    return np.where(behind, np.hypot(camera.width, camera.height), distances)
 
 
 def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
+    """Return the mean joint error in the first view, px, or None where no true pixel is known."""
     camera = frame.views[0].camera
     if truth.annotations is not None:
-        marks = truth.annotations
+        pixels = truth.annotations
         if truth.annotations_visible is not None:
-            marks = np.where(truth.annotations_visible[:, None], marks, np.nan)
-        distances = _pixel_distances(camera, estimate, marks)
+            pixels = np.where(truth.annotations_visible[:, None], pixels, np.nan)
+        distances = _pixel_distances(camera, estimate, pixels)
     elif truth.joints is not None:
         true = true_cameras(frame)[0].project(truth.joints)
         distances = _pixel_distances(camera, estimate, true)[list(measured)]
@@ -186,48 +209,55 @@ def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, tr
 
 
 def mean_distance(estimate: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return the mean distance (...), in the unit given, NaN where no joint is known: MPJPE, which is HumanEva's 3-D
-    error (eq. 4) over its 15 virtual markers, and its 2-D error (eq. 5) for pixels."""
+    """Return the mean distance (...) over joints in the unit of the input, NaN where no joint is known.
+
+    It is the MPJPE in m, which over 15 virtual markers is HumanEva's 3-D error (eq. 4), and its 2-D error (eq. 5) in
+    px.
+    """
     return _mean(np.linalg.norm(estimate - truth, axis=-1))
 
 
 def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
-    """Return the mean distance, m, of joints (J, 3) after the similarity (turn, shift, scale) that brings them nearest
-    in the mean square (Umeyama 1991): PA-MPJPE. NaN for joints all in one place or fewer than _MIN_FOR_PROCRUSTES."""
-    known = np.isfinite(truth).all(axis=1)
-    if known.sum() < _MIN_FOR_PROCRUSTES:
+    """Return the PA-MPJPE, m, of joints (J, 3): the mean distance after the least-squares similarity (Umeyama 1991).
+
+    NaN for joints all in one place or fewer than _MIN_FOR_PROCRUSTES.
+    """
+    valid = np.isfinite(truth).all(axis=1)
+    if valid.sum() < _MIN_FOR_PROCRUSTES:
         return float("nan")
-    centred, true = estimate[known] - estimate[known].mean(axis=0), truth[known] - truth[known].mean(axis=0)
+    centred, true = estimate[valid] - estimate[valid].mean(axis=0), truth[valid] - truth[valid].mean(axis=0)
     size = float((centred**2).sum())
     if size == 0.0:
         return float("nan")
     left, singular, right = np.linalg.svd(true.T @ centred)
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a turn, not a mirror
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a rotation, not a reflection
     rotation, scale = (left * proper) @ right, float((singular * proper).sum()) / size
     return float(mean_distance(scale * centred @ rotation.T, true))
 
 
 def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:
-    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit given, or NaN."""
-    apart = np.linalg.norm(estimate - truth, axis=-1)
-    return _mean(np.where(np.isnan(apart), np.nan, apart < threshold))
+    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit of the input, or NaN."""
+    distances = np.linalg.norm(estimate - truth, axis=-1)
+    return _mean(np.where(np.isnan(distances), np.nan, distances < threshold))
 
 
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Return the mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3) in frames at times (F,),
-    s. Frames may be uneven: accelerations are second divided differences, which are exact for parabolas."""
+    """Return the mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3), m, at times (F,), s.
+
+    Times may be uneven: accelerations are second divided differences, which are exact for parabolas.
+    """
     return mean_distance(accelerations(estimate, times_s), accelerations(truth, times_s))
 
 
 def accelerations(places: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Return second derivatives (F − 2, J, 3), m/s², of places (F, J, 3), m, at times (F,), s, rising."""
+    """Return second derivatives (F − 2, J, 3), m/s², of places (F, J, 3), m, at increasing times (F,), s."""
     gaps = np.diff(times_s)[:, None, None]
     velocities = np.diff(places, axis=0) / gaps
     return 2.0 * np.diff(velocities, axis=0) / (gaps[1:] + gaps[:-1])
 
 
 def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return angles (...), degrees, of the turns between rotations (..., 3, 3): the geodesic distance on SO(3)."""
+    """Return the geodesic distances (...) on SO(3), degrees, between rotations (..., 3, 3)."""
     between = np.swapaxes(estimate, -1, -2) @ truth
     # by sine and cosine, as the arccosine of the trace loses half its digits near zero; SciPy's Rotation.magnitude is
     # the same to 4e-14 degrees, not to the bit
@@ -236,9 +266,9 @@ def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     return np.degrees(np.arctan2(np.linalg.norm(axis, axis=-1), trace - 1.0))
 
 
-def _mean(apart: FloatArray) -> FloatArray:
-    """Return the mean over the last axis of what is not NaN; NaN where nothing is."""
-    known = np.isfinite(apart)
-    n = known.sum(axis=-1)
-    total = np.where(known, apart, 0.0).sum(axis=-1)
+def _mean(values: FloatArray) -> FloatArray:
+    """Return the mean over the last axis, NaN ignored; NaN where all are."""
+    valid = np.isfinite(values)
+    n = valid.sum(axis=-1)
+    total = np.where(valid, values, 0.0).sum(axis=-1)
     return np.where(n > 0, total / np.maximum(n, 1), np.nan)

@@ -132,7 +132,7 @@ def identity(config: DictConfig) -> str:
     settings = {
         place: [Path(value).name, inputs[value]] if isinstance(value, str) and value in inputs else value
         for place, value in chosen.items()
-        if place != "recorder.live"
+        if place != "recorder.stream"
     }
     content = {"config": settings, "code": [_code(package) for package in used]}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -21,7 +21,6 @@ from workbench.experiment.config.schema import composed
 from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.experiment.provenance import Command, identity
 from workbench.experiment.tracking import Components, Meter, assemble
-from workbench.recording.migrations import provenance_in_todays_words
 from workbench.recording.read.partial_run import Earlier, checkpoint_frames, earlier, past_before, recorded_poses
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT, choices_of, leaves
@@ -259,7 +258,7 @@ def changes(before: Any, after: Any) -> list[str]:
 
 def _choices(run: Run) -> dict[str, str]:
     """Return the recorded experiment and options, as far as they exist today."""
-    provenance = provenance_in_todays_words(run.provenance)
+    provenance = run.provenance
     recorded, experiment = choices_of(provenance.get("choices") or ()), str(provenance.get("experiment", "custom"))
     existing = {group: name for group, name in recorded.items() if group in GROUPS and name in options(group)}
     return {"experiment": experiment if experiment in options("experiment") else "custom", **existing}

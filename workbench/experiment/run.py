@@ -19,9 +19,10 @@ from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_
 from workbench.core.prior import Prior
 from workbench.core.step import resumable
 from workbench.core.study import Study
-from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.verdict import WINDOW, RunInputs, verdict
+from workbench.evaluation.run_measurements import MeasurementCollector
+from workbench.evaluation.track_loss import WINDOW_FRAMES
+from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, evidence_problem, traits_of
@@ -159,16 +160,16 @@ def _track(
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     components = build_components(config, partial(_timed, summary))
-    summary.counted = components.clip.info.input_counts
+    summary.input_counts = components.clip.info.input_counts
     if reason := evidence_problem(config, names):
-        summary.left_out["log_evidence"] = reason
-    summary.constant = _constant(config, components)
-    evidence = Evidence(components.body, components.clip.info.scale)
+        summary.omitted_metrics["log_evidence"] = reason
+    summary.uninformative_metrics = _uninformative(config, components)
+    collector = MeasurementCollector(components.body, components.clip.info.scale)
     with recorder_of(config, components, summary) as recorder:
         before_s = compiled_s()
-        record(components, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
-        summary.compiling_s = compiled_s() - before_s
-        measured = evidence.measured()
+        record(components, recorder, int(config.seed), summary, quiet, continued, stop, collector)
+        summary.compile_s = compiled_s() - before_s
+        measured = collector.measurements()
         summary.verdict = verdict(measured, _run_inputs(config, summary.settings, components))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
@@ -184,11 +185,11 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Com
         max_iterations=float(iterations) if isinstance(iterations, int) else None,
         rate_hz=info.rate_hz,
         source_rate_hz=info.source_rate_hz,
-        seen=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
+        shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
     )
 
 
-def _constant(config: DictConfig, components: Components) -> frozenset[str]:
+def _uninformative(config: DictConfig, components: Components) -> frozenset[str]:
     """Return the metrics that are equal in every run of such components.
 
     These are the metrics of uniform weights (also for a uniform likelihood), the metrics of the heaviest particle for
@@ -197,10 +198,10 @@ def _constant(config: DictConfig, components: Components) -> frozenset[str]:
     provided = traits_of(config.inference).provides
     of_likelihood = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
     names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in provided | of_likelihood else set()
-    names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in provided else set()
+    names |= {f"{error}_max_weight" for error in ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")} if FIT in provided else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
-        names |= set() if angles & set(components.parameters) else {f"{joint}_deg"}
+        names |= set() if angles & set(components.parameters) else {f"{joint}_flexion_rmse_deg"}
     return frozenset(names)
 
 
@@ -217,7 +218,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
         before_s = compiled_s()
         with _timed(summary, "study"):
             result = study.run(rng_streams(int(config.seed))["study"])
-        summary.compiling_s = compiled_s() - before_s
+        summary.compile_s = compiled_s() - before_s
         summary.study = result.metrics
         record_study(file, result)
         file.send_numbers("cost", summary.cost)
@@ -225,7 +226,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 def record(
     components: Components, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: Continuation | None = None, stop: _Stop | None = None, evidence: Evidence | None = None,
+    continued: Continuation | None = None, stop: _Stop | None = None, collector: MeasurementCollector | None = None,
 ) -> None:  # fmt: skip
     """Track, record every step with its errors, and add it to the summary and the run evidence.
 
@@ -234,7 +235,7 @@ def record(
     components, recorder, seed, summary : the run; the recorder is open.
     quiet : show no progress bar.
     continued, stop : as of `execute`.
-    evidence : of the run, for the verdict.
+    collector : of measurements for the verdict.
     """
     recorder.set_perturbations(components.clip.info.perturbations)
     meter, disable = Meter(components), True if quiet else None
@@ -249,31 +250,31 @@ def record(
         for step, errors in tracked:
             check_interrupted()
             if not np.isfinite(step.log_evidence):
-                summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
-            numbers = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
+                summary.omitted_metrics.setdefault("log_evidence", "this inference does not estimate it")
+            numbers = {} if "log_evidence" in summary.omitted_metrics else {"log_evidence": step.log_evidence}
             with _timed(summary, "recording"):
                 recorder.log(step, {**numbers, **errors})
             summary.add(step, errors)
-            if evidence is not None:
-                evidence.add(step, errors)
+            if collector is not None:
+                collector.add(step, errors)
             for message in step.warnings:
                 log.warning(message)
             error = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
-            ess = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
+            ess = [] if "ess" in summary.uninformative_metrics else [f"ESS {step.ess:.0f}"]
             bar.set_postfix_str(", ".join([*error, *ess]), refresh=False)  # shown by the update
             bar.update()
-            if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # not by a few frames
+            if stop is not None and summary.frames > WINDOW_FRAMES and stop(summary.metrics):  # not by a few frames
                 summary.stopped = f"{stop} in frame {step.frame.index}"
                 recorder.set_stopped(summary.stopped)
                 log.info("stopped: %s", summary.stopped)
                 break
-    summary.over_run = meter.over_run
+    summary.run_metrics = meter.run_metrics
 
 
 def recorder_of(config: DictConfig, components: Components, summary: Summary) -> Recorder:
     """Return the recorder of a run of these components, not yet open; InputError as `Recorder`."""
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
-    live |= {"constant": sorted(_constant(config, components))}
+    live |= {"uninformative_metrics": sorted(_uninformative(config, components))}
     live |= (
         {"decode": components.prior.pose} if components.prior is not None and resumable(components.inference) else {}
     )

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.verdict import lost_and_found, lost_share
+from workbench.evaluation.track_loss import lost_fraction, track_events
+from workbench.recording.migrations import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
 from workbench.utils.signals import deferred
@@ -27,12 +28,12 @@ if TYPE_CHECKING:  # slow imports that a rejected configuration does not need
 
 log = logging.getLogger(__name__)
 
-_RMS = ("knee_deg", "hip_deg")
+_RMS = ("knee_flexion_rmse_deg", "hip_flexion_rmse_deg")
 """Errors that are summarized by their root mean square instead of their mean."""
 
-_ROOM = 32_768
+_RESERVED_BYTES = 32_768
 """Size of summary.json during a run, bytes: reserves space for the final one on a full disk."""
-_LEFT_OUT_FIRST = ("settings", "provenance", "versions")
+_OMITTED_IF_FULL = ("settings", "provenance", "versions")
 
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
@@ -50,13 +51,13 @@ class Summary:
     Means are over the frames with ground truth after the first, which is the initial condition. log_evidence covers all
     frames.
 
-    assumptions: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it
-    read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run
-    as a whole, see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped".
-    before: frames taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier
-    attempt was taken over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps
-    are in. constant: metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which
-    is in no other time.
+    assumptions: the side information used, see `requirements.assumptions`. input_counts: what the dataset counted in
+    what it read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. run_metrics: metrics
+    of the run as a whole, see `Meter.run_metrics`. stopped: why and in which frame it ended early; the status is then
+    "stopped". resumed_frames: frames taken over from an earlier attempt, which the cost does not count. restart_reason:
+    why nothing of an earlier attempt was taken over. omitted_metrics: metrics that would mean nothing, with the reason.
+    verdict: known when all steps are in. uninformative_metrics: metrics that are the same in all runs of such parts.
+    compile_s: time to compile kernels, which is in no other time.
     """
 
     experiment: str
@@ -70,26 +71,26 @@ class Summary:
     settings: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     assumptions: list[str] = field(default_factory=list)
-    counted: Mapping[str, int] = field(default_factory=dict)
+    input_counts: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
-    before: int = 0
-    anew: str | None = None
+    resumed_frames: int = 0
+    restart_reason: str | None = None
     steps_s: float = 0.0
     evaluations: float = 0.0
     log_evidence: float = float("nan")
     per_frame: dict[str, list[float]] = field(default_factory=dict)
-    over_run: Mapping[str, float] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
+    run_metrics: Mapping[str, float] = field(default_factory=dict)
+    omitted_metrics: dict[str, str] = field(default_factory=dict)
     stopped: str | None = None
     verdict: "Verdict | None" = None
-    constant: frozenset[str] = frozenset()
-    compiling_s: float = 0.0
+    uninformative_metrics: frozenset[str] = frozenset()
+    compile_s: float = 0.0
     study: Mapping[str, float] | None = None
 
     def take_over(self, n_frames: int, per_frame: Mapping[str, list[float]]) -> None:
         """Start from the frames of an earlier attempt and the metrics of those after the first."""
-        self.frames = self.before = n_frames
+        self.frames = self.resumed_frames = n_frames
         self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
     def end(self, error: BaseException | None) -> None:
@@ -115,7 +116,7 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Metrics of the run: mean errors, comparable log evidence, and those of `over_run`; or those of a study."""
+        """Metrics of the run: mean errors, comparable log evidence, and and `run_metrics`; or those of a study."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
@@ -123,21 +124,21 @@ class Summary:
         means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
         if "jump_deg_mean" in means:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
-        if {"error_px", "forearm_px"} <= means.keys():
-            errors, widths = self.per_frame["error_px"], self.per_frame["forearm_px"]
-            means["times_lost"] = float(sum(event.kind == "lost" for event in lost_and_found(errors, widths)))
-            means["held"] = float(means["times_lost"] == 0.0)
-            means["lost_share"] = lost_share(errors, widths)
-        if "log_evidence" not in self.left_out:
+        if {"mpjpe_px", "forearm_width_px"} <= means.keys():
+            errors, widths = self.per_frame["mpjpe_px"], self.per_frame["forearm_width_px"]
+            means["n_track_losses"] = float(sum(event.kind == "lost" for event in track_events(errors, widths)))
+            means["tracked"] = float(means["n_track_losses"] == 0.0)
+            means["lost_fraction"] = lost_fraction(errors, widths)
+        if "log_evidence" not in self.omitted_metrics:
             means["log_evidence"] = self.log_evidence
-        return {**means, **self.over_run, "frames": float(self.frames)}
+        return {**means, **self.run_metrics, "n_frames": float(self.frames)}
 
     @property
     def cost(self) -> dict[str, float]:
         """Computing cost of the run, separate from the metrics, as wall times differ between equal runs.
 
         seconds: time of the inference or study, without one-time costs such as learning a prior or compiling kernels.
-        ms_per_frame: the same per frame. compiling_s: compilation time. likelihood_evaluations: number of evaluated
+        ms_per_frame: the same per frame. compile_s: compilation time. likelihood_evaluations: number of evaluated
         poses; for least squares the residual evaluations of all frames, without initialization. jacobian_cost_ratio:
         cost of F with its Jacobian over the cost of F, if measured (paper D, section 4.1).
         """
@@ -145,9 +146,9 @@ class Summary:
             return {"seconds": self.timing["study"]}
         cost: dict[str, float] = {}
         if self.steps_s > 0.0:
-            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.before)}
-        if self.compiling_s > 0.0:
-            cost["compiling_s"] = self.compiling_s
+            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.resumed_frames)}
+        if self.compile_s > 0.0:
+            cost["compile_s"] = self.compile_s
         if self.evaluations > 0.0:
             cost["likelihood_evaluations"] = self.evaluations
         if self.timing.get("residual", 0.0) > 0.0:
@@ -159,14 +160,15 @@ class Summary:
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers = {**self.metrics, **self.cost}
         content = {
+            "format": FORMAT,
             "status": self.status,
             **({} if self.verdict is None else {"verdict": self.verdict.as_dict}),
             "experiment": self.experiment,
             "seed": self.seed,
             "assumptions": self.assumptions,
-            "counted": dict(self.counted),
+            "input_counts": dict(self.input_counts),
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
-            "left_out": self.left_out,
+            "omitted_metrics": self.omitted_metrics,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
             "identity": self.identity,
@@ -177,11 +179,11 @@ class Summary:
             "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,
             **({} if self.stopped is None else {"stopped": self.stopped}),
-            **({} if self.anew is None else {"anew": self.anew}),
+            **({} if self.restart_reason is None else {"restart_reason": self.restart_reason}),
         }
-        short = {name: value for name, value in content.items() if name not in _LEFT_OUT_FIRST}
+        short = {name: value for name, value in content.items() if name not in _OMITTED_IF_FULL}
         text, shorter = (json.dumps(fields, indent=2) + "\n" for fields in (content, short))
-        replace_text(path, text.ljust(_ROOM if self.status == "running" else 0), shorter)
+        replace_text(path, text.ljust(_RESERVED_BYTES if self.status == "running" else 0), shorter)
 
 
 def earlier_runs(folder: Path) -> list[Path]:

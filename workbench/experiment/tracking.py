@@ -19,7 +19,7 @@ from workbench.core.step import Inference, Step
 from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.evaluation.pose_errors import AccelerationError, step_errors
 from workbench.evaluation.posterior_calibration import expected_calibration_error
-from workbench.evaluation.step_calibration import group_errors, pose_ranks, stated_doubt
+from workbench.evaluation.step_calibration import expected_errors, group_errors, pose_ranks
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
@@ -117,9 +117,9 @@ class Meter:
 
     def errors(self, step: Step) -> dict[str, float]:
         """Return the step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`,
-        and its expected errors, see `stated_doubt`."""
+        and its expected errors, see `expected_errors` of `step_calibration`."""
         errors = step_errors(step, self._body, self._parameters, self._scale)
-        errors |= stated_doubt(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
+        errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
         self._first = False
@@ -136,12 +136,12 @@ class Meter:
         self._first = False
 
     @property
-    def over_run(self) -> dict[str, float]:
+    def run_metrics(self) -> dict[str, float]:
         """Metrics of the run as a whole: lengths of the marker offsets, mm, and the expected calibration error, see
         `posterior_calibration.expected_calibration_error`."""
         ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
-        calibration = {"calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
-        return self._markers.removed_mm | self._markers.lengths_mm | calibration
+        calibration = {"expected_calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
+        return self._markers.corrected_mm | self._markers.lengths_mm | calibration
 
 
 def track(components: Components, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:

@@ -1,1 +1,1 @@
-"""Runs written as Rerun recordings; the only package that imports rerun."""
+"""Recordings of runs and studies as Rerun files; the only package that writes them."""

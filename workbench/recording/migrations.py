@@ -1,11 +1,18 @@
-"""Translate configurations recorded by earlier versions to today's names."""
+"""Translation of earlier recordings to today's names of metrics, entity paths, properties and configuration keys."""
 
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from workbench.utils.errors import InputError
+
+FORMAT = 3
+"""The version of a recording's names, in its property `run` and in summary.json. Readers translate smaller versions.
+
+1: without a number. 2: `run` has the key format. 3: the standard names of metrics, paths and configuration keys.
+"""
 
 _DATASETS = "workbench.datasets"
 _VIDEOS = (f"{_DATASETS}.video.Video", f"{_DATASETS}.multi_view.MultiView")
@@ -147,6 +154,7 @@ _KEYS: dict[str, dict[str, str]] = {
         "hidden_weight": "occluded_weight", "start_last": "initial_last_frame", "start_marks": "initial_annotations",
         "which": "camera_name",
     },
+    "workbench.recording.write.recorder.Recorder": {"live": "stream"},
     "workbench.inference.least_squares.least_squares.LeastSquares": {"most_points": "max_points"},
     "workbench.inference.synthesis.Synthesis": {"smoothing_s": "blend_time_s"},
     f"{_PRIORS}.ar_offsets.AROffsets": {"keep": "ar_coefficient"},
@@ -190,29 +198,105 @@ _VALUES: dict[str, dict[str, dict[Any, Any]]] = {
 """Values of keys that have another name today, by target and today's key: old and new."""
 _INVERSES = {"exact": "perturb"}
 """Flags that today's key inverts, of the targets in _SCENES: old and new."""
-# The recorded property `departures` is `perturbations` today.
 _SCENES = tuple(f"{_DATASETS}.{name}" for name in ("points.Points", "stereo.Stereo", "synthetic.Synthetic"))
-
-_EXPERIMENTS = {
-    "strangers": "held_out_subjects", "track": "dense_tracking", "track_video": "video_cues",
-    "walk_best": "walk_multi_cue", "walk_video_best": "walk_video_multi_cue",
-}  # fmt: skip
-"""Experiments that have another name today: old and new."""
-_TOP_KEYS = {
-    "learn": "training", "parts": "component_packages", "people": "default_motions", "threads": "n_threads",
-    "clips.choose": "clips.validation", "clips.half": "clips.split", "clips.report": "clips.test",
-    "clips.report_full": "clips.test_full", "clips.report_run": "clips.test_run",
+_SETTINGS: dict[str, str] = {
+    "check.figures": "check.study_metrics", "clips.choose": "clips.validation", "clips.half": "clips.split",
+    "clips.report": "clips.test", "clips.report_full": "clips.test_full", "clips.report_run": "clips.test_run",
     "clips.report_walk_run": "clips.test_walk_run", "clips.strangers": "clips.held_out",
-    "learn.leave_out": "training.exclude", "protocol.half": "protocol.split", "protocol.shown": "protocol.occlusion",
+    "learn.leave_out": "learn.exclude", "protocol.half": "protocol.split", "protocol.shown": "protocol.occlusion",
     "sweep.jobs": "sweep.job_ids", "sweep.metric": "sweep.objective", "sweep.stop_when": "sweep.stop_if",
+    "given": "assumptions", "learn": "training", "parts": "component_packages", "people": "default_motions",
+    "threads": "n_threads",
 }  # fmt: skip
-"""Keys outside of components that have another name today, with their section: old and new."""
-_TOP_VALUES: dict[str, dict[Any, Any]] = {
+"""Keys outside of components that have another name today, dotted: old and new. Keys of a section come before it."""
+_SETTING_VALUES: dict[str, dict[Any, Any]] = {
     "clips.split": {"choose": "validation", "report": "test"},
     "protocol.occlusion": {"a board passing": "moving board", "nothing before the person": "none"},
     "protocol.split": {"choose": "validation", "report": "test"},
 }
 """Values of keys outside of components that have another name today, by today's key: old and new."""
+_EXPERIMENTS = {
+    "strangers": "held_out_subjects", "track": "dense_tracking", "track_video": "video_cues",
+    "walk_best": "walk_multi_cue", "walk_video_best": "walk_video_multi_cue",
+}  # fmt: skip
+"""Experiments that have another name today: old and new."""
+
+_METRICS: dict[str, str] = {
+    "acceptance": "acceptance_rate",
+    "ancestors_10": "unique_ancestors_lag10",
+    "calibration_error": "expected_calibration_error",
+    "compiling_s": "compile_s",
+    "distinct": "unique_particles",
+    "error_abs_mm": "mpjpe_abs_mm",
+    "error_abs_offsets_removed_mm": "mpjpe_abs_offset_corrected_mm",
+    "error_angle_deg": "mpjae_local_deg",
+    "error_offset_free_mm": "mpjpe_abs_marker_corrected_mm",
+    "error_procrustes_mm": "pa_mpjpe_mm",
+    "error_px": "mpjpe_px",
+    "error_rel_mm": "mpjpe_mm",
+    "error_rel_offsets_removed_mm": "mpjpe_offset_corrected_mm",
+    "explained": "explained_variance",
+    "explained_5": "explained_variance_5",
+    "forearm_px": "forearm_width_px",
+    "frames": "n_frames",
+    "held": "tracked",
+    "hip_deg": "hip_flexion_rmse_deg",
+    "inliers": "inlier_fraction",
+    "knee_deg": "knee_flexion_rmse_deg",
+    "log_score": "nll",
+    "lost_share": "lost_fraction",
+    "passes": "n_passes",
+    "passing": "occluded_fraction",
+    "pck_150mm": "pck_abs_150mm",
+    "restarted": "reinitialized",
+    "temperatures": "n_temperatures",
+    "times_lost": "n_track_losses",
+    "z2": "nees_per_dim",
+}
+"""Metrics that have another name today: old and new."""
+_METRIC_PATTERNS: dict[str, str] = {
+    r"doubt_(\w+)_mm": r"expected_error_\1_mm",
+    r"missed_(\w+)_mm": r"mpjpe_abs_\1_mm",
+    r"offset_(\w+)_mm": r"marker_offset_\1_mm",
+    r"share_(\w+)": r"variance_fraction_\1",
+}
+"""Families of metrics that have another name today: regular expressions of whole names, and their replacements."""
+_SUFFIXES: dict[str, str] = {"_map": "_max_weight"}
+"""Suffixes of metrics that have another name today: old and new."""
+_PATHS: dict[str, str] = {
+    "checkpoint/told": "checkpoint/reported",
+    "evaluation/ranks/even": "evaluation/ranks/uniform",
+    "residual_px": "reprojection_error_px",
+    "state/do_not_trust": "state/large_expected_error",
+    "state/person": "state/tracking",
+}
+"""Entity paths that have another name today, with all below them: old and new."""
+_PATH_PATTERNS: dict[str, str] = {r"(world/[^/]+/image)/truth_marks": r"\1/annotations"}
+"""Families of entity paths that have another name today: regular expressions of whole paths, and replacements."""
+_PROPERTIES: dict[str, str] = {"departures": "perturbations"}
+"""Properties of a recording that have another name today: old and new."""
+_PROPERTY_KEYS: dict[str, dict[str, str]] = {
+    "provenance": {"given": "assumptions"},
+    "verdict": {"found": "findings", "sentence": "message"},
+}
+"""Keys of properties that have another name today, by today's property: old and new."""
+_VERDICTS: dict[str, str] = {
+    "cameras disagree": "inconsistent cameras",
+    "far from what is seen": "observations far from the body",
+    "frames missing": "missing frames or jumps",
+    "height": "height mismatch",
+    "held": "tracked",
+    "left and right": "left–right swap",
+    "limb lengths": "implausible limb lengths",
+    "no truth": "no ground truth",
+    "not seen": "no person visible",
+    "rate": "frame-rate mismatch",
+}
+"""Kinds of verdicts that have another name today: old and new."""
+_SUMMARY: dict[str, str] = {
+    "anew": "restart_reason", "counted": "input_counts", "given": "assumptions", "left_out": "omitted_metrics",
+}  # fmt: skip
+"""Fields of summary.json that have another name today: old and new."""
 
 
 def todays_experiment(name: str) -> str:
@@ -222,29 +306,113 @@ def todays_experiment(name: str) -> str:
 
 def todays_key(place: str) -> str:
     """Return the dotted key that a key outside of components has today."""
-    section, dot, rest = place.partition(".")
-    return _TOP_KEYS.get(place) or f"{_TOP_KEYS.get(section, section)}{dot}{rest}"
+    section, dot, rest = _SETTINGS.get(place, place).partition(".")
+    return f"{_SETTINGS.get(section, section)}{dot}{rest}"
 
 
-def provenance_in_todays_words(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a recorded provenance with today's experiment names, also in its choices "group=option"."""
-    today = dict(provenance)
-    if "experiment" in today:
-        today["experiment"] = todays_experiment(str(today["experiment"]))
-    if choices := today.get("choices"):
-        listed = [choices] if isinstance(choices, str) else choices
-        pairs = (str(choice).partition("=") for choice in listed)
-        today["choices"] = [
-            f"{group}={todays_experiment(name) if group == 'experiment' else name}" for group, _, name in pairs
-        ]
+def metric_name(recorded: str) -> str:
+    """Return today's name of a metric of an earlier recording."""
+    for suffix, new in _SUFFIXES.items():
+        if recorded.endswith(suffix):
+            return metric_name(recorded.removesuffix(suffix)) + new
+    for pattern, replacement in _METRIC_PATTERNS.items():
+        if match := re.fullmatch(pattern, recorded):
+            return match.expand(replacement)
+    return _METRICS.get(recorded, recorded)
+
+
+def entity_path(recorded: str) -> str:
+    """Return today's path, /a/b, of an entity of an earlier recording."""
+    path = recorded.removeprefix("/")
+    root, _, name = path.partition("/")
+    if root in ("metrics", "guides"):
+        return f"/{root}/{metric_name(name)}"
+    for old, new in _COLUMNS.items():
+        path = re.sub(f"{old}(?=/|$)", new, path)
+    for old, new in _PATHS.items():
+        if path == old or path.startswith(f"{old}/"):
+            return f"/{new}{path.removeprefix(old)}"
+    for pattern, replacement in _PATH_PATTERNS.items():
+        if match := re.fullmatch(pattern, path):
+            return f"/{match.expand(replacement)}"
+    return f"/{path}"
+
+
+def former_paths(paths: Sequence[str]) -> list[str]:
+    """Return the paths that earlier recordings have for those of `paths` that were renamed."""
+    former = {f"/{new}": f"/{old}" for old, new in _PATHS.items()}
+    former |= {f"/metrics/{new}": f"/metrics/{old}" for old, new in _METRICS.items()}
+    return [former[path] for path in paths if path in former]
+
+
+def renamed_metrics(recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the mapping with today's names of metrics as keys."""
+    return {metric_name(name): value for name, value in recorded.items()}
+
+
+def renamed_properties(recorded: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return an earlier recording's properties with today's names and keys."""
+    properties: dict[str, dict[str, Any]] = {}
+    for name, values in recorded.items():
+        name = _PROPERTIES.get(name, name)
+        properties[name] = _renamed_keys(values, _PROPERTY_KEYS.get(name, {}))
+        if name in ("metrics", "cost"):
+            properties[name] = renamed_metrics(values)
+    if isinstance(kind := properties.get("verdict", {}).get("kind"), str):
+        properties["verdict"]["kind"] = _VERDICTS.get(kind, kind)
+    if "provenance" in properties:
+        properties["provenance"] |= _provenance(properties["provenance"])
+    if isinstance(names := properties.get("marginals", {}).get("names"), list):
+        properties["marginals"]["names"] = [_column(name) for name in names]
+    return properties
+
+
+def _column(recorded: Any) -> Any:
+    """Return today's name of a column of the state."""
+    for old, new in _COLUMNS.items():
+        if str(recorded).endswith(old):
+            return f"{str(recorded).removesuffix(old)}{new}"
+    return recorded
+
+
+def _provenance(recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the experiment and the choices "group=option" of a provenance, where it has them, in today's names."""
+    today: dict[str, Any] = {}
+    if "experiment" in recorded:
+        today["experiment"] = todays_experiment(str(recorded["experiment"]))
+    if choices := recorded.get("choices"):
+        pairs = (str(choice).partition("=") for choice in ([choices] if isinstance(choices, str) else choices))
+        options = {"experiment": _EXPERIMENTS, **_OPTIONS}
+        today["choices"] = [f"{group}={options.get(group, {}).get(option, option)}" for group, _, option in pairs]
     return today
 
 
-def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the configuration with today's keys; a warning names each key whose value changes.
+def renamed_summary(recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a summary.json with today's names; one of today's format is returned unchanged."""
+    if recorded.get("format", 1) >= FORMAT:
+        return dict(recorded)
+    summary = _renamed_keys(recorded, _SUMMARY)
+    summary["metrics"] = renamed_metrics(summary["metrics"])
+    properties = {name: summary[name] for name in ("provenance", "verdict") if isinstance(summary.get(name), Mapping)}
+    summary |= renamed_properties(properties)
+    if isinstance(settings := summary.get("settings"), Mapping):
+        summary["settings"] = renamed(settings)
+    return summary
 
-    Targets, keys and values get the names they have today, a video's `last_frame` becomes `n_frames`, the `first_frame`
-    of files of points becomes `truth_first_frame`, and keys whose values are fixed today are removed.
+
+def renamed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an earlier recording's configuration with today's targets, keys and values.
+
+    A video's `last_frame` becomes `n_frames`, and the `first_frame` of point files becomes `truth_first_frame`. Keys
+    that components no longer have are removed where they have the value that is fixed today, and stay otherwise.
+    """
+    return _renamed(settings)[0]
+
+
+def migrated(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an earlier recording's configuration as `renamed`, to be run again.
+
+    A warning names each key whose value changes.
 
     Parameters
     ----------
@@ -253,38 +421,55 @@ def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises
     ------
-    InputError : a component that is none any more, or another value than the one that is fixed today.
+    InputError : the configuration has a removed component, or a value other than the one that is fixed today.
     """
-    today = {todays_key(key): _section(key, _today(path, key, value)) for key, value in settings.items()}
-    if isinstance(dataset := today.get("dataset"), Mapping):
-        today["dataset"] = _dataset(dataset)
+    for place, value in settings.items():
+        for message in _obstacles(place, value):
+            raise InputError(f"{path}: {message}")
+    today, changes = _renamed(settings)
+    for change in changes:
+        warnings.warn(change, stacklevel=2)
     return today
 
 
-def _today(path: Path, place: str, value: Any) -> Any:
-    """Return a part of a configuration with today's targets and keys."""
+def _renamed(settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the configuration with today's names, and a message for each key whose value changes."""
+    dataset, changes = settings.get("dataset"), list[str]()
+    if isinstance(dataset, Mapping):
+        dataset, changes = _dataset(dataset)
+    today: dict[str, Any] = {key: _component(dataset if key == "dataset" else value) for key, value in settings.items()}
+    for old, new in _SETTINGS.items():
+        *parents, name = old.split(".")
+        node: Any = today
+        for parent in parents:
+            node = node.get(parent) if isinstance(node, dict) else None
+        if isinstance(node, dict) and name in node:
+            node[new.rpartition(".")[2]] = node.pop(name)
+    for place, names in _SETTING_VALUES.items():
+        section, _, name = place.partition(".")
+        if isinstance(today.get(section), dict) and isinstance(value := today[section].get(name), str):
+            today[section][name] = names.get(value, value)
+    if isinstance(today.get("check"), dict):
+        today["check"] = renamed_metrics(today["check"])
+    return today, changes
+
+
+def _component(value: Any) -> Any:
+    """Return a part of a configuration with today's targets, keys and values."""
     if isinstance(value, list):
-        return [_today(path, f"{place}.{k}", item) for k, item in enumerate(value)]
+        return [_component(item) for item in value]
     if not isinstance(value, Mapping):
         return value
-    today = {key: _today(path, f"{place}.{key}", item) for key, item in value.items()}
+    today = {key: _component(item) for key, item in value.items()}
     if not isinstance(recorded := today.get("_target_"), str):
         return today
-    module, _, name = recorded.rpartition(".")
-    target = f"{_MODULES.get(module, module)}.{name}"
-    today["_target_"] = target = _CLASSES.get(target, target)
-    if target in _REMOVED:
-        raise InputError(f"{path}: {place}._target_: {recorded} is no component any more; choose another one")
+    today["_target_"] = target = _target(recorded)
     for key, fixed in _FIXED.get(target, {}).items():
-        if (found := today.pop(key, None)) not in (fixed, None):
-            raise InputError(
-                f"{path}: {place}.{key}: expected {fixed}, which is fixed today, found {found!r}; run its experiment "
-                "again without this key"
-            )
-    renamed = _KEYS.get(target, {})
-    today = {renamed.get(key, key): item for key, item in today.items()}
-    for key, inverse in _INVERSES.items() if target in _SCENES else ():
-        if isinstance(flag := today.pop(key, None), bool):
+        if today.get(key, fixed) in (fixed, None):
+            today.pop(key, None)
+    today = _renamed_keys(today, _KEYS.get(target, {}))
+    for old, inverse in _INVERSES.items() if target in _SCENES else ():
+        if isinstance(flag := today.pop(old, None), bool):
             today[inverse] = not flag
     for key, values in _VALUES.get(target, {}).items():
         if key in today and not isinstance(today[key], list | dict):
@@ -292,31 +477,52 @@ def _today(path: Path, place: str, value: Any) -> Any:
     return today
 
 
-def _section(name: str, value: Any) -> Any:
-    """Return a section of the top level with today's keys and values."""
+def _obstacles(place: str, value: Any) -> Iterator[str]:
+    """Yield why a part of an earlier configuration cannot run: removed components, and values that are fixed today."""
+    if isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from _obstacles(f"{place}.{k}", item)
     if not isinstance(value, Mapping):
-        return value
-    places = {key: todays_key(f"{name}.{key}") for key in value}
-    return {
-        places[key].partition(".")[2]: _TOP_VALUES.get(places[key], {}).get(item, item)
-        if isinstance(item, str)
-        else item
-        for key, item in value.items()
-    }
+        return
+    for key, item in value.items():
+        yield from _obstacles(f"{place}.{key}", item)
+    if not isinstance(recorded := value.get("_target_"), str):
+        return
+    target = _target(recorded)
+    if target in _REMOVED:
+        yield f"{place}._target_: the component {recorded} was removed; choose another one"
+    for key, fixed in _FIXED.get(target, {}).items():
+        if value.get(key) not in (fixed, None):
+            yield (
+                f"{place}.{key}: expected {fixed}, which is fixed today, found {value[key]!r}; run its experiment "
+                "again without this key"
+            )
 
 
-def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:
-    target, dataset = recorded.get("_target_"), dict(recorded)
+def _target(recorded: str) -> str:
+    """Return today's target."""
+    module, _, name = recorded.rpartition(".")
+    target = f"{_MODULES.get(module, module)}.{name}"
+    return _CLASSES.get(target, target)
+
+
+def _renamed_keys(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    return {names.get(key, key): value for key, value in values.items()}
+
+
+def _dataset(recorded: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the dataset with today's numbers of frames, and a message for each key whose value changes."""
+    target, dataset, changes = _target(str(recorded.get("_target_"))), dict(recorded), list[str]()
     if target in _VIDEOS and "last_frame" in dataset:
         last = dataset.pop("last_frame")
         if isinstance(last, int):
             frames = last - int(dataset.get("first_frame") or 0) + 1
             fewer = dataset.get("n_frames")
             dataset["n_frames"] = frames if fewer is None else min(frames, fewer)
-            warnings.warn(f"dataset.last_frame={last} is dataset.n_frames={dataset['n_frames']} today", stacklevel=3)
-    elif target == _POINTS and "n_frames" not in dataset:  # which they took no part of
+            changes.append(f"dataset.last_frame={last} is dataset.n_frames={dataset['n_frames']} today")
+    elif target == _POINTS and "n_frames" not in dataset:  # earlier point files had no range of frames
         first = dataset.pop("first_frame", 0)
-        dataset["truth_first_frame"] = -first
+        dataset["truth_first"] = -first
         if first:
-            warnings.warn(f"dataset.first_frame={first} is dataset.truth_first_frame={-first} today", stacklevel=3)
-    return dataset
+            changes.append(f"dataset.first_frame={first} is dataset.truth_first_frame={-first} today")
+    return dataset, changes

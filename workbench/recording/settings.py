@@ -1,4 +1,4 @@
-"""A configuration as flat keys, which tables can filter and sort by."""
+"""A configuration as flat keys, by which tables are filtered and sorted."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,13 +10,12 @@ NO_EFFECT = (
 )  # fmt: skip
 """Top-level keys of a configuration that do not affect a run's numbers.
 
-They set where and how a run is done (paths, n_threads, component_packages), what is recorded (recorder) and how far the
-numbers may move (check), or hold values that take effect only where a component refers to them (assumptions, clips,
-default_motions, paper, training); these are then part of that component's resolved configuration. The seed does affect
-the numbers.
+They set where and how a run is computed (paths, n_threads, component_packages), the recording (recorder) and tolerances
+(check), or hold values that take effect only where a component refers to them (assumptions, clips, default_motions,
+paper, training), and are then part of that component's resolved configuration. The seed does affect the numbers.
 """
 _NO_COLUMN = (*NO_EFFECT, "protocol")
-"""Top-level keys that are no columns of a table; the protocol only repeats how the dataset was chosen."""
+"""Top-level keys without a column in tables; the protocol only repeats the choice of the dataset."""
 _LONGEST_KEY, _LONGEST_TEXT = 120, 300
 
 
@@ -25,10 +24,8 @@ def leaves(value: Any, place: str = "", *, lists: bool = False) -> Iterator[tupl
 
     Parameters
     ----------
-    value, place
-        A mapping, and the dotted key where it is.
-    lists
-        Whether to go through lists too, as key[0], key[1] …, and to yield the empty lists and mappings.
+    value, place : a mapping and its dotted key.
+    lists : descend into lists too, as key[0], key[1] …, and yield empty lists and mappings.
     """
     if isinstance(value, Mapping):
         items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
@@ -48,9 +45,13 @@ def numbers_and_texts(
 ) -> tuple[dict[str, float], dict[str, str]]:
     """Return the numbers and the texts of a configuration by dotted key.
 
-    settings: nested, or with dotted keys. choices: the option chosen by group, which are texts, too. Truths and lists
-    are texts, as JSON: a column of a table of recordings has one type. Empty values, keys without effect on the numbers
-    or of over 120 characters, and what follows after 300 characters of a text are left out.
+    Truths and lists become texts, as JSON, since a column of a table of recordings has one type. Empty values, keys
+    without effect on the numbers and keys of over 120 characters are omitted; texts end after 300 characters.
+
+    Parameters
+    ----------
+    settings : nested, or with dotted keys.
+    choices : the chosen option by group; they become texts.
     """
     numbers: dict[str, float] = {}
     texts: dict[str, str] = {}
@@ -66,7 +67,7 @@ def numbers_and_texts(
 
 
 def choices_of(words: str | Iterable[str]) -> dict[str, str]:
-    """Return {group: option} of a provenance's words "group=option"; a recording holds a single one as a text."""
+    """Return {group: option} of a provenance's words "group=option"; a single one may be a text instead of a list."""
     return dict(str(word).partition("=")[::2] for word in ([words] if isinstance(words, str) else words))
 
 

@@ -1,4 +1,4 @@
-"""Several recordings in one viewer: two in one, under a/ and b/, or many as they are, with names and their curves."""
+"""Several recordings in one viewer: two side by side, under a/ and b/, or many with names and overlaid curves."""
 
 from collections.abc import Sequence
 from itertools import cycle
@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from workbench.core.study import Sticks
 from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
-from workbench.recording.read.crash_probe import refuse_fatal
+from workbench.recording.read.crash_probe import refuse_crashing
 from workbench.recording.read.reader import Run
 from workbench.recording.study.study_recorder import entity
 from workbench.recording.write import styles
@@ -20,8 +20,9 @@ from workbench.recording.write.file import written_file
 from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
-OVERLAID = "all runs: errors and how each came out"
-_CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")  # of all metrics those that are compared
+OVERLAID = "all runs: errors and outcomes"
+_CURVES = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "coverage_90")
+"""Metrics that are compared."""
 _EYE_M = (2.1, -2.1, 0.6)
 _MAX_FIGURES = 4
 _SIDES = {"a": (190, 190, 190), "b": (255, 110, 160)}
@@ -32,14 +33,14 @@ _OKABE_ITO = {
 
 
 def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
-    """Write both recordings to an .rrd with a layout that shows them side by side, under these names.
+    """Write both recordings to an .rrd with a layout that shows them side by side, under the names given.
 
-    Raises InputError for one that cannot be read whole.
+    Raises InputError for a recording that cannot be read completely.
     """
-    refuse_fatal([a.path, b.path])
+    refuse_crashing([a.path, b.path])
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
     layout = page(_two(a, b, names), fps=None)
-    with written_file(path, "workbench_side_by_side", f"{a.id}-beside", layout) as stream:
+    with written_file(path, "workbench_side_by_side", f"{a.id}-side-by-side", layout) as stream:
         for side, run in (("a", a), ("b", b)):
             for chunk in read_chunks(run.path, EVERYTHING):
                 below = chunk.entity_path.removeprefix("/").removeprefix("__")
@@ -47,10 +48,10 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
 
 
 def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Write an .rrd for each recording that holds nothing but its name; returns their paths.
+    """Write an .rrd with the name of each recording, and return their paths.
 
-    Opened together with the recording it becomes part of it, since both have one recording id. Raises InputError where
-    one cannot be read.
+    Opened together with the recording it becomes part of it, since both have one recording id. Raises InputError for a
+    recording that cannot be read.
     """
     paths = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
     for path, recording, name in zip(paths, recordings, names, strict=True):
@@ -62,14 +63,19 @@ def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) 
 def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups: Sequence[str]) -> None:
     """Write an .rrd with the errors and the coverage of every run over its frames, and a table of their outcomes.
 
-    groups: what distinguishes each run but for its seed, with one colour for each, which the table names, as a legend
-    with a line for each run would cover the curves. Studies have no curves.
+    Every group of runs has a colour, which the table names, since a legend of all runs would cover the curves. Studies
+    have no curves.
+
+    Parameters
+    ----------
+    runs, names : the runs and their names.
+    groups : differences of each run's configuration from the others', without the seed.
     """
     metrics = [name for name in _CURVES if any(name in run.metrics for run in runs)]
     legend = rrb.PlotLegend(visible=False)
     views = [rrb.TimeSeriesView(origin=f"/{name}", name=styles.title(name), plot_legend=legend) for name in metrics]
     rows = [rrb.Horizontal(*views[k : k + 2]) for k in range(0, len(views), 2)]
-    content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="how each came out"))
+    content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="outcomes"))
     colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
     words = [colour_of[group] for group in groups]
     with written_file(path, "workbench_overlaid", str(uuid4()), page(content, fps=None)) as stream:
@@ -85,12 +91,12 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
 
 
 def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
-    """Return a Markdown table of every run's verdict and headline numbers."""
-    shown = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
-    rows = [["run", "colour", "verdict", *shown.values()], ["---"] * (3 + len(shown))]
+    """Return a Markdown table of the runs' verdicts and headline metrics."""
+    titles = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
+    rows = [["run", "colour", "verdict", *titles.values()], ["---"] * (3 + len(titles))]
     for run, name, word in zip(runs, names, words, strict=True):
-        verdict = run.properties.get("verdict", {}).get("sentence", run.status)
-        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in shown]
+        verdict = run.properties.get("verdict", {}).get("message", run.status)
+        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in titles]
         rows.append([name, word, str(verdict), *numbers])
     return "\n".join(f"| {' | '.join(each.replace('|', '/') for each in row)} |" for row in rows)
 
@@ -98,13 +104,13 @@ def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -
 def _two(a: Run, b: Run, names: tuple[str, str]) -> rrb.Container:
     columns = [_pictures(side, run, f"{side}: {name}") for side, run, name in zip("ab", (a, b), names, strict=True)]
     rows = [rrb.Horizontal(*pair) for pair in zip(*columns, strict=False)]
-    known = {*a.metric_names, *b.metric_names}
-    metrics = [name for name in _CURVES if name in known] or sorted(known)
+    recorded = {*a.metric_names, *b.metric_names}
+    metrics = [name for name in _CURVES if name in recorded] or sorted(recorded)
     return rrb.Vertical(*rows, *([] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]))
 
 
 def _pictures(side: str, run: Run, title: str) -> Sequence[rrb.View]:
-    """Show the images and the world of a run, or the first figures of a study."""
+    """Return views of the images and the world of a run, or of a study's first figures."""
     if run.is_study:
         figures = [figure for figure in run.figures if not isinstance(figure, Sticks)][:_MAX_FIGURES]
         places = {figure.name: f"/{side}/{entity(figure).lstrip('/')}" for figure in figures}

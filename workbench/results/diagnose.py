@@ -1,4 +1,4 @@
-"""Causes of a lost track: a run repeated from before the loss with one thing changed at a time, several seeds each."""
+"""Causes of a lost track: repetitions of a run from before the loss, with one change and several seeds each."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from workbench.datasets.rendering.perturbations import perturbation_sizes
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.verdict import WINDOW, lost_and_found
+from workbench.evaluation.track_loss import WINDOW_FRAMES, track_events
 from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.resume import branch_config, continuation_at
@@ -24,50 +24,55 @@ from workbench.utils.errors import InputError
 from workbench.utils.processes import pool
 
 BEFORE, AFTER = 15, 10
-"""Frames before a loss where repetitions begin, and after it up to which they must keep the track."""
+"""Frames before a loss where repetitions begin, and after it up to which they must track."""
 _FIRST_SEED = 1000
-_PRIORS = ("smooth", "ar_offsets")  # one without any activity, and a walk with freedom for every angle
-_PERSON = "state/person"
+_PRIORS = ("smooth", "ar_offsets")  # without activity, and a walk with offsets of every angle
+_TRACKING = "state/tracking"
 
 
 @dataclass(frozen=True)
 class Change:
-    """One changed thing: its name, overrides, and whether it concerns all frames, so that the whole run is repeated."""
+    """A change of the configuration. overrides: key=value. whole: it affects all frames, so the whole run is
+    repeated."""
 
     name: str
     overrides: tuple[str, ...] = ()
     whole: bool = False
 
 
-SAME, SAME_WHOLE = Change("another seed alone"), Change("another seed alone", whole=True)
+SAME, SAME_WHOLE = Change("only another seed"), Change("only another seed", whole=True)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How many of n repetitions with a change keep the track, their mean error (mm or px, NaN where unknown), and
-    whether they are of the whole run."""
+    """Outcome of n repetitions with a change.
+
+    n_tracked: repetitions that keep the track. error: their mean error, mm or px, or NaN. whole: they are of the whole
+    run.
+    """
 
     change: Change
-    kept: int
+    n_tracked: int
     n: int
     error: float
     whole: bool
 
 
 def lost_frames(run: Run) -> list[int]:
-    """Return the frames where a run loses the track, by its ground truth or else its verdict; InputError without."""
-    if "forearm_px" in run.metrics:
-        (frames, errors), (_, widths) = run.metric("error_px"), run.metric("forearm_px")
-        events = lost_and_found(errors.tolist(), widths.tolist())
+    """Return the frames where a run loses the track, by its ground truth or else its verdict; InputError without
+    both."""
+    if "forearm_width_px" in run.metrics:
+        (frames, errors), (_, widths) = run.metric("mpjpe_px"), run.metric("forearm_width_px")
+        events = track_events(errors.tolist(), widths.tolist())
         return [int(frames[event.frame]) for event in events if event.kind == "lost"]
-    states = cells(run.path, [f"/{_PERSON}"]).get(_PERSON, {}).get("StateChange:state", {})
-    if not states and "error_px" not in run.metrics:
-        raise InputError(f"{run.path}: expected ground truth, keypoints or annotated frames to judge a track by")
+    states = cells(run.path, [f"/{_TRACKING}"]).get(_TRACKING, {}).get("StateChange:state", {})
+    if not states and "mpjpe_px" not in run.metrics:
+        raise InputError(f"{run.path}: expected ground truth, keypoints or annotated frames, found none")
     return sorted(frame for frame, state in states.items() if "lost" in state.as_py())
 
 
 def changes_of(config: Mapping[str, Any]) -> Iterator[Change]:
-    """Yield what can be changed in a resolved configuration, one thing at a time."""
+    """Yield the possible changes of a resolved configuration."""
     place, inner = "inference", config["inference"]
     while not inner.get("n_particles") and inner.get("filter"):
         place, inner = f"{place}.filter", inner["filter"]
@@ -102,19 +107,15 @@ def diagnose(
 
     Parameters
     ----------
-    frame
-        Where the track is lost. Repetitions go from BEFORE frames earlier, or the first, to AFTER frames later.
-    overrides
-        key=value, of all repetitions.
-    n_seeds, jobs
-        Seeds of every change, and processes.
-    folder
-        Where the repetitions are recorded.
+    run : with a lost track.
+    frame : of the loss. Repetitions are from BEFORE frames earlier, or the first, to AFTER frames later.
+    overrides : key=value, of all repetitions.
+    n_seeds, jobs : seeds of every change, and processes.
+    folder : of the repetitions.
 
     Returns
     -------
-    outcomes, refused
-        Outcomes, the best first, and a sentence for each change that cannot be made.
+    outcomes, refused : outcomes, the best first, and a message for each impossible change.
     """
     plain: Any = OmegaConf.to_container(branch_config(run, overrides)[0], resolve=True)
     begin = frame - BEFORE if frame - BEFORE > run.poses[0][0] else None
@@ -129,9 +130,9 @@ def diagnose(
         if isinstance(first, InputError):
             refused.append(f"{change.name}: {first}")
         else:
-            kept, errors, whole = np.array([first, *others]).T
-            outcomes.append(Outcome(change, int(kept.sum()), n_seeds, float(errors.mean()), bool(whole.any())))
-    return sorted(outcomes, key=lambda each: (-each.kept, np.nan_to_num(each.error, nan=np.inf))), refused
+            tracked, errors, whole = np.array([first, *others]).T
+            outcomes.append(Outcome(change, int(tracked.sum()), n_seeds, float(errors.mean()), bool(whole.any())))
+    return sorted(outcomes, key=lambda each: (-each.n_tracked, np.nan_to_num(each.error, nan=np.inf))), refused
 
 
 def _prepare(named: Sequence[str]) -> None:
@@ -140,24 +141,26 @@ def _prepare(named: Sequence[str]) -> None:
 
 
 class _Until:
-    """Ends a run after n frames, or once the track is lost."""
+    """Condition that ends a run after n frames or at a loss."""
 
     def __init__(self, n: int) -> None:
-        self._left = n - WINDOW  # as `execute` asks for the first time after WINDOW frames
+        self._left = n - WINDOW_FRAMES  # `execute` evaluates it first after WINDOW_FRAMES
 
     def __call__(self, numbers: Mapping[str, float]) -> bool:
         self._left -= 1
-        return self._left <= 0 or numbers.get("times_lost", 0.0) > 0.0
+        return self._left <= 0 or numbers.get("n_track_losses", 0.0) > 0.0
 
     def __str__(self) -> str:
-        return "the track is lost, or the stretch is over"
+        return "the track is lost, or all frames are repeated"
 
 
 def _repeat(
     path: Path, begin: int | None, frame: int, overrides: Sequence[str], folder: Path, task: tuple[Change, int]
 ) -> tuple[bool, float, bool] | InputError:
-    """Make one repetition, of the whole run where its inference cannot continue from a frame: whether it keeps the
-    track, its error, and whether it is whole; or why it cannot be made."""
+    """Return whether a repetition tracks, its error, and whether it is of the whole run; or why it is impossible.
+
+    It is of the whole run where the inference cannot continue from a frame.
+    """
     run, (change, seed), refused = read(path), task, InputError("")
     words = [*overrides, *change.overrides, f"seed={seed}", "n_threads=1"]
     place = folder / f"{change.name.replace(' ', '_')}{'_whole' * change.whole}" / str(seed)
@@ -172,39 +175,39 @@ def _repeat(
             continue
         errors = [summary.metrics[name] for name in ERRORS if name in summary.metrics]
         states = summary.verdict.states if summary.verdict is not None else ()
-        kept = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
-        return kept, errors[0] if errors else np.nan, at is None
+        tracked = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
+        return tracked, errors[0] if errors else np.nan, at is None
     return refused
 
 
 def _is_near(run: Run, frame: int, metrics: Mapping[str, float]) -> bool:
-    """Return whether the mean error in annotated frames, where nothing else judges, is less than half of the run's."""
-    frames, errors = run.metric("error_px")
-    there = (frames > frame - BEFORE) & (frames <= frame + AFTER)
-    return bool(there.any() and metrics.get("error_px", np.inf) < 0.5 * errors[there].mean())
+    """Return whether the mean error in annotated frames near the loss is less than half of the run's."""
+    frames, errors = run.metric("mpjpe_px")
+    near = (frames > frame - BEFORE) & (frames <= frame + AFTER)
+    return bool(near.any() and metrics.get("mpjpe_px", np.inf) < 0.5 * errors[near].mean())
 
 
-def sentence(outcomes: Sequence[Outcome]) -> str:
-    """Name the best change and its advantage over another seed alone; outcomes: as `diagnose` sorts them."""
+def conclusion(outcomes: Sequence[Outcome]) -> str:
+    """Return the most likely cause: the best change and its advantage over another seed; outcomes: see `diagnose`."""
     best = outcomes[0]
-    alone = [each for each in outcomes if each.change in (SAME, SAME_WHOLE)]
-    other = next((each for each in alone if each.whole == best.whole), alone[0])
-    if best.kept <= other.kept:
-        return f"no cause found: another seed alone keeps the track in {other.kept} of {other.n}"
-    counts = np.array([[each.kept, each.n - each.kept] for each in (best, other)])
+    baselines = [each for each in outcomes if each.change in (SAME, SAME_WHOLE)]
+    other = next((each for each in baselines if each.whole == best.whole), baselines[0])
+    if best.n_tracked <= other.n_tracked:
+        return f"no cause found: with only another seed {other.n_tracked} of {other.n} runs keep the track"
+    counts = np.array([[each.n_tracked, each.n - each.n_tracked] for each in (best, other)])
     p = scipy.stats.fisher_exact(counts, "greater").pvalue
     return (
-        f"most likely: {best.change.name}, which keeps the track in {best.kept} of {best.n}, another seed alone in "
-        f"{other.kept} of {other.n} (p = {p:.2g}, Fisher's exact test)"
+        f"most likely: {best.change.name}, with which {best.n_tracked} of {best.n} runs keep the track, with only "
+        f"another seed {other.n_tracked} of {other.n} (p = {p:.2g}, Fisher's exact test)"
     )
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """Return a line for every outcome: how many keep the track, with Wilson's 95 % interval, and their error."""
-    lines = ["    kept          95 %     error  with"]
+    """Return a line for every outcome: tracked repetitions with Wilson's 95 % interval, and their error."""
+    lines = [" tracked          95 %     error  with"]
     for each in outcomes:
-        low, high = scipy.stats.binomtest(each.kept, each.n).proportion_ci(0.95, method="wilson")
+        low, high = scipy.stats.binomtest(each.n_tracked, each.n).proportion_ci(0.95, method="wilson")
         mark = " (from the first frame)" if each.whole else ""
-        kept, interval = f"{each.kept} of {each.n}", f"{low:.0%} to {high:.0%}"
-        lines.append(f"{kept:>8}{interval:>14}{each.error:>10.4g}  {each.change.name}{mark}")
+        count, interval = f"{each.n_tracked} of {each.n}", f"{low:.0%} to {high:.0%}"
+        lines.append(f"{count:>8}{interval:>14}{each.error:>10.4g}  {each.change.name}{mark}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""What differs between two runs: configuration, code, inputs and result."""
+"""Differences between two runs: configuration, code, inputs and results."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -13,9 +13,9 @@ _LONGEST = 60
 
 
 def diff(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a row for each key of the configuration, the code and the result that differs between two records.
+    """Return a row for each difference of the configuration, the code and the results between two records.
 
-    first, second: records of `table.records_of`. Columns: what, key, A, B, B − A; the seed is first.
+    first, second: see `table.records_of`. Columns: what, key, A, B, B − A; the seed is first.
     """
     rows = [*_rows("run", {"seed": first["seed"]}, {"seed": second["seed"]})]
     rows += _rows("choice", first["choices"], second["choices"])
@@ -35,11 +35,11 @@ def _rows(what: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> Ite
 
 
 def _origin(origin: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the provenance with a key for each input, and without what other keys say, too."""
+    """Return the provenance with a key for each input, without redundant keys."""
     inputs = origin.get("inputs") or []
     pairs = (str(each).rpartition(" ") for each in ([inputs] if isinstance(inputs, str) else inputs))
-    kept = {key: value for key, value in origin.items() if key not in _NOT_CODE}
-    return kept | {f"input {name}": digest for name, _, digest in pairs}
+    code = {key: value for key, value in origin.items() if key not in _NOT_CODE}
+    return code | {f"input {name}": digest for name, _, digest in pairs}
 
 
 def _short(value: Any) -> Any:

@@ -9,7 +9,7 @@ import pandas as pd
 
 
 def number(value: float) -> str:
-    """Format four significant digits, or all digits before the point; a dash for a value that is not finite."""
+    """Return four significant digits, or all digits before the point; a dash for a value that is not finite."""
     if not isfinite(value):
         return "–"
     if abs(value) < 1e-12:  # zero but for rounding
@@ -18,19 +18,19 @@ def number(value: float) -> str:
 
 
 def cell(value: Any) -> str:
-    """Format the value of a table's cell: integers in full, other numbers as `number` does, None as nothing."""
+    """Return a table's cell as text: integers in full, other numbers by `number`, None as \"\"."""
     if value is None:
         return ""
     return number(value) if isinstance(value, float) else str(value)
 
 
 def printable(words: str) -> str:
-    """Replace control characters, which names in an untrusted recording may hold, by spaces; one line."""
+    """Return text in one line, with control characters, which untrusted recordings may contain, replaced by spaces."""
     return "".join(letter if letter.isprintable() else " " for letter in words)
 
 
 def table_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> pd.DataFrame:
-    """Return a table whose cells and names are kept as they are, whatever characters they hold."""
+    """Return a table of objects without any conversion of cells and names."""
     return pd.DataFrame(list(rows), columns=pd.Index(header, dtype=object), dtype=object)
 
 
@@ -41,7 +41,7 @@ def cells(table: pd.DataFrame) -> list[list[str]]:
 
 
 def numeric(table: pd.DataFrame) -> list[bool]:
-    """Return for each column whether it holds numbers only, which are aligned to the right."""
+    """Return for each column whether all its values are numbers, which are aligned to the right."""
     columns = [[value for value in values if value is not None] for _, values in table.items()]
     return [
         bool(values) and all(isinstance(value, Real) and not isinstance(value, bool) for value in values)
@@ -50,9 +50,9 @@ def numeric(table: pd.DataFrame) -> list[bool]:
 
 
 def text(table: pd.DataFrame, longest: int | None = None) -> str:
-    """Format a table for the terminal, a line for each row.
+    """Return a table as text for the terminal, a line for each row.
 
-    longest: characters to which cells are cut, but for those of the column `path`, which may be typed again.
+    longest: characters that cells are cut to, except in the column `path`, which a user may copy.
     """
     columns = []
     for name, right, column in zip(table, numeric(table), zip(*cells(table), strict=True), strict=True):

@@ -1,4 +1,4 @@
-"""Runs as cards in the viewer, served to this machine alone by Rerun's own catalog (the extra `catalog`)."""
+"""Gallery of runs as cards in the viewer, served locally by Rerun's catalog (the extra `catalog`)."""
 
 import sys
 from collections import Counter
@@ -25,14 +25,14 @@ from workbench.utils.errors import InputError
 _TEXTS = ("status", "started", "path")
 _LONGEST_TITLE = 200
 _N_PREVIEWED = 6
-"""Runs in which images and a layout are searched for: about what a screen shows."""
+"""Runs that are searched for images and a layout: about as many as a screen shows."""
 
 _Card = tuple[str, dict[str, Any], tuple[str, str]]
 """Title, record, and ids of the application and the recording."""
 
 
 class _Gallery(NamedTuple):
-    """Runs that are served. url: what the viewer opens. left_out: a sentence for each run that is not served."""
+    """Served runs. url: address for the viewer. left_out: a message for each run that is not served."""
 
     url: str
     n_runs: int
@@ -41,16 +41,16 @@ class _Gallery(NamedTuple):
 
 @contextmanager
 def gallery(runs: pd.DataFrame) -> Iterator[_Gallery]:
-    """Serve the runs of `read_runs` in their order, at a free port of 127.0.0.1, until the block ends.
+    """Serve the runs of `read_runs` in order, at a free port of 127.0.0.1, until the block ends.
 
-    Raises InputError without the extra `catalog`, and where none of the runs has a recording that can be read.
+    Raises InputError without the extra `catalog`, and where no run has a readable recording.
     """
     if find_spec("datafusion") is None:
         raise InputError(
             "the gallery needs Rerun's catalog, the extra 'catalog': in the clone "
             f"`{sys.executable} -m pip install -c requirements.lock -e '.[catalog]'` installs it"
         )
-    from rerun.server import Server  # here, as it needs the extra
+    from rerun.server import Server  # here, since it needs the extra
 
     cards, left_out = _cards(runs)
     with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-") as folder:
@@ -59,23 +59,23 @@ def gallery(runs: pd.DataFrame) -> Iterator[_Gallery]:
         left_out += [f"left out: {path}: the catalog refuses it: {reason}" for path, reason in refused.items()]
         cards = [card for card in cards if card[1]["path"] not in refused]
         if not cards:
-            raise InputError("; ".join(left_out) or "no run fits")
+            raise InputError("; ".join(left_out) or "no run matches")
         _add_cards(dataset, cards, Path(folder))
         _lay_out(dataset, [record for _, record, _ in cards], Path(folder) / "runs.rbl")
         yield _Gallery(f"{server.url()}/entry/{dataset.id}", len(cards), left_out)
 
 
 def titles(runs: pd.DataFrame) -> list[str]:
-    """Return for each run its experiment, how its configuration differs from the others', and its seed."""
-    found = []
+    """Return titles of runs: the experiment, the differences of the configuration from the others', and the seed."""
+    names = []
     for experiment, words, seed in zip(runs["experiment"], varied(runs), runs["seed"], strict=True):
         more = [words] * bool(words) + [f"seed={seed}"] * (runs["seed"].nunique() > 1)
-        found.append(printable(f"{experiment}: {', '.join(more)}" if more else experiment)[:_LONGEST_TITLE])
-    return found
+        names.append(printable(f"{experiment}: {', '.join(more)}" if more else experiment)[:_LONGEST_TITLE])
+    return names
 
 
 def _cards(runs: pd.DataFrame) -> tuple[list[_Card], list[str]]:
-    """Return the runs with a recording of an id of its own, and a sentence for each of the others."""
+    """Return the runs whose recordings have unique ids, and a message for each of the others."""
     cards: dict[str, _Card] = {}
     left_out = []
     for title, record in tqdm(list(zip(titles(runs), records_of(runs), strict=True)), unit="run", disable=None):
@@ -92,7 +92,7 @@ def _cards(runs: pd.DataFrame) -> tuple[list[_Card], list[str]]:
 
 
 def _register(dataset: Any, files: Mapping[str, Path], **options: str) -> dict[str, str]:
-    """Have the catalog serve these files; returns the reasons of those that it refuses, by their names."""
+    """Register files in the catalog, and return its reasons for refused ones by name."""
     names = {file.resolve().as_uri(): name for name, file in files.items()}
     try:
         results = list(dataset.register(list(names), **options).iter_results()) if names else []
@@ -116,23 +116,23 @@ def _add_cards(dataset: Any, cards: Sequence[_Card], folder: Path) -> None:
 
 
 def _lay_out(dataset: Any, records: Sequence[Mapping[str, Any]], file: Path) -> None:
-    """Lay out cards with title, picture and numbers, and rows with columns of what varied.
+    """Register layouts: of cards with title, picture and metrics, and of rows with columns of varying keys.
 
-    Where not all runs have the same image, the error's curve is shown, too. A run that is opened has its own layout
-    where all are of one experiment, as a dataset has one layout for all.
+    The error's curve is shown where not all runs have the same image. An opened run has its own layout where all runs
+    are of one experiment, since a dataset has one layout.
     """
-    known = set(dataset.segment_table().schema().names)
+    available = set(dataset.segment_table().schema().names)
     names = SHORT_TITLES | {name: name for name in _TEXTS}
-    fields = {column(CARD, name): title for name, title in names.items() if column(CARD, name) in known}
+    fields = {column(CARD, name): title for name, title in names.items() if column(CARD, name) in available}
     keys = what_varied([flat(record["settings"], record["experiment"]) for record in records]).keys
     varying = [column(name, key.removesuffix(TARGET)) for key in keys for name in (SETTINGS, CHOICES)]
-    columns = [*(source for source in varying if source in known), *fields]
+    columns = [*(source for source in varying if source in available), *fields]
     previews = {Path(record["recording"]): preview_of(Path(record["recording"])) for record in records[:_N_PREVIEWED]}
     first_images = Counter(path for paths, _ in previews.values() for path in paths[:1])
     images = [path for path, _ in first_images.most_common(1)]
     curve = not images or first_images[images[0]] < len(previews)
     write_layout(file, column(CARD, "title"), fields, columns, column(CARD, "rank"), images, curve)
     dataset.register_blueprint(file.resolve().as_uri(), segment_table=True)
-    own = next((recording for recording, (_, has_layout) in previews.items() if has_layout), None)
-    if own is not None and len({record["experiment"] for record in records}) == 1:
-        dataset.register_blueprint(own.resolve().as_uri())
+    layout_of = next((recording for recording, (_, has_layout) in previews.items() if has_layout), None)
+    if layout_of is not None and len({record["experiment"] for record in records}) == 1:
+        dataset.register_blueprint(layout_of.resolve().as_uri())

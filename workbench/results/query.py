@@ -1,4 +1,4 @@
-"""Conditions on runs, such as `prior=smooth` or `error_abs_mm<40`, their order, and the columns that are listed."""
+"""Conditions on runs, such as `prior=smooth` or `mpjpe_abs_mm<40`, their order, and the listed columns."""
 
 import operator
 import re
@@ -19,7 +19,7 @@ Condition = tuple[str, str, str]
 """Key, sign and value."""
 USUAL = ("path", "started", "status", "experiment", "varied", "seed", *SHORT_TITLES)
 _VARIED = "varied"
-"""The column of how a run's configuration differs from the others'."""
+"""Column with the differences of a run's configuration from the others'."""
 _CONDITION = re.compile(r"([\w./@-]+?)(<=|>=|!=|=|<|>|~)(.*)", re.DOTALL)
 _ORDERS: dict[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
@@ -27,7 +27,7 @@ _ORDERS: dict[str, Callable[[Any, Any], bool]] = {
 
 
 def parse_condition(word: str) -> Condition | None:
-    """Split `key<value`; None for a word that is no condition. Raises InputError for a wrong regular expression."""
+    """Return the condition `key<value`, or None for another word; raises InputError for a wrong regular expression."""
     if (match := _CONDITION.fullmatch(word)) is None:
         return None
     key, sign, value = match.groups()
@@ -40,57 +40,57 @@ def parse_condition(word: str) -> Condition | None:
 
 
 def select(runs: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFrame:
-    """Return the runs that meet all conditions.
+    """Return the runs that satisfy all conditions.
 
     = and != compare with any of several values, ~ searches for a regular expression, the others compare numbers with
-    numbers and text with text. A run without the key meets only !=. Raises InputError for a key that no run has.
+    numbers and text with text. A run without the key satisfies only !=. Raises InputError for a key that no run has.
     """
-    met = np.ones(len(runs), dtype=bool)
+    satisfied = np.ones(len(runs), dtype=bool)
     for key, sign, value in conditions:
-        met &= [_holds(each, sign, value) for each in values_of(runs, key)]
-    return runs[met]
+        satisfied &= [_holds(each, sign, value) for each in values_of(runs, key)]
+    return runs[satisfied]
 
 
 def values_of(runs: pd.DataFrame, key: str) -> list[Any]:
-    """Return the runs' values of a key: numbers, text, or None. Raises InputError for a key that no run has.
+    """Return the runs' values of a key: numbers, text, or None; raises InputError for a key that no run has.
 
-    The key is one of FIELDS, a chosen option (prior), a number, a key of the configuration or of the provenance, or
-    the end of a configuration's key, as n_particles is of inference.n_particles; the shortest such key counts.
+    The key is one of FIELDS, a chosen option (prior), a metric, a key of the configuration or of the provenance, or the
+    end of a configuration's key, such as n_particles of inference.n_particles; the shortest such key counts.
     """
     if key in FIELDS:
         return [_plain(value) for value in runs[key]]
     ends = sorted((name for name in runs if name.startswith("settings.") and name.endswith(f".{key}")), key=len)
-    found = pd.Series(None, index=runs.index, dtype=object)
+    values = pd.Series(None, index=runs.index, dtype=object)
     for name in (*(f"{section}.{key}" for section in SECTIONS), *ends):
         if name in runs:
-            found = found.where(found.notna(), runs[name])
-    if len(runs) and found.isna().all():
+            values = values.where(values.notna(), runs[name])
+    if len(runs) and values.isna().all():
         keys = {name.partition(".")[2] for name in runs} | {name.rpartition(".")[2] for name in runs}
         near = get_close_matches(key, sorted(keys), n=3)
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
-        raise InputError(f"{key}: no run has a number, a choice or a key of that name{hint}")
-    return [None if value is None or value != value else _plain(value) for value in found]
+        raise InputError(f"{key}: no run has a metric, a choice or a key of this name{hint}")
+    return [None if value is None or value != value else _plain(value) for value in values]
 
 
 def sort_runs(runs: pd.DataFrame, key: str | None) -> pd.DataFrame:
-    """Sort by a key, smallest first, or largest first by -key; numbers before text, runs without the key last."""
+    """Return runs sorted by a key, ascending, or descending by -key; numbers before text, runs without the key last."""
     if key is None:
         return runs
     values = values_of(runs, key.removeprefix("-"))
-    known = [k for k, value in enumerate(values) if value is not None]
-    known.sort(key=lambda k: (isinstance(values[k], str), values[k]), reverse=key.startswith("-"))
-    return runs.iloc[known + [k for k, value in enumerate(values) if value is None]]
+    order = [k for k, value in enumerate(values) if value is not None]
+    order.sort(key=lambda k: (isinstance(values[k], str), values[k]), reverse=key.startswith("-"))
+    return runs.iloc[order + [k for k, value in enumerate(values) if value is None]]
 
 
 def best_first(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the complete runs by the first of ERRORS that any has, smallest first."""
+    """Return the complete runs sorted by the first of ERRORS that any has."""
     complete = runs[runs["status"] == "complete"].dropna(axis="columns", how="all")
     name = next((f"metrics.{name}" for name in ERRORS if f"metrics.{name}" in complete), None)
     return complete if name is None else complete.sort_values(name, kind="stable")
 
 
 def listing(runs: pd.DataFrame, columns: Sequence[str] | None) -> pd.DataFrame:
-    """Return the columns to list, keys as in a query; None: those of USUAL that are not empty."""
+    """Return a table of columns, named by keys as in a query; None: those of USUAL that are not empty."""
     names = [name for name in USUAL if name in (*FIELDS, _VARIED) or f"metrics.{name}" in runs]
     cells = {name: varied(runs) if name == _VARIED else values_of(runs, name) for name in columns or names}
     if columns is None:
@@ -99,14 +99,14 @@ def listing(runs: pd.DataFrame, columns: Sequence[str] | None) -> pd.DataFrame:
 
 
 def varied(runs: pd.DataFrame) -> list[str]:
-    """Return how each run's configuration differs from the others'; empty where none does."""
+    """Return the differences of each run's configuration from the others', as text."""
     settings = [flat(record["settings"], record[EXPERIMENT]) for record in records_of(runs)]
     keys = [key for key in what_varied(settings).keys if key != EXPERIMENT]
     return [label(keys, values) for values in settings]
 
 
 def sweeps(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each sweep that the runs are jobs of: how many there are, how they ended, and the best."""
+    """Return a row for each sweep of the runs: number of jobs, their status, and the best."""
     rows = []
     for folder in dict.fromkeys(filter(None, runs["sweep"])):
         jobs = runs[runs["sweep"] == folder]

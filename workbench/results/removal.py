@@ -1,4 +1,4 @@
-"""Delete runs, none of them outside the folders that were named."""
+"""Deletion of runs inside the folders that a command names."""
 
 import os
 import shutil
@@ -17,54 +17,62 @@ from workbench.utils.run_lock import locked
 from workbench.utils.signals import deferred
 
 _REMOVED = ".removed-"
-"""Prefix of a folder that is being deleted, which no reader of runs enters."""
+"""Prefix of a folder that is being deleted; readers of runs ignore it."""
 
 
 def check_removable(runs: pd.DataFrame, places: Sequence[Path]) -> None:
-    """Raise InputError for a baseline, a run at work, one outside `places`, and one that holds others."""
+    """Raise InputError for a baseline, a running run, a run outside `places`, and one that contains others."""
     for path, status in zip(map(Path, runs["path"]), runs["status"], strict=True):
         if status == "running":
-            raise InputError(f"{path}: expected a run that has ended, found one at work")
+            raise InputError(f"{path}: expected a run that has ended, found a running one")
         if "baselines" in path.resolve().parts:
-            raise InputError(f"{path}: is a baseline, which is never changed here")
+            raise InputError(f"{path}: is a baseline, which this command does not delete")
         if path.is_symlink() or not any(_within(path.resolve(), place.resolve()) for place in places):
-            raise InputError(f"{path}: leads out of the folders that were named")
+            raise InputError(f"{path}: expected a path inside the folders of the command")
         inner = [run for run in runs_in(path) if str(path) not in (run, os.path.dirname(run))]
         if path.is_dir() and inner:
-            raise InputError(f"{path}: another run lies in it: {inner[0]}")
+            raise InputError(f"{path}: contains another run: {inner[0]}")
 
 
 def size_of(path: Path) -> int:
-    """Return the bytes that a run takes on the disk, without the earlier runs in its folder."""
-    stay = {str(each) for each in earlier_runs(path)}
-    below = [Path(folder, name) for folder, _, files in os.walk(path) if folder not in stay for name in files]
+    """Return a run's size on the disk, bytes, without the earlier runs in its folder."""
+    earlier = {str(each) for each in earlier_runs(path)}
+    below = [Path(folder, name) for folder, _, files in os.walk(path) if folder not in earlier for name in files]
     return sum(file.lstat().st_size for file in (below or [path]) if file.is_symlink() or file.is_file())
 
 
 def consequence(path: Path) -> str:
-    """Return what else happens to a folder when its run is removed; empty where nothing does."""
+    """Return the other effects of a run's removal on its folder; "" without any."""
     if earlier := earlier_runs(path):
-        return f"the run that was there before, {earlier[-1]}, takes its place"
+        return f"the earlier run {earlier[-1]} is restored"
     if any(name.endswith(".part") for name in earlier_names(path)):
-        return "with what an earlier attempt recorded, from which sweep.resume would go on"
+        return "including an earlier attempt, which sweep.resume would continue"
     return ""
 
 
 def remove(path: Path, started: str) -> None:
-    """Delete a run's folder, or its recording where it has no folder; `check_removable` comes first.
+    """Delete a run's folder, or its recording where it has no folder, after `check_removable`.
 
-    The complete run that the folder held before takes its place. The folder is renamed first, so that no reader sees
-    half of it and a new run can begin. Raises InputError for a run that cannot be removed, that is at work, or that
-    did not start at `started`, when the one that was listed did.
+    The last complete earlier run in the folder is restored. The folder is renamed first, so that no reader sees it
+    incomplete and a new run can begin.
+
+    Parameters
+    ----------
+    path : of the run.
+    started : start of the listed run.
+
+    Raises
+    ------
+    InputError : the run cannot be removed, is running, or has another start.
     """
     aside = path.with_name(f"{_REMOVED}{uuid4().hex}")
     try:
         with locked(path) if path.is_dir() else nullcontext():
             if path.is_dir() and (now := read_run(path)) is not None and now["started"] != started:
-                raise InputError(f"{path}: another run came there since it was listed")
+                raise InputError(f"{path}: another run has replaced the listed one")
             _move_aside(path, aside)
         aside.unlink() if aside.is_file() else shutil.rmtree(aside)
-        for left in path.parent.glob(f"{_REMOVED}*"):  # by a command that was killed
+        for left in path.parent.glob(f"{_REMOVED}*"):  # of a killed command
             shutil.rmtree(left, ignore_errors=True)
     except FileNotFoundError:  # another command has removed it
         return
@@ -73,7 +81,8 @@ def remove(path: Path, started: str) -> None:
 
 
 def _move_aside(path: Path, aside: Path) -> None:
-    """Rename a run's folder or recording; where earlier runs stay, move only the run's own files, and restore one."""
+    """Rename a run's folder or recording; in a folder with earlier runs move the run's files and restore the last
+    one."""
     if not (earlier := earlier_runs(path)):
         os.rename(path, aside)
         return

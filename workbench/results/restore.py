@@ -1,4 +1,4 @@
-"""Commands that restore a run's code and configuration, and what of them has changed since."""
+"""Commands that restore a run's code and configuration, and the changes since the run."""
 
 import hashlib
 import os
@@ -17,10 +17,10 @@ from workbench.utils.errors import InputError
 
 
 def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
-    """Return shell commands for the clone at `root`, and a sentence for each thing that they do not restore."""
+    """Return shell commands for the clone at `root`, and a message for each thing that they do not restore."""
     origin = run.provenance
     commit = str(origin.get("commit", ""))
-    commit = commit if re.fullmatch("[0-9a-f]{7,64}", commit) else ""  # no other text is given to a shell
+    commit = commit if re.fullmatch("[0-9a-f]{7,64}", commit) else ""  # other text is not passed to a shell
     words = _recorded_command(str(origin.get("command", "")))
     commands = []
     if commit:
@@ -31,7 +31,7 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
             commands.append(f"workbench runs restore --changes {recording} | git apply")
         commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
     if words:
-        older = not commit and words[1:2] != ["run"]  # recorded when the command was `workbench KEY=VALUE`
+        older = not commit and words[1:2] != ["run"]  # recorded as `workbench KEY=VALUE`
         program = ".venv/bin/workbench" if commit else "workbench"
         commands.append(shlex.join([program, *["run"] * older, *words[1:]]))
     else:
@@ -40,7 +40,7 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
 
 
 def _recorded_command(command: str) -> list[str]:
-    """Return the words of the command; none where it is not one line that starts the workbench."""
+    """Return the words of a command in one line that starts the workbench; [] for any other."""
     try:
         words = shlex.split(command)
     except ValueError:
@@ -51,19 +51,21 @@ def _recorded_command(command: str) -> list[str]:
 def _not_restored(run: Run, root: Path, commit: str, has_command: bool) -> Iterator[str]:
     origin = run.provenance
     if not has_command:
-        none = "the recorded command is none of the workbench's" if origin.get("command") else "no command was recorded"
+        none = (
+            "the recorded command is not one of the workbench" if origin.get("command") else "no command was recorded"
+        )
         yield f"{none}: the recorded configuration is run again and compared"
     if origin.get("difference"):
         yield "the code's difference comes with the recording: read it (--changes) before it is applied and run"
     if not commit:
-        yield "which code made it is not known: it was installed without a clone, or is older than that was recorded"
+        yield "its code is unknown: it was installed without a clone, or an early version recorded it"
     elif not has_commit(root, commit):
         yield f"commit {commit[:9]} is not in this clone: fetch it first"
     if str(origin.get("difference", "")).endswith(CUT):
         yield "the code's difference was too long and is cut off"
     lock = root / "requirements.lock"
     if "lock" in origin and not (lock.is_file() and hashlib.sha256(lock.read_bytes()).hexdigest() == origin["lock"]):
-        yield "requirements.lock is another one today; that commit has its own"
+        yield "requirements.lock has changed; the commit has its own"
     others = [f"{name} {origin[name]} (here {now})" for name, now in versions().items() if origin.get(name, now) != now]
     if others:
         yield f"it was made with {', '.join(others)}"
@@ -79,6 +81,6 @@ def _changed_inputs(run: Run) -> Iterator[str]:
     for each in [recorded] if isinstance(recorded, str) else recorded:
         name, _, digest = str(each).rpartition(" ")
         if name not in today:
-            yield f"{name}: does not exist any more"
+            yield f"{name}: no longer exists"
         elif today[name] != digest:
-            yield f"{name}: has changed since"
+            yield f"{name}: has changed since the run"

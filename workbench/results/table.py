@@ -1,4 +1,4 @@
-"""Recorded runs as a DataFrame: a row for each run, with its configuration and numbers as flat columns."""
+"""Recorded runs as a DataFrame: a row for each run, with configuration and metrics as flat columns."""
 
 import json
 import os
@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from workbench.recording.migrations import renamed_summary
 from workbench.recording.settings import choices_of, leaves
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
@@ -18,19 +19,19 @@ from workbench.utils.run_lock import is_locked
 
 FIELDS = ("path", "recording", "status", "experiment", "seed", "started", "sweep", "size", "error")
 """path: of the run's folder, or of a recording without one. status: complete, stopped, failed, interrupted, running,
-killed, or unreadable for the reason in `error`. started: ISO 8601, UTC. sweep: folder of the sweep that the run is a
-job of. size: bytes of the recording."""
+killed, or unreadable with the reason in `error`. started: ISO 8601, UTC. sweep: folder of the run's sweep. size: bytes
+of the recording."""
 SECTIONS = ("choices", "metrics", "settings", "origin")
-"""The option chosen by group; the numbers, with the cost; the resolved configuration by dotted key; the provenance."""
+"""The chosen option by group; metrics and cost; the resolved configuration by dotted key; the provenance."""
 
 _NOT_A_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
-"""Exceptions raised by reading anything else than a summary."""
+"""Exceptions raised by reading a file that is not a summary."""
 
 
 def runs(*places: str | Path) -> pd.DataFrame:
-    """Return the runs at and below these folders or recordings, newest first; without any, those below recordings/.
+    """Return the runs in these folders or recordings, newest first; without arguments those below recordings/.
 
-    Columns are FIELDS, then the option chosen by group (`prior`), the numbers by name (`error_px`), the configuration
+    Columns are FIELDS, then the chosen option by group (`prior`), the metrics by name (`mpjpe_px`), the configuration
     by dotted key (`inference.n_particles`) and the provenance (`commit`). Raises InputError for a place that does not
     exist.
     """
@@ -41,9 +42,9 @@ def runs(*places: str | Path) -> pd.DataFrame:
 
 
 def read_runs(*places: Path) -> pd.DataFrame:
-    """Return a row for each run at and below these places, folders or recordings, newest first.
+    """Return a row for each run in these folders or recordings, newest first.
 
-    Columns are FIELDS and, after the name of its section, each key of SECTIONS: `choices.prior`, `metrics.error_px`,
+    Columns are FIELDS and, after the name of its section, each key of SECTIONS: `choices.prior`, `metrics.mpjpe_px`,
     `settings.inference.n_particles`. Raises InputError for a place that does not exist.
     """
     for place in places:
@@ -56,7 +57,7 @@ def read_runs(*places: Path) -> pd.DataFrame:
 
 
 def runs_in(place: Path | str) -> Iterator[str]:
-    """Yield the folders of runs, and the recordings outside of them, at and below a place; links are not followed."""
+    """Yield the folders of runs, and recordings outside of them, at and below a place; links are not followed."""
     if not os.path.isdir(place):
         yield str(place)
     for folder, inner, files in os.walk(place):
@@ -68,7 +69,7 @@ def runs_in(place: Path | str) -> Iterator[str]:
 
 
 def records_of(runs: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return each row of `read_runs` as a dict of FIELDS, and of SECTIONS, which are dicts."""
+    """Return each row of `read_runs` as a dict of FIELDS, and of SECTIONS as dicts."""
     places = [name.partition(".") for name in runs]
     records = []
     for values in runs.itertuples(index=False, name=None):
@@ -83,20 +84,20 @@ def records_of(runs: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _inferred(column: "pd.Series[Any]") -> "pd.Series[Any]":
-    """Return numbers as such; text stays as it is, as the name of a file may be no UTF-8."""
+    """Return a column with inferred types; text stays unchanged, since file names may not be UTF-8."""
     return column.infer_objects() if pd.api.types.infer_dtype(column, skipna=True) != "string" else column
 
 
 def _frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     newest_first = sorted(records, key=lambda record: (record["started"], record["path"]), reverse=True)
     rows = [dict(leaves(record)) for record in newest_first]
-    found = dict.fromkeys(name for row in rows for name in row if "." in name)
-    names = sorted(found, key=lambda name: SECTIONS.index(name.partition(".")[0]))
+    dotted = dict.fromkeys(name for row in rows for name in row if "." in name)
+    names = sorted(dotted, key=lambda name: SECTIONS.index(name.partition(".")[0]))
     return pd.DataFrame(rows, columns=pd.Index([*FIELDS, *names], dtype=object), dtype=object)
 
 
 def read_run(path: Path) -> dict[str, Any] | None:
-    """Return FIELDS and SECTIONS of a run's folder or recording; None where another command has just removed it."""
+    """Return FIELDS and SECTIONS of a run's folder or recording; None if another command has just removed it."""
     try:
         return _of_folder(path) if path.is_dir() else _of_recording(path)
     except FileNotFoundError:
@@ -106,25 +107,25 @@ def read_run(path: Path) -> dict[str, Any] | None:
 def _of_folder(folder: Path) -> dict[str, Any]:
     record = _unreadable(folder) | {"sweep": str(folder.parent) if folder.name.isdecimal() else ""}
     for recording in map(folder.joinpath, (PART, RECORDING)):
-        with suppress(FileNotFoundError):  # a run that ends just now gives its recording another name
+        with suppress(FileNotFoundError):  # a run that ends renames its recording
             record |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
-        record |= _of_summary(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+        record |= _of_summary(renamed_summary(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))))
     except (OSError, *_NOT_A_SUMMARY) as error:
-        folder.stat()  # raises where all of it was removed
-        reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
+        folder.stat()  # raises if the folder was removed
+        reason = f"{folder / SUMMARY}: expected the summary of a run, found {type(error).__name__}: {error}"
         return record | {"error": reason[:300]}
     if record["status"] == "running" and not is_locked(folder):
         record["status"] = "killed"
     if record["status"] in ("running", "killed") and record["recording"] == str(folder / RECORDING):
-        # the run was killed after it had published its recording, before its summary said so
+        # the run was killed between publishing its recording and writing its summary
         whole = _crashing([folder / RECORDING]).get(folder / RECORDING) or _of_recording(folder / RECORDING)
         return whole | {name: record[name] for name in ("path", "sweep", "started")}
     return record
 
 
 def _of_recording(path: Path) -> dict[str, Any]:
-    from workbench.recording.read.reader import read  # here, as it loads Rerun, which lists of runs do without
+    from workbench.recording.read.reader import read  # here, since it loads Rerun, which lists of runs do not need
 
     record = _unreadable(path) | {"recording": str(path), "size": path.stat().st_size}
     try:
@@ -142,9 +143,12 @@ def _crashing(paths: Sequence[Path]) -> dict[Path, dict[str, Any]]:
     """Return the records of those recordings whose decoding crashes."""
     if not paths:
         return {}
-    from workbench.recording.read.crash_probe import damage, fatal  # here, as it loads Rerun
+    from workbench.recording.read.crash_probe import crash_message, crashing_recordings  # here, since it loads Rerun
 
-    return {path: _unreadable(path) | {"recording": str(path), "error": damage(path)} for path in fatal(paths)}
+    return {
+        path: _unreadable(path) | {"recording": str(path), "error": crash_message(path)}
+        for path in crashing_recordings(paths)
+    }
 
 
 def _unreadable(path: Path) -> dict[str, Any]:
@@ -153,7 +157,7 @@ def _unreadable(path: Path) -> dict[str, Any]:
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a summary.json says; raises one of _NOT_A_SUMMARY for anything else."""
+    """Return FIELDS and SECTIONS from a summary of today's format; raises one of _NOT_A_SUMMARY for other content."""
     origin = dict(summary.get("provenance") or {})
     choices = choices_of(origin.pop("choices", None) or [])
     origin.pop("difference", None)

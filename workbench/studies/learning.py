@@ -113,8 +113,8 @@ class LearnWalk(WalkStudy):
         metrics = {
             "n_cycles": float(model.n_cycles),
             "n_components": float(d),
-            "explained": model.explained,
-            "explained_5": float(explained[min(5, max_components) - 1]),
+            "explained_variance": model.explained,
+            "explained_variance_5": float(explained[min(5, max_components) - 1]),
         }
         heights, edges = np.histogram(cycles.durations_s, bins=N_BINS)
         middles = 0.5 * (edges[1:] + edges[:-1])

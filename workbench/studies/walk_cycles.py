@@ -57,7 +57,7 @@ class AlignCycles(WalkStudy):
         deviations = np.sqrt(alignment.errors / sum(series.size for series in sequences))
         metrics = {
             "n_sequences": float(len(sequences)),
-            "passes": float(len(deviations) - 1),
+            "n_passes": float(len(deviations) - 1),
             "deviation_before": float(deviations[0]),
             "deviation_after": float(deviations[-1]),
         }
@@ -273,5 +273,5 @@ def _alignment_note(metrics: dict[str, float]) -> str:
         f"**Paper B, fig. 1 right.** {metrics['n_sequences']:.0f} walks, each folded by its own period (thin): "
         "unaligned, and shifted to minimise the deviation from a common periodic regression spline. The deviation "
         f"decreases monotonically from {metrics['deviation_before']:.2f} to {metrics['deviation_after']:.2f} standard "
-        f"deviations of the angles in {metrics['passes']:.0f} passes; the remainder is the difference between people."
+        f"deviations of the angles in {metrics['n_passes']:.0f} passes; the remainder is the difference between people."
     )

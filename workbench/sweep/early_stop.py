@@ -1,4 +1,4 @@
-"""Conditions that end a run early, such as `times_lost>0`."""
+"""Conditions that end a run early, such as `n_track_losses>0`."""
 
 import math
 import operator
@@ -38,4 +38,4 @@ def parse_stop_condition(text: str) -> StopCondition:
         with suppress(ValueError):
             if math.isfinite(number := float(bound)):
                 return StopCondition(name, sign, number)
-    raise InputError(f"sweep.stop_if: expected a metric and a bound, such as times_lost>0, found {text!r}")
+    raise InputError(f"sweep.stop_if: expected a metric and a bound, such as n_track_losses>0, found {text!r}")

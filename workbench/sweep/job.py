@@ -108,7 +108,7 @@ def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop:
     with ending(summary):
         # earlier attempts may not have checked the stop condition
         resumable = None if stop is not None else find_resumable(config, attempts)
-        continued, summary.anew = (None, resumable) if isinstance(resumable, str) else (resumable, None)
+        continued, summary.restart_reason = (None, resumable) if isinstance(resumable, str) else (resumable, None)
         run_checked(config, summary, True, command, continued, stop)
     for attempt in attempts:
         attempt.unlink()

@@ -124,7 +124,7 @@ def _origin(summary: Mapping[str, Any]) -> str:
     """Return a note: the frame at which a job resumed an earlier attempt, or why it started from scratch."""
     if continued := (summary.get("provenance") or {}).get("continued"):
         return f"  (resumed at frame {str(continued).rpartition('@')[2]})"
-    return f"  (from scratch: {summary['anew']})" if summary.get("anew") else ""
+    return f"  (from scratch: {summary['restart_reason']})" if summary.get("restart_reason") else ""
 
 
 class Watch(Callback):

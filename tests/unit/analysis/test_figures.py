@@ -31,7 +31,8 @@ ALIKE = {
 }  # fmt: skip
 """Drawn like a_fig5 or d_fig5 of another experiment."""
 TRACKED = {
-    "error_px": 12.3, "error_abs_mm": 45.6, "error_rel_mm": 23.4, "held": 1.0, "hip_deg": 3.4, "knee_deg": 5.6,
+    "mpjpe_px": 12.3, "mpjpe_abs_mm": 45.6, "mpjpe_mm": 23.4, "tracked": 1.0,
+    "hip_flexion_rmse_deg": 3.4, "knee_flexion_rmse_deg": 5.6,
     "activity_accuracy": 0.5, "same_activity": 0.02,
 }  # fmt: skip
 ARM_ANGLES = ("shoulder_flexion", "shoulder_abduction", "shoulder_twist", "elbow_flexion")
@@ -121,7 +122,7 @@ def tracked(path, with_points):
     """Seven frames of a walk with images, or with points and an activity; the particles' columns are an arm's."""
     with Recorder(path, BODY, ARM, **labels(path.stem), provenance={"experiment": "any"}) as recorder:
         for step in seven_steps(with_points):
-            recorder.log(step, {"error_px": 0.1 * step.frame.index})
+            recorder.log(step, {"mpjpe_px": 0.1 * step.frame.index})
         recorder.set_result(TRACKED)
         recorder.set_cost({"ms_per_frame": 7.89})
     return read(path)
@@ -143,7 +144,7 @@ def reading_of(run, papers):
     """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
     readings, replicates = script("readings"), script("replicates")
     numbers = {
-        paper: replicates.Replicates(tuple({**run.result, "held": held} for held in (1.0, float(paper == "ours"))))
+        paper: replicates.Replicates(tuple({**run.result, "tracked": held} for held in (1.0, float(paper == "ours"))))
         for paper in papers
     }
     return readings.Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})

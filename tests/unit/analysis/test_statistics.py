@@ -15,13 +15,13 @@ ROWS = {"one": ("walk_straight", ("prior=walking",)), "other": ("walk_circle", (
 
 
 def of(*errors, held=()):
-    runs = [{"error_abs_mm": error, "held": float(k in held)} for k, error in enumerate(errors)]
+    runs = [{"mpjpe_abs_mm": error, "tracked": float(k in held)} for k, error in enumerate(errors)]
     return replicates.Replicates(tuple(runs))
 
 
 def test_the_mean_over_seeds_and_its_interval():
-    assert of(30.0, 30.0, 30.0).mean("error_abs_mm") == (30.0, 30.0, 30.0)
-    mean, low, high = of(*np.random.default_rng(0).normal(50.0, 10.0, 400)).mean("error_abs_mm")
+    assert of(30.0, 30.0, 30.0).mean("mpjpe_abs_mm") == (30.0, 30.0, 30.0)
+    mean, low, high = of(*np.random.default_rng(0).normal(50.0, 10.0, 400)).mean("mpjpe_abs_mm")
     half = 1.96 * 10.0 / np.sqrt(400)  # of the normal distribution's mean
     assert mean == pytest.approx(50.0, abs=2 * half)
     assert (mean - low, high - mean) == (pytest.approx(half, rel=0.1), pytest.approx(half, rel=0.1))
@@ -29,12 +29,12 @@ def test_the_mean_over_seeds_and_its_interval():
 
 
 def test_means_over_people_weigh_every_person_alike():
-    runs = {("a",): [{"error_abs_mm": 10.0, "held": 1.0}, {"error_abs_mm": 30.0, "held": 0.0}]}
+    runs = {("a",): [{"mpjpe_abs_mm": 10.0, "tracked": 1.0}, {"mpjpe_abs_mm": 30.0, "tracked": 0.0}]}
     alone = people.OverPeople(runs)
-    assert (alone.spread("error_abs_mm")[0], alone.held) == (20.0, (1, 2))
-    assert np.isnan(alone.spread("error_abs_mm")[1])
-    both = people.OverPeople(runs | {("b",): [{"error_abs_mm": 50.0, "held": 1.0}]})
-    assert both.spread("error_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
+    assert (alone.spread("mpjpe_abs_mm")[0], alone.held) == (20.0, (1, 2))
+    assert np.isnan(alone.spread("mpjpe_abs_mm")[1])
+    both = people.OverPeople(runs | {("b",): [{"mpjpe_abs_mm": 50.0, "tracked": 1.0}]})
+    assert both.spread("mpjpe_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
     assert both.held == (2, 3)
 
 
@@ -56,13 +56,13 @@ def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
         made.append(run)
         if len(made) == 3:
             raise KeyboardInterrupt
-        return {"error_px": float(len(made))}
+        return {"mpjpe_px": float(len(made))}
 
     monkeypatch.setattr(cached_runs, "measured", run_of)
     runs, out = cached_runs.every_run(ROWS, ["a", "b"], 2, ["dataset.n_frames=3"]), tmp_path / "kept" / "runs.jsonl"
     with pytest.raises(KeyboardInterrupt):
-        cached_runs.numbers_of(runs, out, ["error_px"])
-    numbers = cached_runs.numbers_of(runs, out, ["error_px"])
+        cached_runs.numbers_of(runs, out, ["mpjpe_px"])
+    numbers = cached_runs.numbers_of(runs, out, ["mpjpe_px"])
     assert len(made) == len(runs) + 1 == len(set(runs)) + 1  # the interrupted one is made again
     assert list(numbers) == runs
     assert numbers == cached_runs.read_cached(out)
@@ -73,7 +73,7 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
 
     def run(config, experiment):
         seen.append((config.paper, config.seed, config.dataset.seed))
-        return {"held": 1.0, "error_abs_mm": float(config.seed)}
+        return {"tracked": 1.0, "mpjpe_abs_mm": float(config.seed)}
 
     monkeypatch.setattr(replicates, "_run", run)
     source = Source(tmp_path, None, quick=True)

@@ -40,7 +40,7 @@ def record(folder, run, prior="walking", n=100, seed=0, error=10.0, end=None):
             recording.log(step, errors(step))
         if end is not None:
             raise end
-        recording.set_result({"error_abs_mm": error, "coverage_90": 0.8, "ess_mean": 5.0})
+        recording.set_result({"mpjpe_abs_mm": error, "coverage_90": 0.8, "ess_mean": 5.0})
         recording.set_cost({"seconds": n / 100.0, "likelihood_evaluations": n * len(run)})
     return path
 
@@ -98,13 +98,13 @@ def test_tables_hold_the_numbers_in_full(written):
     expected = [*(f"{name}.png" for name in PLOTS), "report.csv", "report.html", "report.md", "runs.csv"]
     assert sorted(path.name for path in written.iterdir()) == sorted(expected)
     groups = {(row["group"], row["metric"]): row for row in rows_of(written / "report.csv")}
-    row = groups["walking, n_particles=100", "error_abs_mm"]
+    row = groups["walking, n_particles=100", "mpjpe_abs_mm"]
     assert [row[key] for key in ("prior", "n_particles", "n")] == ["walking", "100", "2"]
     assert [float(row[key]) for key in ("mean", "sd", "low_95", "high_95")] == [10.5, np.sqrt(0.5), 10.0, 11.0]
     assert len(groups) == 4 * 5
     runs = {(row["group"], row["seed"], row["metric"]): row["value"] for row in rows_of(written / "runs.csv")}
     assert len(runs) == 8 * 5
-    assert float(runs["smooth, n_particles=400", "1", "error_abs_mm"]) == 17.0
+    assert float(runs["smooth, n_particles=400", "1", "mpjpe_abs_mm"]) == 17.0
     assert float(runs["smooth, n_particles=400", "1", "likelihood_evaluations"]) == 1600.0
 
 
@@ -143,7 +143,7 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
         folder = tmp_path / "in" / str(len(name))
         labels = {"run_id": name, "config_yaml": json.dumps({"seed": 0, "body": {"name": name}}), "provenance": {}}
         with Recorder(folder / "run.rrd", BODY, SPACE, **labels) as recording:
-            recording.set_result({"error_abs_mm": 1.0, name: 2.0})
+            recording.set_result({"mpjpe_abs_mm": 1.0, name: 2.0})
     assert main(["report", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
     assert "name=a|b`* [2J" in capsys.readouterr().out
     page = Page((tmp_path / "out" / "report.html").read_text())

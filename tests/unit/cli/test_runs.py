@@ -36,7 +36,7 @@ def called(root, capsys):
 
 
 def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
-    words = ("prior=smooth", "error_abs_mm<14", "--sort", "-error_abs_mm", "--columns", "n_particles,seed")
+    words = ("prior=smooth", "mpjpe_abs_mm<14", "--sort", "-mpjpe_abs_mm", "--columns", "n_particles,seed")
     code, lines, _ = called("list", *words)
     assert code == 0
     assert [line.split() for line in lines] == [
@@ -46,11 +46,11 @@ def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
 
 def test_json_and_csv_hold_the_numbers_in_full(called, root):
     _, lines, _ = called("list", "status=failed", "--json")
-    assert json.loads("\n".join(lines))[0]["metrics"] == {"error_abs_mm": 400.0, "coverage_90": 0.9}
+    assert json.loads("\n".join(lines))[0]["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}
     _, lines, _ = called("list", "status=failed", "--csv")
-    assert next(iter(csv.DictReader(StringIO("\n".join(lines)))))["error_abs_mm"] == "400.0"
+    assert next(iter(csv.DictReader(StringIO("\n".join(lines)))))["mpjpe_abs_mm"] == "400.0"
     leave(root / "other", seed=20261122, n=50000, error=12345.678, day=29)
-    words = ("list", "started>2026-11-29", "--columns", "seed,n_particles,error_abs_mm")
+    words = ("list", "started>2026-11-29", "--columns", "seed,n_particles,mpjpe_abs_mm")
     assert called(*words, "--csv")[1][1] == "20261122,50000,12345.678"
     assert called(*words)[1][1].split() == ["20261122", "50000", "12346"]
 
@@ -59,7 +59,7 @@ def test_the_difference_is_of_configuration_and_result(root, capsys):
     assert main(["runs", "diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
     assert ["choice", "prior", "smooth", "walking"] in rows
-    assert ["result", "error_abs_mm", "10.00", "16.00", "6.000"] in rows
+    assert ["result", "mpjpe_abs_mm", "10.00", "16.00", "6.000"] in rows
     assert not any("n_particles" in row[1] for row in rows)
     assert main(["runs", "diff", str(root), str(root / "lost")]) == 2
     assert capsys.readouterr().err == f"workbench: {root}: expected one run, found 13\n"
@@ -104,7 +104,7 @@ def opened(monkeypatch):
 def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
     for k, error in enumerate([30.0, 10.0, 20.0]):
         leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
-    for order, expected in (([], "12"), (["--sort", "error_abs_mm"], "12"), (["--sort=-error_abs_mm"], "02")):
+    for order, expected in (([], "12"), (["--sort", "mpjpe_abs_mm"], "12"), (["--sort=-mpjpe_abs_mm"], "02")):
         assert main(["runs", "list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
         assert opened == [str(tmp_path / k / "run.rrd") for k in expected]
         opened.clear()

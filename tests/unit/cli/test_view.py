@@ -31,7 +31,7 @@ def record(path, seed=0, n_particles=20, crash=False, config=None):
     try:
         with Recorder(path, BODY, SPACE, run_id=f"{n_particles}-{seed}-{crash}", **about) as recorder:
             for step in steps(N_FRAMES, n_particles=n_particles, seed=seed):
-                recorder.log(step, {"error_abs_mm": 1.0})
+                recorder.log(step, {"mpjpe_abs_mm": 1.0})
             if crash:
                 raise RuntimeError("made up")
     except RuntimeError:
@@ -87,7 +87,7 @@ def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
         1: "n_particles=20, seed=1",
         2: "n_particles=30, seed=0",
         3: "n_particles=30, seed=1, failed",
-        None: "all runs: errors and how each came out",
+        None: "all runs: errors and outcomes",
     }
     assert len({application for application, _ in own}) == 4  # each with its own layout
     assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only
@@ -139,7 +139,7 @@ def test_two_recordings_are_shown_side_by_side_in_the_order_given(sweep, tmp_pat
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"a: {first} (n_particles=30)", f"b: {second} (n_particles=20)"]
     entities = {chunk.entity_path for chunk in RrdReader(kept).stream()}
-    assert {"/a/metrics/error_abs_mm", "/b/metrics/error_abs_mm", "/a/world/camera/image"} <= entities
+    assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm", "/a/world/camera/image"} <= entities
 
 
 def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, capsys):

@@ -14,11 +14,11 @@ from workbench.evaluation.pose_errors import step_errors
 from workbench.evaluation.posterior_calibration import (
     covered,
     crps,
-    log_score,
+    gaussian_nll,
     moments,
     rank_histogram,
     ranks,
-    share_below,
+    weight_below,
 )
 
 N = 20_001
@@ -27,8 +27,8 @@ NORMAL = norm.ppf((np.arange(N) + 0.5) / N)[:, None] * [1.0, 3.0] + [0.0, 10.0]
 """N(0, 1) and N(10, 3²) as evenly likely values: means over them are off by 1/N or so of the tails."""
 
 
-def share_below_reference(values, weights, truth):
-    """What `share_below` computes, in plain NumPy."""
+def weight_below_reference(values, weights, truth):
+    """What `weight_below` computes, in plain NumPy."""
     return np.stack([weights @ (values < truth), weights @ (values == truth)])
 
 
@@ -39,11 +39,11 @@ def crps_reference(values, weights, truth):
 
 
 def ranks_of(values, weights, truth):
-    return ranks(share_below(values, weights, truth))
+    return ranks(weight_below(values, weights, truth))
 
 
 def log_score_of(values, weights, truth):
-    return log_score(*moments(values, weights), truth)
+    return gaussian_nll(*moments(values, weights), truth)
 
 
 def test_crps_of_two_particles_by_hand():
@@ -58,7 +58,7 @@ def test_crps_and_log_score_of_normal_particles(z):
     closed = z * (2.0 * norm.cdf(z) - 1.0) + 2.0 * norm.pdf(z) - 1.0 / np.sqrt(np.pi)  # Gneiting & Raftery, eq. 20
     np.testing.assert_allclose(crps(NORMAL, EVEN, truth), closed * np.array([1.0, 3.0]), rtol=1e-3)
     expected = -norm.logpdf(truth, loc=[0.0, 10.0], scale=[1.0, 3.0])
-    np.testing.assert_allclose(log_score(*moments(NORMAL, EVEN), truth), expected, atol=1e-3)
+    np.testing.assert_allclose(gaussian_nll(*moments(NORMAL, EVEN), truth), expected, atol=1e-3)
 
 
 def test_weights_count_as_repetitions():
@@ -72,11 +72,11 @@ def test_weights_count_as_repetitions():
 
 def test_a_posterior_without_spread_is_infinitely_sure():
     same = np.ones((4, 2))
-    assert log_score(*moments(same, np.full(4, 0.25)), np.array([1.0, 2.0])).tolist() == [-np.inf, np.inf]
+    assert gaussian_nll(*moments(same, np.full(4, 0.25)), np.array([1.0, 2.0])).tolist() == [-np.inf, np.inf]
 
 
 def test_bands_cover_what_lies_between_their_quantiles():
-    inside = covered(share_below(NORMAL, EVEN, np.array([0.6, 10.0 - 3.0 * 0.7])), (0.5, 0.9))  # ±0.674 σ and ±1.645 σ
+    inside = covered(weight_below(NORMAL, EVEN, np.array([0.6, 10.0 - 3.0 * 0.7])), (0.5, 0.9))  # ±0.674 σ and ±1.645 σ
     assert inside.tolist() == [[True, False], [True, True]]
 
 
@@ -131,7 +131,7 @@ def test_a_step_reports_calibration_of_pose_or_joints():
     assert errors["crps_mm"] == pytest.approx(50.0 * off, rel=0.05)
     assert errors["crps_deg"] == pytest.approx(np.degrees(0.05 * (8 * off + 13 * on + 1.0) / 22), rel=0.05)
     # of N(0, 0.05²): 11 numbers are off by one deviation, 13 by none
-    assert errors["log_score"] == pytest.approx(np.log(0.05 * np.sqrt(2.0 * np.pi)) + 0.5 * 11 / 24, abs=0.02)
+    assert errors["nll"] == pytest.approx(np.log(0.05 * np.sqrt(2.0 * np.pi)) + 0.5 * 11 / 24, abs=0.02)
     assert "coverage_90_joints" not in errors
     shift = 0.05 * rng.standard_normal((2000, 1)) * np.eye(25)[0]
     beside = joints(SKELETON, (pose + 0.05 * np.eye(25)[0])[None])[0]
@@ -146,8 +146,8 @@ def test_where_one_particle_has_all_the_weight_there_is_no_log_score():
     pose = standing()
     step = step_of(pose + 0.05 * np.random.default_rng(0).standard_normal((3, 25)), Truth(pose=pose))
     alone = replace(step, log_weights=np.array([0.0, -np.inf, -np.inf]))
-    assert "log_score" in step_errors(step, BODY)
-    assert "log_score" not in step_errors(alone, BODY)
+    assert "nll" in step_errors(step, BODY)
+    assert "nll" not in step_errors(alone, BODY)
 
 
 def weighted(n, seed):
@@ -166,8 +166,8 @@ def test_kernels_agree_with_their_references(n):
     values, weights, truth = weighted(n, seed=n)
     expected = crps_reference(values, weights, truth)
     np.testing.assert_allclose(crps(values, weights, truth), expected, rtol=1e-12, atol=1e-12)
-    shares = share_below_reference(values, weights, truth)
-    np.testing.assert_allclose(share_below(values, weights, truth), shares, rtol=0.0, atol=1e-13)
+    shares = weight_below_reference(values, weights, truth)
+    np.testing.assert_allclose(weight_below(values, weights, truth), shares, rtol=0.0, atol=1e-13)
     assert shares[1, 1] > 0.0  # equal to the heaviest
     mean = weights @ values
     np.testing.assert_allclose(moments(values, weights), (mean, weights @ (values - mean) ** 2), rtol=1e-12, atol=1e-14)
@@ -177,6 +177,6 @@ def test_kernels_agree_with_their_references(n):
 def test_bands_are_those_of_the_weighted_quantiles(n):
     values, weights, truth = weighted(n, seed=n)
     low, high = weighted_quantiles(values, weights, (0.05, 0.95))
-    (found,) = covered(share_below(values, weights, truth), (0.9,))
+    (found,) = covered(weight_below(values, weights, truth), (0.9,))
     assert found.tolist() == ((low <= truth) & (truth <= high)).tolist()
     assert 0 < found.sum() < 4

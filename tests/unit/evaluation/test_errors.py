@@ -28,21 +28,21 @@ def test_a_shift_of_the_root_is_an_absolute_error_only():
     moved = pose + np.eye(25)[0] * 0.03
     truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0])
     errors = step_errors(step_of(moved[None], truth), BODY)
-    assert errors["error_abs_mm"] == pytest.approx(30)
+    assert errors["mpjpe_abs_mm"] == pytest.approx(30)
     assert errors["humaneva_mm"] == pytest.approx(30)
-    assert errors["pck_150mm"] == 1.0
-    for name in ("error_rel_mm", "error_procrustes_mm", "error_angle_deg"):
+    assert errors["pck_abs_150mm"] == 1.0
+    for name in ("mpjpe_mm", "pa_mpjpe_mm", "mpjae_local_deg"):
         assert errors[name] == pytest.approx(0, abs=1e-9)
     # 700 px focal length, 7 m away (limbs a little nearer or farther): 30 mm are about 3 px
-    assert errors["error_px"] == pytest.approx(3.0, abs=0.15)
-    assert step_errors(step_of(moved[None], truth), BODY, image_scale=0.5)["error_px"] == pytest.approx(
-        2 * errors["error_px"]
+    assert errors["mpjpe_px"] == pytest.approx(3.0, abs=0.15)
+    assert step_errors(step_of(moved[None], truth), BODY, image_scale=0.5)["mpjpe_px"] == pytest.approx(
+        2 * errors["mpjpe_px"]
     )
     gone = truth.joints.copy()
     gone[[0, 5]] = np.nan
     errors = step_errors(step_of(moved[None], Truth(joints=gone)), BODY)
-    assert errors["error_abs_mm"] == errors["humaneva_mm"] == pytest.approx(30)
-    assert "error_rel_mm" not in errors
+    assert errors["mpjpe_abs_mm"] == errors["humaneva_mm"] == pytest.approx(30)
+    assert "mpjpe_mm" not in errors
 
 
 def test_pixels_are_those_of_the_camera_that_took_the_image():
@@ -50,12 +50,12 @@ def test_pixels_are_those_of_the_camera_that_took_the_image():
     pose, beside = standing(), replace(CAMERA, translation=CAMERA.translation + np.array([0.1, 0.0, 0.0]))
     truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0], cameras=(beside,))
     at_truth = step_errors(step_of(pose[None], truth), BODY)
-    assert at_truth["error_abs_mm"] == pytest.approx(0.0)
-    for name in ("error_px", "humaneva_px"):
+    assert at_truth["mpjpe_abs_mm"] == pytest.approx(0.0)
+    for name in ("mpjpe_px", "humaneva_px"):
         assert at_truth[name] == pytest.approx(10.0, rel=0.05)  # 10 cm in 7 m at 700 px
     told = replace(step_of(pose[None], truth).frame, truth=Truth(joints=truth.joints, cameras=(CAMERA,)))
     errors = step_errors(replace(step_of(pose[None], truth), frame=told), BODY)
-    assert errors["error_px"] == pytest.approx(0.0, abs=1e-9)
+    assert errors["mpjpe_px"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_marks_count_where_visible():
@@ -66,11 +66,11 @@ def test_marks_count_where_visible():
     marks[4:] = np.nan
     marks[0] = np.nan
     errors = step_errors(step_of(pose[None], Truth(annotations=marks, annotations_visible=visible)), BODY)
-    assert errors["error_px"] == pytest.approx(50 / 3)
+    assert errors["mpjpe_px"] == pytest.approx(50 / 3)
     visible[3] = False
     errors = step_errors(step_of(pose[None], Truth(annotations=marks, annotations_visible=visible)), BODY)
-    assert errors["error_px"] == pytest.approx(0, abs=1e-9)
-    assert "error_abs_mm" not in errors
+    assert errors["mpjpe_px"] == pytest.approx(0, abs=1e-9)
+    assert "mpjpe_abs_mm" not in errors
 
 
 def test_errors_are_over_the_joints_that_can_move():
@@ -85,8 +85,8 @@ def test_errors_are_over_the_joints_that_can_move():
     truth = Truth(joints=joints(SKELETON, pose[None])[0])
     forearm = 0.146 * 1800
     # 60° moves the wrist by one forearm, of fourteen joints or of the two that can move
-    assert step_errors(step_of(bent[None], truth), BODY, arm)["error_abs_mm"] == pytest.approx(forearm / 2)
-    assert step_errors(step_of(bent[None], truth), BODY)["error_rel_mm"] == pytest.approx(forearm / 14)
+    assert step_errors(step_of(bent[None], truth), BODY, arm)["mpjpe_abs_mm"] == pytest.approx(forearm / 2)
+    assert step_errors(step_of(bent[None], truth), BODY)["mpjpe_mm"] == pytest.approx(forearm / 14)
 
 
 def test_the_yardstick_is_a_forearm_at_the_persons_depth():
@@ -94,7 +94,7 @@ def test_the_yardstick_is_a_forearm_at_the_persons_depth():
     truth = Truth(joints=joints(SKELETON, pose[None])[0])
     errors = step_errors(step_of(pose[None], truth), BODY)
     # 700 px focal length; the camera is 7 m to the side, and the joints lie symmetrically about that distance
-    assert errors["forearm_px"] == pytest.approx(700 * sum(BODY.shape.forearm_radii) / 7.0)
+    assert errors["forearm_width_px"] == pytest.approx(700 * sum(BODY.shape.forearm_radii) / 7.0)
 
 
 def test_joints_behind_the_camera_are_missed_by_the_images_diagonal():
@@ -102,11 +102,11 @@ def test_joints_behind_the_camera_are_missed_by_the_images_diagonal():
     behind = pose + np.eye(25)[1] * -20.0  # the camera stands 7 m to that side
     truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0])
     errors = step_errors(step_of(behind[None], truth), BODY)
-    assert errors["error_px"] == pytest.approx(np.hypot(640, 480))
+    assert errors["mpjpe_px"] == pytest.approx(np.hypot(640, 480))
     assert errors["humaneva_px"] == pytest.approx(np.hypot(640, 480))
     half = joints(SKELETON, pose[None])[0].copy()
     half[4:] = np.nan  # a truth that is not known is no miss
-    assert step_errors(step_of(pose[None], Truth(joints=half)), BODY)["error_px"] == pytest.approx(0.0, abs=1e-9)
+    assert step_errors(step_of(pose[None], Truth(joints=half)), BODY)["mpjpe_px"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_no_truth_no_errors():

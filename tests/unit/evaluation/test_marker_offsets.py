@@ -43,12 +43,14 @@ def test_planted_offsets_are_found_and_leave_no_error():
     measure, told = measured(poses, markers(poses))
     np.testing.assert_allclose(measure.offsets[1:], PLANTED[1:], atol=1e-12)
     assert told[:N_ESTIMATED] == [{}] * N_ESTIMATED  # what they are estimated from is not counted
-    assert [error["error_offset_free_mm"] for error in told[N_ESTIMATED:]] == pytest.approx(
+    assert [error["mpjpe_abs_marker_corrected_mm"] for error in told[N_ESTIMATED:]] == pytest.approx(
         [0.0] * (N_FRAMES - N_ESTIMATED), abs=1e-9
     )
-    lengths = {f"offset_{name}_mm": 1e3 * np.linalg.norm(PLANTED[j]) for j, name in enumerate(SKELETON.names) if j}
+    lengths = {
+        f"marker_offset_{name}_mm": 1e3 * np.linalg.norm(PLANTED[j]) for j, name in enumerate(SKELETON.names) if j
+    }
     assert measure.lengths_mm == pytest.approx(lengths)
-    assert measure.removed_mm["error_abs_offsets_removed_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert measure.corrected_mm["mpjpe_abs_offset_corrected_mm"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_is_left_without_offsets_is_what_changes():
@@ -56,8 +58,8 @@ def test_what_is_left_without_offsets_is_what_changes():
     shaken = markers(poses)
     shaken[::2, 1:] += [0.01, 0.0, 0.0]  # so that the medians lie half-way, as half of the frames do either
     measure, _ = measured(poses, shaken)
-    assert measure.removed_mm == pytest.approx(
-        {"error_abs_offsets_removed_mm": 5.0, "error_rel_offsets_removed_mm": 5.0}
+    assert measure.corrected_mm == pytest.approx(
+        {"mpjpe_abs_offset_corrected_mm": 5.0, "mpjpe_offset_corrected_mm": 5.0}
     )
 
 
@@ -75,7 +77,7 @@ def test_an_estimate_that_goes_astray_later_is_told():
     places = markers(poses)
     poses[N_ESTIMATED:, 0] += 0.05
     _, told = measured(poses, places)
-    assert [error["error_offset_free_mm"] for error in told[N_ESTIMATED:]] == pytest.approx(
+    assert [error["mpjpe_abs_marker_corrected_mm"] for error in told[N_ESTIMATED:]] == pytest.approx(
         [50.0] * (N_FRAMES - N_ESTIMATED)
     )
 
@@ -88,19 +90,19 @@ def test_a_joint_is_counted_half_a_second_after_it_is_first_known():
     measure, told = measured(poses, places)
     np.testing.assert_allclose(measure.offsets[wrist], PLANTED[wrist], atol=1e-12)
     assert np.isnan(measure.offsets[SKELETON.joint("neck")]).all()
-    assert "offset_neck_mm" not in measure.lengths_mm
+    assert "marker_offset_neck_mm" not in measure.lengths_mm
     astray = places.copy()  # the wrist alone is off, where it is not counted yet and where it is one of thirteen
     astray[N_ESTIMATED, wrist] += [0.13, 0.0, 0.0]
     astray[-1, wrist] += [0.13, 0.0, 0.0]
     _, told = measured(poses, astray)
-    assert told[N_ESTIMATED]["error_offset_free_mm"] == pytest.approx(0.0, abs=1e-9)
-    assert told[-1]["error_offset_free_mm"] == pytest.approx(10.0)
+    assert told[N_ESTIMATED]["mpjpe_abs_marker_corrected_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert told[-1]["mpjpe_abs_marker_corrected_mm"] == pytest.approx(10.0)
 
 
 def test_an_arm_is_measured_alone_and_a_true_pose_has_no_markers():
     poses = moving_poses()
     measure, _ = measured(poses, markers(poses), moving=["left_shoulder_flexion", "left_elbow_flexion"])
-    assert list(measure.lengths_mm) == ["offset_left_elbow_mm", "offset_left_wrist_mm"]
+    assert list(measure.lengths_mm) == ["marker_offset_left_elbow_mm", "marker_offset_left_wrist_mm"]
     pose = standing()
     exact = Truth(pose=pose, joints=forward(SKELETON, pose[None]).positions[0])
     assert MarkerOffsets(SKELETON).add(step_of(pose[None], exact)) == {}

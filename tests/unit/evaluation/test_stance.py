@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.evaluation.evidence import stance
+from workbench.evaluation.run_measurements import stance
 
 RATE_HZ = 60.0
 TIMES = np.arange(180) / RATE_HZ

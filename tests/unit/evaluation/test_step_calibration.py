@@ -12,12 +12,12 @@ from workbench.core.frame import Truth
 from workbench.evaluation.posterior_calibration import expected_calibration_error
 from workbench.evaluation.step_calibration import (
     area_under_curve,
+    expected_errors,
     group_errors,
     joint_calibration,
     pose_calibration,
     pose_ranks,
     spearman,
-    stated_doubt,
 )
 
 HEADING, TWIST = SKELETON.dof("root_heading"), SKELETON.dof("left_shoulder_twist")
@@ -49,13 +49,13 @@ def test_a_number_in_which_all_agree_counts_where_it_is_wrong():
     wrong = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
     assert wrong["coverage_90"] == pytest.approx(24 / 25)
     assert wrong["crps_deg"] > right["crps_deg"]
-    assert wrong["z2"] == pytest.approx(right["z2"])
+    assert wrong["nees_per_dim"] == pytest.approx(right["nees_per_dim"])
 
 
 def test_z2_is_the_mean_square_of_the_miss_in_deviations():
     poses, true = drawn(), standing() + 0.3
     found = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
-    assert found["z2"] == pytest.approx(9.0, rel=0.02)
+    assert found["nees_per_dim"] == pytest.approx(9.0, rel=0.02)
 
 
 def test_groups_have_coverages_of_their_own():
@@ -81,25 +81,28 @@ def test_the_calibration_error_of_even_ranks_is_nothing_and_of_ends_a_half():
 def test_who_spreads_sideways_by_a_centimetre_doubts_everything_by_as_much():
     poses = np.zeros((400, len(POSE_NAMES)))
     poses[:, 0] = np.repeat([-0.01, 0.01], 200)
-    assert stated_doubt(step_of(poses, None), SKELETON) == pytest.approx(
-        dict.fromkeys(("doubt_root_mm", "doubt_head_mm", "doubt_arms_mm", "doubt_legs_mm"), 10.0)
+    assert expected_errors(step_of(poses, None), SKELETON) == pytest.approx(
+        dict.fromkeys(
+            ("expected_error_root_mm", "expected_error_head_mm", "expected_error_arms_mm", "expected_error_legs_mm"),
+            10.0,
+        )
     )
 
 
 def test_an_elbow_that_is_not_known_is_doubted_alone():
     poses = np.zeros((400, len(POSE_NAMES)))
     poses[:, POSE_NAMES.index("left_elbow_flexion")] = np.linspace(0.2, 1.2, 400)
-    told = stated_doubt(step_of(poses, None), SKELETON)
-    assert told["doubt_arms_mm"] > 5.0
-    assert told["doubt_legs_mm"] == told["doubt_root_mm"] == 0.0
+    told = expected_errors(step_of(poses, None), SKELETON)
+    assert told["expected_error_arms_mm"] > 5.0
+    assert told["expected_error_legs_mm"] == told["expected_error_root_mm"] == 0.0
 
 
 def test_errors_by_group_leave_out_what_is_not_known():
     pose = np.zeros((1, len(POSE_NAMES)))
     truth = joints(SKELETON, pose)[0] + [0.0, 0.03, 0.0]
-    assert group_errors(step_of(pose, Truth(joints=truth)), SKELETON)["missed_legs_mm"] == pytest.approx(30.0)
+    assert group_errors(step_of(pose, Truth(joints=truth)), SKELETON)["mpjpe_abs_legs_mm"] == pytest.approx(30.0)
     truth[0] = np.nan
-    assert "missed_root_mm" not in group_errors(step_of(pose, Truth(joints=truth)), SKELETON)
+    assert "mpjpe_abs_root_mm" not in group_errors(step_of(pose, Truth(joints=truth)), SKELETON)
     assert group_errors(step_of(pose, None), SKELETON) == {}
 
 
@@ -116,12 +119,12 @@ def test_of_many_particles_a_few_tell_the_same():
     rng = np.random.default_rng(0)
     poses = np.zeros((20_000, len(POSE_NAMES)))
     poses[:, :3] = 0.02 * rng.standard_normal((20_000, 3))
-    told = stated_doubt(step_of(poses, None), SKELETON)["doubt_root_mm"]
+    told = expected_errors(step_of(poses, None), SKELETON)["expected_error_root_mm"]
     assert told == pytest.approx(20.0 * np.sqrt(8.0 / np.pi), rel=0.06)
     light = replace(step_of(poses, None), log_weights=np.where(np.arange(20_000) < 10_000, -np.log(1e4), -np.inf))
     moved = poses + np.eye(len(POSE_NAMES))[0] * (np.arange(20_000) >= 10_000)[:, None]  # without any weight
     same = replace(light, poses=moved, expected_pose=light.expected_pose)
-    assert stated_doubt(same, SKELETON) == stated_doubt(light, SKELETON)
+    assert expected_errors(same, SKELETON) == expected_errors(light, SKELETON)
 
 
 def test_the_area_counts_pairs():

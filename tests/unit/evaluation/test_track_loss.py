@@ -5,53 +5,53 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.verdict import Event, lost_and_found, lost_share
+from workbench.evaluation.track_loss import TrackEvent, lost_fraction, track_events
 
 WIDTH = [10.0] * 20
 
 
 def test_who_is_held_is_never_lost():
-    assert lost_and_found([9.0] * 20, WIDTH) == []
-    assert lost_share([9.0] * 20, WIDTH) == 0.0
-    assert lost_and_found([], []) == []
-    assert lost_share([], []) == 0.0
+    assert track_events([9.0] * 20, WIDTH) == []
+    assert lost_fraction([9.0] * 20, WIDTH) == 0.0
+    assert track_events([], []) == []
+    assert lost_fraction([], []) == 0.0
 
 
 def test_one_bad_frame_loses_nobody():
     errors = [5.0] * 20
     errors[8] = 29.0  # the mean of five is then 9.8
-    assert lost_and_found(errors, WIDTH) == []
+    assert track_events(errors, WIDTH) == []
 
 
 def test_a_loss_and_a_find_are_dated_by_their_first_frames():
     errors = [2.0] * 6 + [40.0] * 8 + [2.0] * 6
-    assert lost_and_found(errors, WIDTH) == [Event("lost", 6), Event("found", 14)]
-    assert lost_share(errors, WIDTH) == pytest.approx(8 / 20)
+    assert track_events(errors, WIDTH) == [TrackEvent("lost", 6), TrackEvent("recovered", 14)]
+    assert lost_fraction(errors, WIDTH) == pytest.approx(8 / 20)
 
 
 def test_who_is_lost_to_the_end_and_from_the_beginning():
-    assert lost_and_found([2.0] * 10 + [50.0] * 10, WIDTH) == [Event("lost", 10)]
-    assert lost_share([2.0] * 10 + [50.0] * 10, WIDTH) == pytest.approx(0.5)
-    assert lost_and_found([50.0] * 20, WIDTH) == [Event("lost", 0)]
-    assert lost_share([50.0] * 2, WIDTH[:2]) == 1.0
+    assert track_events([2.0] * 10 + [50.0] * 10, WIDTH) == [TrackEvent("lost", 10)]
+    assert lost_fraction([2.0] * 10 + [50.0] * 10, WIDTH) == pytest.approx(0.5)
+    assert track_events([50.0] * 20, WIDTH) == [TrackEvent("lost", 0)]
+    assert lost_fraction([50.0] * 2, WIDTH[:2]) == 1.0
 
 
 def test_frames_without_a_truth_say_nothing():
     errors = [2.0] * 3 + [np.nan] * 4 + [40.0] * 6
-    assert lost_and_found(errors, WIDTH[:13]) == [Event("lost", 7)]
-    assert lost_and_found([np.nan] * 5, WIDTH[:5]) == []
+    assert track_events(errors, WIDTH[:13]) == [TrackEvent("lost", 7)]
+    assert track_events([np.nan] * 5, WIDTH[:5]) == []
 
 
 def test_nobody_is_found_before_they_were_lost():
     errors = [9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0]  # one frame loses; the window is below again by those before it
-    assert lost_and_found(errors, WIDTH[:8]) == [Event("lost", 4), Event("found", 5)]
-    assert lost_share(errors, WIDTH[:8]) == pytest.approx(1 / 8)
+    assert track_events(errors, WIDTH[:8]) == [TrackEvent("lost", 4), TrackEvent("recovered", 5)]
+    assert lost_fraction(errors, WIDTH[:8]) == pytest.approx(1 / 8)
 
 
 @given(st.lists(st.sampled_from([0.0, 15.0, 21.0, 60.0]), max_size=30))
 def test_losses_and_finds_alternate_in_the_order_of_frames(errors):
-    events = lost_and_found(errors, [20.0] * len(errors))
+    events = track_events(errors, [20.0] * len(errors))
     frames = [event.frame for event in events]
     assert frames == sorted(set(frames))
-    assert [event.kind for event in events] == ["lost", "found"] * (len(events) // 2) + ["lost"] * (len(events) % 2)
-    assert 0.0 <= lost_share(errors, [20.0] * len(errors)) <= 1.0
+    assert [event.kind for event in events] == ["lost", "recovered"] * (len(events) // 2) + ["lost"] * (len(events) % 2)
+    assert 0.0 <= lost_fraction(errors, [20.0] * len(errors)) <= 1.0

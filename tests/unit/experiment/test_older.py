@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.recording.migrations import in_todays_words, provenance_in_todays_words
+from workbench.recording.migrations import migrated, renamed_properties
 from workbench.utils.errors import InputError
 
 PATH = Path("run.rrd")
@@ -24,13 +24,13 @@ POINTS = "workbench.datasets.point_files.PointFiles"
 )
 def test_the_last_frame_is_a_number_of_frames(target, recorded, today):
     with pytest.warns(UserWarning, match=rf"dataset.last_frame=\d+ is dataset.n_frames={today['n_frames']} today"):
-        found = in_todays_words(PATH, {"seed": 1, "dataset": {"_target_": target, **recorded}})
+        found = migrated(PATH, {"seed": 1, "dataset": {"_target_": target, **recorded}})
     assert found == {"seed": 1, "dataset": {"_target_": target, **today}}
 
 
 def test_the_first_frame_of_a_truth_is_where_it_begins():
     with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first_frame=-2 today"):
-        found = in_todays_words(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
+        found = migrated(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
     assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first_frame": -2}
 
 
@@ -42,10 +42,10 @@ def test_the_first_frame_of_a_truth_is_where_it_begins():
         {"dataset": {"_target_": "workbench.datasets.synthetic.Synthetic", "first_frame": 3}},
     ],
 )  # fmt: skip
-def test_what_is_said_in_todays_words_stays(settings):
+def test_what_is_said_migrated_stays(settings):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert in_todays_words(PATH, settings) == settings
+        assert migrated(PATH, settings) == settings
 
 
 SCENE = "workbench.datasets.points.Points"
@@ -63,7 +63,7 @@ SCENE = "workbench.datasets.points.Points"
     ],
 )
 def test_renamed_keys_of_datasets_have_todays_names(target, recorded, today):
-    dataset = in_todays_words(PATH, {"dataset": {"_target_": target, **recorded}})["dataset"]
+    dataset = migrated(PATH, {"dataset": {"_target_": target, **recorded}})["dataset"]
     assert dataset == {"_target_": target, **today}
 
 
@@ -76,30 +76,30 @@ def test_a_key_that_is_gone_is_removed_wherever_it_is(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         recorded = {"likelihood": {**WRAPPED, "terms": {"both": {**PRODUCT, "device": device}}}}
-        assert in_todays_words(PATH, recorded) == {"likelihood": {**WRAPPED, "terms": {"both": PRODUCT}}}
-        assert in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}}) == {"likelihood": PRODUCT}
+        assert migrated(PATH, recorded) == {"likelihood": {**WRAPPED, "terms": {"both": PRODUCT}}}
+        assert migrated(PATH, {"likelihood": {**PRODUCT, "device": device}}) == {"likelihood": PRODUCT}
 
 
 @pytest.mark.parametrize("device", ["gpu", ["cpu"], {"cpu": 1}])
 def test_another_value_of_a_key_that_is_gone_is_refused_with_its_place(device):
     with pytest.raises(InputError, match=r"run\.rrd: likelihood\.device: expected cpu, .* found "):
-        in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}})
+        migrated(PATH, {"likelihood": {**PRODUCT, "device": device}})
 
 
 def test_a_component_that_is_none_any_more_is_refused_with_its_place():
     recorded = {"_target_": "my.Wrapper", "base": {"_target_": "workbench.priors.partwise.Partwise"}}
-    with pytest.raises(InputError, match=r"run\.rrd: prior\.base\._target_: .*Partwise is no component any more"):
-        in_todays_words(PATH, {"prior": recorded})
+    with pytest.raises(InputError, match=r"run\.rrd: prior\.base\._target_: .*Partwise was removed"):
+        migrated(PATH, {"prior": recorded})
 
 
 @pytest.mark.parametrize("found", [3.0, 5.0])
 def test_a_key_that_is_fixed_today_is_removed_or_refused(found):
     smooth = {"_target_": "workbench.priors.smooth.Smooth"}
     if found == 3.0:
-        assert in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}}) == {"prior": smooth}
+        assert migrated(PATH, {"prior": {**smooth, "start_velocity": found}}) == {"prior": smooth}
     else:
         with pytest.raises(InputError, match=r"prior\.start_velocity: expected 3\.0, which is fixed today, found 5\.0"):
-            in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}})
+            migrated(PATH, {"prior": {**smooth, "start_velocity": found}})
 
 
 def test_keys_outside_of_components_and_experiments_get_todays_names():
@@ -111,14 +111,14 @@ def test_keys_outside_of_components_and_experiments_get_todays_names():
         "seed": 1, "n_threads": 2, "component_packages": [], "training": {"motions": "cmu", "exclude": ["35"]},
         "clips": {"split": "validation", "test": ["02_01"]}, "protocol": {"split": "test", "occlusion": "moving board"},
     }  # fmt: skip
-    assert in_todays_words(PATH, recorded) == in_todays_words(PATH, today) == today
+    assert migrated(PATH, recorded) == migrated(PATH, today) == today
     words = {"experiment": "walk_best", "choices": ["experiment=walk_best", "prior=track"], "seed": 3}
     renamed = {"experiment": "walk_multi_cue", "choices": ["experiment=walk_multi_cue", "prior=track"], "seed": 3}
-    assert provenance_in_todays_words(words) == renamed
+    assert renamed_properties({"provenance": words})["provenance"] == renamed
 
 
 def test_likelihoods_get_the_keys_and_values_of_today():
     motion = {"_target_": "workbench.likelihoods.image_motion.ImageMotion"}
     recorded = {"likelihood": {**motion, "k": 2.0, "exponent": "sum", "points": "drawn", "background": "still"}}
     today = {**motion, "effective_pixels": 2.0, "reduction": "sum", "sampling": "random", "background": "static"}
-    assert in_todays_words(PATH, recorded) == {"likelihood": today}
+    assert migrated(PATH, recorded) == {"likelihood": today}

@@ -14,6 +14,7 @@ from workbench.experiment.config import options as parts
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import runnable_config
+from workbench.recording.migrations import FORMAT
 from workbench.utils.errors import InputError
 
 MODULE = '''
@@ -164,9 +165,11 @@ def test_a_variable_and_an_entry_point_name_packages_too(package, monkeypatch):
 
 
 def run_of(*, target):
-    """As much of a recording as is looked at before it is run again."""
+    """The part of a recording that is checked before it is run again."""
     return SimpleNamespace(
-        path="some/x.rrd", settings={"component_packages": ["my_components"], "prior": {"_target_": target}}
+        path="some/x.rrd",
+        format=FORMAT,
+        settings={"component_packages": ["my_components"], "prior": {"_target_": target}},
     )
 
 

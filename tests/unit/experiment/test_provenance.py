@@ -68,7 +68,7 @@ def config(**changes):
             "n_threads": None,
             "paths": {"data": None, "cache": "/somewhere/cache"},
             "check": {"default": {"absolute": 0.0}},
-            "recorder": {"live": False},
+            "recorder": {"stream": False},
             "dataset": {"motion": "builtin", "data": "${paths.data}", "cache": "${paths.cache}", "n_frames": 5},
             "prior": {"motions": "builtin", "data": "${paths.data}", "sigma": [0.1, 0.2]},
         }
@@ -94,7 +94,7 @@ def data(tmp_path):
         {"n_threads": 2},
         {"paths__cache": "/elsewhere"},
         {"paths__data": "/nothing/there"},
-        {"recorder__live": True},
+        {"recorder__stream": True},
         {"check__default__absolute": 1.0},
     ],
 )

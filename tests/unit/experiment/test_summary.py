@@ -37,26 +37,28 @@ def summary_of(*errors):
 
 
 def test_the_first_frame_which_is_given_is_left_out_of_the_means():
-    metrics = summary_of({"error_abs_mm": 1000.0}, {"error_abs_mm": 30.0}, {"error_abs_mm": 50.0}).metrics
-    assert metrics["error_abs_mm"] == pytest.approx(40.0)
+    metrics = summary_of({"mpjpe_abs_mm": 1000.0}, {"mpjpe_abs_mm": 30.0}, {"mpjpe_abs_mm": 50.0}).metrics
+    assert metrics["mpjpe_abs_mm"] == pytest.approx(40.0)
     assert metrics["ess_mean"] == pytest.approx(2.5)
-    assert metrics["frames"] == 3.0
+    assert metrics["n_frames"] == 3.0
 
 
 def test_flexion_is_told_by_its_root_mean_square():
-    metrics = summary_of({}, *({"knee_deg": error, "error_angle_deg": error} for error in (3.0, 5.0))).metrics
-    assert metrics["knee_deg"] == pytest.approx(np.sqrt(17.0))
-    assert metrics["error_angle_deg"] == pytest.approx(4.0)
+    metrics = summary_of(
+        {}, *({"knee_flexion_rmse_deg": error, "mpjae_local_deg": error} for error in (3.0, 5.0))
+    ).metrics
+    assert metrics["knee_flexion_rmse_deg"] == pytest.approx(np.sqrt(17.0))
+    assert metrics["mpjae_local_deg"] == pytest.approx(4.0)
 
 
 def test_a_mean_is_over_the_frames_that_have_the_error():
-    assert summary_of({}, {"error_px": 4.0}, {}, {"error_px": 8.0}).metrics["error_px"] == pytest.approx(6.0)
+    assert summary_of({}, {"mpjpe_px": 4.0}, {}, {"mpjpe_px": 8.0}).metrics["mpjpe_px"] == pytest.approx(6.0)
 
 
 def test_how_a_run_ended_is_written_on_a_full_disk(tmp_path, monkeypatch):
-    summary, path = summary_of({"error_px": 1.0}), tmp_path / "summary.json"
+    summary, path = summary_of({"mpjpe_px": 1.0}), tmp_path / "summary.json"
     summary.write(path)
-    summary.over_run = {f"offset_{k}_mm": 1.0 for k in range(200)}  # of which nothing was known when it began
+    summary.run_metrics = {f"marker_offset_{k}_mm": 1.0 for k in range(200)}  # of which nothing was known when it began
 
     def refuse(*paths):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -66,7 +68,7 @@ def test_how_a_run_ended_is_written_on_a_full_disk(tmp_path, monkeypatch):
     summary.write(path)
     found = json.loads(path.read_text())
     assert (found["status"], found["error"], found["seed"]) == ("failed", "OSError: no room", summary.seed)
-    assert found["metrics"]["frames"] == 1.0
+    assert found["metrics"]["n_frames"] == 1.0
     assert "provenance" not in found
 
 
@@ -155,7 +157,7 @@ def test_a_run_that_was_killed_once_it_was_published_is_complete(tmp_path):
     with ending(Summary("walk", 0, tmp_path / "run.rrd")):
         kept = (tmp_path / "summary.json").read_bytes()
         with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
-            file.send_numbers("metrics", {"error_abs_mm": 2.5})
+            file.send_numbers("metrics", {"mpjpe_abs_mm": 2.5})
     (tmp_path / "summary.json").write_bytes(kept)  # "running", of a process that is gone
     record = read_run(tmp_path)
-    assert (record["status"], record["metrics"], record["path"]) == ("complete", {"error_abs_mm": 2.5}, str(tmp_path))
+    assert (record["status"], record["metrics"], record["path"]) == ("complete", {"mpjpe_abs_mm": 2.5}, str(tmp_path))

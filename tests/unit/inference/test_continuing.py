@@ -100,7 +100,7 @@ def test_what_restarting_has_seen_goes_on_too():
     measured[REFERENCE_FRAMES + 4 :] += 50.0  # lost from here on
     one = inference("reinitializing", "bootstrap", measured=measured)
     whole = list(one.run(frames(len(measured)), MEAN0, streams(0)))
-    anew = [step.frame.index for step in whole if step.diagnostics["restarted"]]
+    anew = [step.frame.index for step in whole if step.diagnostics["reinitialized"]]
     assert anew
     for k in (1, anew[0] - 1, anew[0], anew[0] + 1):
         assert_same_bits(list(one.run(frames(len(measured)), past(whole[:k]), streams(7))), whole[k:])

@@ -242,4 +242,4 @@ def test_ancestors_are_counted_over_several_frames():
     lived = np.arange(50)
     for step in steps[5:]:
         lived = step.ancestors if step is steps[5] else lived[step.ancestors]
-    assert steps[-1].diagnostics["ancestors_10"] == len(np.unique(lived)) < 50
+    assert steps[-1].diagnostics["unique_ancestors_lag10"] == len(np.unique(lived)) < 50

@@ -97,7 +97,7 @@ def test_a_walk_is_found_in_points_without_a_start(problem, likelihood):
     assert error_mm(np.array([step.expected_pose for step in steps]), poses) < 15.0
     assert [step.frame.index for step in steps] == list(range(5, 15))
     assert all(step.warnings == () for step in steps)
-    assert all(0.5 < step.diagnostics["inliers"] < 0.95 for step in steps)
+    assert all(0.5 < step.diagnostics["inlier_fraction"] < 0.95 for step in steps)
 
 
 def test_a_fit_is_unsure_of_what_points_share_however_many_there_are():

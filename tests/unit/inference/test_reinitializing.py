@@ -51,8 +51,8 @@ def run(scene, make, frames):
     likelihood = Product(cues, dict.fromkeys(cues, 0.5))
     steps = list(make(prior, likelihood, body).run(frames, dataset.info.initial_pose, streams(0)))
     errors = [step_errors(step, body) for step in steps]
-    anew = [step for step in steps if step.diagnostics.get("restarted") == 1.0]
-    return np.array([error["error_px"] for error in errors]), errors[-1]["forearm_px"], anew
+    anew = [step for step in steps if step.diagnostics.get("reinitialized") == 1.0]
+    return np.array([error["mpjpe_px"] for error in errors]), errors[-1]["forearm_width_px"], anew
 
 
 def reinitializing(prior, likelihood, body):
@@ -60,17 +60,17 @@ def reinitializing(prior, likelihood, body):
 
 
 def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):
-    errors, forearm_px, anew = run(scene, reinitializing, scene[2])
-    assert errors[CUT - 5 : CUT].mean() < forearm_px
-    assert errors[CUT] > 3.0 * forearm_px
+    errors, forearm_width_px, anew = run(scene, reinitializing, scene[2])
+    assert errors[CUT - 5 : CUT].mean() < forearm_width_px
+    assert errors[CUT] > 3.0 * forearm_width_px
     assert [step.frame.index for step in anew] == [CUT + 3]  # after `patience` bad frames, and not again
     assert "detected joints" in anew[0].warnings[0]
-    assert errors[CUT + 3] < forearm_px
+    assert errors[CUT + 3] < forearm_width_px
     assert errors[CUT + 3 :].max() < 0.5 * errors[CUT]  # so few particles may drift from there, but not back
 
 
 def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
-    errors, forearm_px, anew = run(scene, reinitializing, blind(scene[2]))
-    assert errors[-1] > forearm_px
+    errors, forearm_width_px, anew = run(scene, reinitializing, blind(scene[2]))
+    assert errors[-1] > forearm_width_px
     assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
     assert anew[0].warnings[0].endswith("at the last pose and its mirror image")

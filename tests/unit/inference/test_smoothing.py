@@ -16,7 +16,7 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.evaluation.posterior_calibration import covered, share_below
+from workbench.evaluation.posterior_calibration import covered, weight_below
 from workbench.inference.smc.bootstrap import Bootstrap
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
@@ -85,7 +85,7 @@ def test_one_move_accepts_every_proposal_where_the_previous_pose_does_not_matter
         options = {"n_particles": 60, "n_paths": 40, "n_mcmc_steps": 1, "min_effective_ancestors": 1}
         inference = BackwardSimulation(plain(measured, h=h), **options)
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
-        assert all(step.diagnostics["acceptance"] == 1.0 for step in steps[:-1]) == accepted
+        assert all(step.diagnostics["acceptance_rate"] == 1.0 for step in steps[:-1]) == accepted
 
 
 def test_paths_are_rejuvenated():
@@ -96,7 +96,7 @@ def test_paths_are_rejuvenated():
         FixedLag(plain(measured), n_particles=100, lag=100, min_effective_ancestors=1),
         BackwardSimulation(plain(measured), n_particles=100, n_paths=100, min_effective_ancestors=1),
     ):
-        distinct.append(next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["distinct"])
+        distinct.append(next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["unique_particles"])
     assert distinct[0] < 10 < 30 < distinct[1]
 
 
@@ -148,7 +148,7 @@ def test_bands_of_enough_ancestors_hold_the_truth_as_often_as_they_say(name):
         for seed in range(n_runs):
             measured, states = simulate_states(n_frames, seed, sigma=0.05)
             for step in MAKE[name](Position(measured, sigma=0.05), least).run(frames(n_frames), MEAN0, streams(seed)):
-                shares = share_below(step.particles, np.exp(step.log_weights), states[step.frame.index])
+                shares = weight_below(step.particles, np.exp(step.log_weights), states[step.frame.index])
                 inside.append(covered(shares, (0.9,)).mean())
         rates[least] = np.array(inside).reshape(n_runs, n_frames).mean(axis=1)
     error = rates[20].std() / np.sqrt(n_runs)

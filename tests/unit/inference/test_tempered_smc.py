@@ -56,8 +56,8 @@ def test_moves_bring_particles_of_one_parent_apart():
     measured = simulate(T, seed=3, sigma=0.01)
     steps = list(EXACT["tempered"](TwoJoints(), Position(measured, sigma=0.01), 200).run(frames(T), MEAN0, streams(0)))
     for step in steps[1:]:  # without moves there would be as many states as parents with offspring
-        assert len(np.unique(step.particles, axis=0)) > step.diagnostics["distinct"]
-        assert step.diagnostics["temperatures"] >= 2
+        assert len(np.unique(step.particles, axis=0)) > step.diagnostics["unique_particles"]
+        assert step.diagnostics["n_temperatures"] >= 2
         assert step.ess == pytest.approx(200)
 
 

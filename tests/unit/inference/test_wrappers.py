@@ -94,7 +94,7 @@ def test_who_is_lost_is_found_by_every_move(move):
         ParticleFilter(Anywhere(), Position(measured, sigma=0.1), algorithm=MOVES[move]), n_particles=300
     )
     steps = list(inference.run(frames(n), MEAN0, streams(0)))
-    anew = [step.frame.index for step in steps if step.diagnostics["restarted"] == 1.0]
+    anew = [step.frame.index for step in steps if step.diagnostics["reinitialized"] == 1.0]
     assert anew[0] in range(REFERENCE_FRAMES + 6, REFERENCE_FRAMES + 10)
     assert abs(steps[-1].expected_pose[0] - measured[-1]) < 0.5
 

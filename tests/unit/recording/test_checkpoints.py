@@ -38,7 +38,7 @@ def recorded(path, run, decode=decode, **options):
 
 @pytest.mark.parametrize("late", [False, True])
 def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
-    monkeypatch.setattr(checkpoints, "SHARE", np.inf)
+    monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
     run = [with_memory(step, late) for step in steps(8, n_particles=60)]
     found = recorded(tmp_path / "run.rrd", run)
     assert checkpoint_frames(found) == [10, 11, 12, 13, 14, 15, 16]  # what follows on the last is not known
@@ -55,7 +55,7 @@ def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
 
 
 def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoints, "SHARE", np.inf)
+    monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
     run = [with_memory(step, parents=np.repeat([3, 7], 30)) for step in steps(2, n_particles=60)]
     arrays = past_before(recorded(tmp_path / "run.rrd", run), 99).filter_state.arrays
     for name in ("state", "poses"):
@@ -108,7 +108,7 @@ OBJECTS = npz(state=np.array([{"a": 1}], dtype=object))
     ids=["no archive", "cut off", "objects", "too large", "a list", "no state", "deep"],
 )
 def test_a_damaged_checkpoint_is_a_sentence(tmp_path, monkeypatch, packed, streams):
-    monkeypatch.setattr(reading, "_MOST_BYTES", 500_000)
+    monkeypatch.setattr(reading, "_MAX_BYTES", 500_000)
     found = damaged(tmp_path / "run.rrd", packed, streams)
     with pytest.raises(InputError, match=r"run.rrd: checkpoint of frame 11"):
         past_before(found, 99)

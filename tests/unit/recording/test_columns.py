@@ -124,6 +124,6 @@ def test_what_was_being_written_when_asked_to_end_is_there_once(kind, tmp_path):
         else:
             columns.add(frame, time, curves(dict.fromkeys(paths, 1.0)))
     with pytest.raises(Interrupted), interruptible():
-        file.write(columns, least_bytes=int(kind == "large rows"))
+        file.write(columns, min_bytes=int(kind == "large rows"))
     columns.write(stream)
     assert sorted(stream.sent) == paths

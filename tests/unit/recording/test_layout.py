@@ -10,20 +10,20 @@ from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
 
 from workbench.recording.write import layout, styles
-from workbench.recording.write.images import picture
+from workbench.recording.write.images import recorded_camera
 from workbench.recording.write.posterior import RANKS
 
 
 def posterior_of(**units):
     """Stand in for a posterior with these parameters, each with a picture of its own."""
-    return SimpleNamespace(favourites=tuple(units), coefficients=(), unit=units.get)
+    return SimpleNamespace(shown_parameters=tuple(units), coefficients=(), unit=units.get)
 
 
 SHOWN = layout.LayoutInput(
     cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), n_particles=500,
     posterior=posterior_of(left_knee_flexion="rad"),
-    metrics=("ess", "log_evidence", "error_abs_mm", "error_abs_mm_map", "error_rel_mm", "error_rel_mm_map",
-             "error_px", "error_px_map", "forearm_px", "coverage_90"),
+    metrics=("ess", "log_evidence", "mpjpe_abs_mm", "mpjpe_abs_mm_max_weight", "mpjpe_mm", "mpjpe_mm_max_weight",
+             "mpjpe_px", "mpjpe_px_max_weight", "forearm_width_px", "coverage_90"),
 )  # fmt: skip
 
 
@@ -54,7 +54,7 @@ def test_the_verdict_comes_first_then_errors_then_certainty_then_the_posterior()
     views = [*laid_out(SHOWN).values()]
     assert views[0].origin == "/verdict"
     origins = [str(view.contents) + str(view.origin) for view in views]
-    shown = ["error_abs_mm", "error_px", "metrics/ess", "coverage_90", "left_knee_flexion"]
+    shown = ["mpjpe_abs_mm", "mpjpe_px", "metrics/ess", "coverage_90", "left_knee_flexion"]
     places = [next(k for k, text in enumerate(origins) if name in text) for name in shown]
     assert places == sorted(places)
 
@@ -62,16 +62,20 @@ def test_the_verdict_comes_first_then_errors_then_certainty_then_the_posterior()
 def test_what_there_is_not_has_no_panel():
     blind = replace(SHOWN, metrics=("ess",))
     assert [*contents_of(blind)] == [("ess",)]
-    assert not contents_of(replace(blind, constant=frozenset({"ess"})))
+    assert not contents_of(replace(blind, uninformative=frozenset({"ess"})))
     assert {*laid_out(replace(blind, warned=True))} - {*laid_out(blind)} == {"warnings"}
-    assert len(laid_out(replace(blind, lanes=("person", "do_not_trust")))) == len(laid_out(blind)) + 1
-    cameras = [picture(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
+    assert len(laid_out(replace(blind, lanes=("tracking", "large_expected_error")))) == len(laid_out(blind)) + 1
+    cameras = [recorded_camera(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
     assert {"a", "b", "c", "d"} <= set(laid_out(replace(SHOWN, cameras=cameras)))
-    paths = ("residual_px/a", "residual_px/forearm")
-    (view,) = [view for view in laid_out(replace(blind, residuals=paths)).values() if "/residual_px/a" in view.contents]
+    paths = ("reprojection_error_px/a", "reprojection_error_px/forearm")
+    (view,) = [
+        view
+        for view in laid_out(replace(blind, reprojection_errors=paths)).values()
+        if "/reprojection_error_px/a" in view.contents
+    ]
     assert view.contents == [f"/{path}" for path in paths]
-    assert laid_out(replace(SHOWN, residuals=paths)).keys() == laid_out(SHOWN).keys()  # the truth says more
-    known = replace(SHOWN, metrics=(*SHOWN.metrics, "log_score"))
+    assert laid_out(replace(SHOWN, reprojection_errors=paths)).keys() == laid_out(SHOWN).keys()  # the truth says more
+    known = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
     assert [f"/{RANKS}" in [v.origin for v in laid_out(each).values()] for each in (SHOWN, known)] == [False, True]
 
 
@@ -80,13 +84,13 @@ def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, t
     """The first three frames are written together. The estimate and its errors have one colour, the truth another."""
 
     def errors(step):
-        return {"error_px": 3.0} if step.frame.index >= first_known else {}
+        return {"mpjpe_px": 3.0} if step.frame.index >= first_known else {}
 
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
     assert len(RrdReader(path).blueprints()) == n_layouts
     band = "/posterior/parameters/left_knee_flexion"
-    entities = (f"{band}/truth", f"{band}/mean", "/metrics/error_px", "/metrics/ess")
+    entities = (f"{band}/truth", f"{band}/mean", "/metrics/mpjpe_px", "/metrics/ess")
     truth, *estimates = [static(path, each, "SeriesLines:colors")[0].to_bytes(4, "big")[:3] for each in entities]
     assert truth == bytes(styles.TRUTH)
     assert set(estimates) == {bytes(styles.ESTIMATE)}

@@ -123,7 +123,7 @@ def test_masses_are_what_numpy_counts_bit_by_bit(data):
 @pytest.mark.parametrize("n_frames", [8, 9, 16, 17, 31, 32, 33, 70])
 def test_a_long_run_has_a_column_for_the_mean_of_several_frames(monkeypatch, n_frames):
     """The picture of each frame alone, averaged; and who goes on from it has the same number of columns."""
-    monkeypatch.setattr(module, "MOST_PICTURED", 8)
+    monkeypatch.setattr(module, "MAX_COLUMNS", 8)
     rng = np.random.default_rng(1)
     frames = [rng.random((40, 1)) for _ in range(n_frames)]
     many, weights = Marginals(1, 4), np.full(40, 1.0 / 40)

@@ -8,36 +8,36 @@ from recorded import components, static, values
 from recording_steps import BODY, CAMERA, SPACE, steps
 
 from workbench.body.kinematics import joints
-from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict import Finding, RunInputs, Verdict, verdict
 from workbench.recording.read.reader import read
-from workbench.recording.write.outcome import residuals
+from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder
 
-LOST = Verdict((), Finding("lost", "from frame 3"), ("held", "held", "held", "lost", "lost", "held"))
+LOST = Verdict((), Finding("lost", "from frame 3"), ("tracked", "tracked", "tracked", "lost", "lost", "tracked"))
 OFF_PX = np.array([3.0, 4.0])
 
 
 def recorded(path, run, metrics=lambda k: {}, told=None):
-    """Record steps with their verdict; returns the path and the evidence."""
-    evidence = Evidence(BODY)
+    """Record steps with their verdict; returns the path and the measurements."""
+    collector = MeasurementCollector(BODY)
     with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
         for k, step in enumerate(run):
             recorder.log(step, {})
-            evidence.add(step, metrics(k))
-        recorder.set_verdict(told or verdict(evidence.measured(), RunInputs()), evidence.measured())
-    return path, evidence.measured()
+            collector.add(step, metrics(k))
+        recorder.set_verdict(told or verdict(collector.measurements(), RunInputs()), collector.measurements())
+    return path, collector.measurements()
 
 
 def test_the_verdict_is_a_text_a_property_and_lanes(tmp_path):
-    doubts = lambda k: {"doubt_arms_mm": 80.0 if k > 3 else 10.0}  # noqa: E731
+    doubts = lambda k: {"expected_error_arms_mm": 80.0 if k > 3 else 10.0}  # noqa: E731
     path, _ = recorded(tmp_path / "run.rrd", steps(6, n_particles=20), doubts, LOST)
     found = read(path).properties["verdict"]
     assert found["kind"] == "lost"
-    assert "frame 3" in found["sentence"]
+    assert "frame 3" in found["message"]
     assert "lost" in static(path, "/verdict", "TextDocument:text")[0]
-    assert values(path, "/state/person", "StateChange:state") == ["held", "lost", "held"]
-    assert values(path, "/state/do_not_trust", "StateChange:state") == ["trusted", "arms"]
+    assert values(path, "/state/tracking", "StateChange:state") == ["tracked", "lost", "tracked"]
+    assert values(path, "/state/large_expected_error", "StateChange:state") == ["none", "arms"]
 
 
 @pytest.mark.parametrize(("every", "n", "style"), [(1, 8, "SeriesLines"), (4, 2, "SeriesPoints")])
@@ -52,7 +52,7 @@ def test_residuals_are_curves_and_those_of_few_frames_marks(tmp_path, every, n, 
 
     run = [seen(k, step) for k, step in enumerate(steps(8, n_particles=5))]
     path, measured = recorded(tmp_path / "run.rrd", run)
-    found, entity = residuals(measured), f"/residual_px/{CAMERA.name}"
+    found, entity = reprojection_errors(measured), f"/reprojection_error_px/{CAMERA.name}"
     assert list(found) == [CAMERA.name, "forearm"]
     np.testing.assert_allclose(found[CAMERA.name][::every], 5.0)
     assert (found["forearm"][::every] > 5.0).all()

@@ -12,7 +12,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame
 from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.posterior_calibration import ranks, share_below
+from workbench.evaluation.posterior_calibration import ranks, weight_below
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
@@ -130,14 +130,14 @@ def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
     path = record(tmp_path / "run.rrd", run)
     every = np.concatenate(
         [
-            ranks(share_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
+            ranks(weight_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
             for s in run[1:]
         ]
     )
     assert len(every) >= 5
     expected = np.histogram(every, bins=10, range=(0.0, 1.0))[0] / len(every)
     np.testing.assert_allclose(heights(path, f"/{RANKS}"), expected, rtol=1e-6)
-    assert heights(path, f"/{RANKS}/even") == pytest.approx(np.full(10, 0.1))
+    assert heights(path, f"/{RANKS}/uniform") == pytest.approx(np.full(10, 0.1))
     blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
     assert all(len(pose_ranks(step)) == 0 for step in blind)
     assert heights(record(tmp_path / "blind.rrd", blind), f"/{RANKS}") is None

@@ -37,7 +37,9 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
     with pytest.raises(InputError, match=r"hostile\.rrd: "):
         _ = read(beside).settings
     monkeypatch.setattr(view, "viewer", lambda: "true")
-    monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda *_: set())  # which test_open_runs tests
+    monkeypatch.setattr(
+        "workbench.recording.read.crash_probe.crashing_recordings", lambda *_: set()
+    )  # which test_open_runs tests
     assert main(["report", str(beside.parent)]) == main(["view", str(beside.parent)]) == 0
     shown = capsys.readouterr()
     assert "hostile.rrd" in shown.out + shown.err
@@ -49,7 +51,7 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
 
 def test_a_refused_recording_hides_no_sound_one(beside):
     with RecordingFile(beside, run_id="hostile", config_yaml="seed: 3", provenance={"seed": 0}) as file:
-        file.send_property("metrics", {"error_abs_mm": "many"})
+        file.send_property("metrics", {"mpjpe_abs_mm": "many"})
     runs, (problem,) = open_sound_runs(beside.parent)
     assert ([run.path.name for run in runs], problem.path) == (["sound.rrd"], beside)
 

@@ -172,7 +172,7 @@ def test_a_recording_without_a_format_number_is_of_format_1():
     assert found.joints.positions.shape == found.true_joints.positions.shape == (4, 15, 3)
     assert found.marginals.log_mass.shape[2] == 4
     assert found.settings["inference"]["n_particles"] == 40
-    assert found.result["error_abs_mm"] == pytest.approx(found.metric("error_abs_mm")[1][1:].mean())
+    assert found.result["mpjpe_abs_mm"] == pytest.approx(found.metric("mpjpe_abs_mm")[1][1:].mean())
 
 
 @pytest.mark.parametrize("version", [FORMAT + 1, "two"])

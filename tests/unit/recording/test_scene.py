@@ -43,7 +43,7 @@ def test_solids_move_with_their_joints():
 
 def test_overlays_lie_where_the_undistorted_camera_sees_the_joints():
     camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
-    picture = images.picture(replace(camera, distortion=LENS))
+    picture = images.recorded_camera(replace(camera, distortion=LENS))
     positions = joints(BODY.skeleton, random_pose()[None])
     chains = scene.figure(BODY).chains
     (drawn,) = shown(images.overlay(picture, "estimate", positions, chains)).values()
@@ -54,5 +54,5 @@ def test_straightened_pixels_undo_the_lens():
     camera = replace(plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0)), distortion=LENS)
     points = joints(BODY.skeleton, random_pose()[None])[0]
     straight = replace(camera, distortion=np.zeros(5)).project(points)
-    assert images.straightened(camera, camera.project(points)) == pytest.approx(straight, abs=0.02)  # five iterations
-    assert images.straightened(camera, np.empty((0, 2))).shape == (0, 2)
+    assert images.undistorted(camera, camera.project(points)) == pytest.approx(straight, abs=0.02)  # five iterations
+    assert images.undistorted(camera, np.empty((0, 2))).shape == (0, 2)

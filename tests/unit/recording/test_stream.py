@@ -15,14 +15,14 @@ from workbench.recording.read.reader import read
 from workbench.recording.side_by_side import write_names, write_side_by_side
 from workbench.recording.write import file as files
 from workbench.recording.write.cards import preview_of, write_card
-from workbench.recording.write.file import RecordingFile, give_up, new_stream
+from workbench.recording.write.file import RecordingFile, abandon, new_stream
 
 TASKS = Path("/proc/self/task")
 
 
 @pytest.fixture
 def two(tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda *_: set())
+    monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda *_: set())
     return [record(tmp_path / f"{name}.rrd", name) for name in "ab"]
 
 
@@ -59,16 +59,16 @@ def test_the_next_recording_lets_go_of_those_before(write, two, tmp_path):
 def test_what_is_being_written_is_kept(tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
         a_card(tmp_path, None)
-        file.send_numbers("metrics", {"error_abs_mm": 2.5})
-    assert read(tmp_path / "run.rrd").result == {"error_abs_mm": 2.5}
+        file.send_numbers("metrics", {"mpjpe_abs_mm": 2.5})
+    assert read(tmp_path / "run.rrd").result == {"mpjpe_abs_mm": 2.5}
 
 
 def test_no_stream_is_freed_once_one_was_given_up(monkeypatch):
     """Rerun would wait for its writer."""
-    monkeypatch.setattr(files, "_given_up", [])
+    monkeypatch.setattr(files, "_abandoned", [])
     monkeypatch.setattr(rr, "unregister_shutdown", lambda: None)
     monkeypatch.setattr(rr, "init", lambda *_, **__: pytest.fail("it would wait"))
-    give_up(rr.RecordingStream("a", recording_id="a"))
+    abandon(rr.RecordingStream("a", recording_id="a"))
     new_stream("b", "b")
 
 
@@ -76,7 +76,7 @@ FULL = """
 import resource, signal, sys
 import numpy as np
 import rerun as rr
-from workbench.recording.write.file import give_up, new_stream
+from workbench.recording.write.file import abandon, new_stream
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 stream = new_stream("a", "a", batcher_config=rr.ChunkBatcherConfig.NEVER())
@@ -86,7 +86,7 @@ for _ in range(20):
 try:
     stream.flush(timeout_sec=1.0)
 except RuntimeError:
-    give_up(stream)
+    abandon(stream)
     print("gave up")
 """
 

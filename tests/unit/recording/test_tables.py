@@ -34,14 +34,14 @@ def test_poses_and_joints_are_those_of_the_arrays(run):
 
 
 def test_bands_are_the_recorded_curves(run):
-    bands, table = run.bands, run.table("bands")
-    k = bands.names.index("root_x")
+    intervals, table = run.intervals, run.table("intervals")
+    k = intervals.names.index("root_x")
     for edge in ("low", "mean", "high", "truth"):
         recorded = run.scalars[f"posterior/parameters/root_x/{edge}"]
-        np.testing.assert_array_equal(getattr(bands, edge)[:, k], recorded.values[:, 0])
+        np.testing.assert_array_equal(getattr(intervals, edge)[:, k], recorded.values[:, 0])
         np.testing.assert_array_equal(table[edge][table["parameter"] == "root_x"], recorded.values[:, 0])
-    assert np.all(bands.low[:, k] <= bands.high[:, k])
-    assert np.isnan(bands.truth[:, bands.names.index("c1")]).all()  # nobody knows a true coefficient
+    assert np.all(intervals.low[:, k] <= intervals.high[:, k])
+    assert np.isnan(intervals.truth[:, intervals.names.index("c1")]).all()  # nobody knows a true coefficient
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
@@ -58,5 +58,5 @@ def test_a_library_that_is_not_there_and_a_table_that_is_none_are_named(run, mon
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(InputError, match="needs the package polars"):
         data_frame("polars", {"frame": [0]})
-    with pytest.raises(InputError, match="one of poses, joints, true_joints, bands, metrics, found 'pose'"):
+    with pytest.raises(InputError, match="one of poses, joints, true_joints, intervals, metrics, found 'pose'"):
         run.table("pose")

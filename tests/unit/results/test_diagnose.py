@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.results import diagnose
-from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, sentence
+from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, conclusion
 from workbench.utils.errors import InputError
 
 CUE = Change("without edges")
@@ -47,25 +47,25 @@ def test_only_what_applies_is_changed():
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
     alone = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
-    words = sentence([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
-    assert f"keeps the track in 5 of 5, another seed alone in {0 if whole else 4} of 5" in words
+    words = conclusion([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
+    assert f"with which 5 of 5 runs keep the track, with only another seed {0 if whole else 4} of 5" in words
     assert f"(p = {'0.004' if whole else '0.5'}" in words  # 1/C(10, 5), C(9, 4)/C(10, 5)
 
 
 @pytest.mark.parametrize("kept", [3, 5])
 def test_where_another_seed_does_as_well_there_is_no_cause(kept):
-    assert sentence([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
+    assert conclusion([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
 
 
 def test_without_a_verdict_a_track_is_judged_in_annotated_frames():
     run = SimpleNamespace(metric=lambda name: (np.array([2, 20, 30, 60]), np.array([1.0, 30.0, 50.0, 1.0])))
-    near = [diagnose._is_near(run, 25, {"error_px": error}) for error in (19.0, 21.0)]
+    near = [diagnose._is_near(run, 25, {"mpjpe_px": error}) for error in (19.0, 21.0)]
     assert near == [True, False]
-    assert not diagnose._is_near(run, 45, {"error_px": 0.0})
+    assert not diagnose._is_near(run, 45, {"mpjpe_px": 0.0})
 
 
 def test_a_run_with_nothing_to_judge_by_is_refused(monkeypatch):
     monkeypatch.setattr(diagnose, "cells", lambda path, contents: {})
-    assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"error_px": None})) == []
+    assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"mpjpe_px": None})) == []
     with pytest.raises(InputError, match=r"run\.rrd: expected ground truth, keypoints or annotated frames"):
         diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={}))

@@ -47,8 +47,8 @@ def test_a_card_has_a_title_and_numbers_and_any_key_is_a_column(root):
     varied = ("smooth, n_particles=100", "smooth, n_particles=400", "walking, n_particles=100")
     assert set(table.index) == {f"walk_straight: {each}" for each in varied}
     row = table.loc["walk_straight: smooth, n_particles=400"]
-    assert row["property:card:error_abs_mm"] == [10.33]  # of 10.333…, which is a column, too
-    assert row["property:metrics:error_abs_mm"] == [10.0 + 1 / 3]
+    assert row["property:card:mpjpe_abs_mm"] == [10.33]  # of 10.333…, which is a column, too
+    assert row["property:metrics:mpjpe_abs_mm"] == [10.0 + 1 / 3]
     assert row["property:card:status"] == ["complete"]
     assert row["property:card:path"] == [str(root / "1")]
     assert row["property:card:rank"] == [1.0]  # the newest is the first

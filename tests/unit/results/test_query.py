@@ -30,15 +30,15 @@ def runs(tmp_path_factory):
         (["prior=Smooth", "n_particles=400"], 3),
         (["inference.n_particles>=400"], 7),
         (["n_particles>400"], 1),
-        (["error_abs_mm<13"], 3),
-        (["error_abs_mm<=13", "status=complete"], 4),
+        (["mpjpe_abs_mm<13"], 3),
+        (["mpjpe_abs_mm<=13", "status=complete"], 4),
         (["started>2026-11-05"], 9),
         (["path~sweep/[0-3]$"], 4),
         (["weights.edges>0.5"], 0),
-        (["live=false"], 13),
+        (["stream=false"], 13),
         (["seed=0", "prior=walking"], 2),
         (["commit~^ccc"], 13),
-        (["error_abs_mm<many"], 0),
+        (["mpjpe_abs_mm<many"], 0),
     ],
 )
 def test_runs_meet_all_conditions(runs, words, n):
@@ -64,12 +64,12 @@ def test_any_word_is_a_condition_a_place_or_a_sentence(word):
 
 
 def test_numbers_are_sorted_by_size_and_the_best_complete_runs_are_first(runs):
-    assert values_of(sort_runs(runs, "-error_abs_mm"), "error_abs_mm")[:3] == [400.0, 21.0, 20.0]
-    assert values_of(best_first(runs), "error_abs_mm") == [10.0 + k for k in range(12)]
+    assert values_of(sort_runs(runs, "-mpjpe_abs_mm"), "mpjpe_abs_mm")[:3] == [400.0, 21.0, 20.0]
+    assert values_of(best_first(runs), "mpjpe_abs_mm") == [10.0 + k for k in range(12)]
 
 
 def test_a_listing_leaves_out_what_is_empty(runs):
-    usual = ["path", "started", "status", "experiment", "varied", "seed", "error_abs_mm", "coverage_90"]
+    usual = ["path", "started", "status", "experiment", "varied", "seed", "mpjpe_abs_mm", "coverage_90"]
     assert list(listing(runs, None)) == usual
     assert list(listing(runs[:1], None)) == [name for name in usual if name != "varied"]
     assert listing(runs, ["varied"])["varied"][0] == "implicit, n_particles=500"
@@ -77,7 +77,7 @@ def test_a_listing_leaves_out_what_is_empty(runs):
 
 def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
     (row,) = sweeps(runs).to_dict("records")
-    assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "error_abs_mm 10.00")
+    assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "mpjpe_abs_mm 10.00")
 
 
 @pytest.mark.parametrize(

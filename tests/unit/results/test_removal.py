@@ -50,7 +50,7 @@ def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root
         runs = read_runs(folder)
         assert list(runs["seed"]) == [seed]
         check_removable(runs, [root])
-        assert consequence(folder).startswith("the run that was there before, ")
+        assert consequence(folder).startswith("the earlier run ")
         remove(folder, STARTED)
         assert (folder / "run.rrd").read_text() == left
         assert not (folder / "run.log").exists()
@@ -63,7 +63,7 @@ def test_what_an_attempt_recorded_is_removed_with_its_run(folder):
     (folder / EARLIER).mkdir()
     assert consequence(folder) == ""
     (folder / EARLIER / "1.rrd.part").write_bytes(b"0" * 1000)
-    assert "what an earlier attempt recorded" in consequence(folder)
+    assert "an earlier attempt" in consequence(folder)
     assert size_of(folder) > 1000
     remove(folder, STARTED)
     assert not folder.exists()
@@ -91,10 +91,10 @@ def run_in_a_run(root):
     ("made", "place", "words"),
     [
         (baseline, ".", "is a baseline"),
-        (run_at_work, ".", "found one at work"),
-        (outside, "../outside", "leads out of"),
-        (outside, "link", "leads out of"),
-        (run_in_a_run, "outer", "another run lies in it"),
+        (run_at_work, ".", "found a running one"),
+        (outside, "../outside", "inside the folders"),
+        (outside, "link", "inside the folders"),
+        (run_in_a_run, "outer", "contains another run"),
     ],
 )
 def test_what_must_not_be_removed_is_refused(root, made, place, words):
@@ -106,7 +106,7 @@ def test_what_must_not_be_removed_is_refused(root, made, place, words):
 def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folder):
     with locked(folder), pytest.raises(InputError, match="uses this folder"):
         remove(folder, STARTED)
-    with pytest.raises(InputError, match=r"sweep/1: another run came there since it was listed"):
+    with pytest.raises(InputError, match=r"sweep/1: another run has replaced the listed one"):
         remove(folder, "2026-11-01T15:00:00")
     assert (folder / "summary.json").is_file()
 

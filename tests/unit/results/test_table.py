@@ -34,7 +34,7 @@ def test_a_row_is_flat_and_a_record_nested(root):
     runs = read_runs(root)
     assert runs["settings.inference.n_particles"][0] == 500
     record = records_of(runs)[0]
-    assert record["metrics"] == {"error_abs_mm": 400.0, "coverage_90": 0.9}  # not log_evidence, which is null
+    assert record["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}  # not log_evidence, which is null
     assert (record["choices"]["prior"], record["origin"]["commit"]) == ("implicit", "c" * 40)
     assert record["settings"]["likelihood.weights.edges"] == 0.5
 
@@ -43,8 +43,8 @@ def test_python_has_a_data_frame_with_plain_names(root, monkeypatch):
     runs = wb.runs(root)
     assert list(runs)[: len(FIELDS)] == list(FIELDS)
     assert list(runs["prior"][:2]) == ["implicit", "walking"]
-    assert runs["error_abs_mm"][0] == 400.0
-    assert runs.groupby("prior")["error_abs_mm"].mean()["smooth"] == 12.5
+    assert runs["mpjpe_abs_mm"][0] == 400.0
+    assert runs.groupby("prior")["mpjpe_abs_mm"].mean()["smooth"] == 12.5
     assert runs["inference.n_particles"].max() == 500
     monkeypatch.chdir(root)
     with pytest.raises(InputError, match="recordings: expected a folder of runs"):
@@ -59,7 +59,7 @@ def test_a_recording_is_a_run_and_one_in_the_folder_of_a_run_is_not_another(tmp_
     (tmp_path / "a" / "summary.json").unlink()
     (tmp_path / "torn.rrd").write_bytes(b"no recording")
     torn, whole = records_of(read_runs(tmp_path / "a" / "run.rrd", tmp_path / "torn.rrd"))
-    assert (whole["status"], whole["experiment"], whole["metrics"]["error_abs_mm"]) == ("complete", "arm_twist", 40.0)
+    assert (whole["status"], whole["experiment"], whole["metrics"]["mpjpe_abs_mm"]) == ("complete", "arm_twist", 40.0)
     assert (torn["status"], torn["error"]) == ("unreadable", read_run(tmp_path / "torn.rrd")["error"])
 
 

@@ -37,8 +37,8 @@ def test_explained_variance_is_that_of_the_covariance(learned, cycles):
     assert shown == pytest.approx(share[: len(shown)], abs=1e-9)
     d = int(learned.metrics["n_components"])
     assert share[d - 2] <= 0.95 < share[d - 1]
-    assert learned.metrics["explained"] == pytest.approx(share[d - 1], abs=1e-9)
-    assert learned.metrics["explained_5"] == pytest.approx(share[4], abs=1e-9)
+    assert learned.metrics["explained_variance"] == pytest.approx(share[d - 1], abs=1e-9)
+    assert learned.metrics["explained_variance_5"] == pytest.approx(share[4], abs=1e-9)
     assert learned.metrics["n_cycles"] == len(cycles)
 
 
@@ -68,7 +68,7 @@ def test_alignment_never_gets_worse_and_gathers_the_walks():
     figures = by_name(result)
     deviations = figures["alignment/error"].curves["all walks"]
     assert (np.diff(deviations) <= 0.0).all()
-    assert result.metrics["passes"] == len(deviations) - 1
+    assert result.metrics["n_passes"] == len(deviations) - 1
     spread = {
         when: np.nanstd(list(figures[f"alignment/left knee flexion {when}"].faint.values()), axis=0).mean()
         for when in ("before", "after")

@@ -64,7 +64,7 @@ def status(sweep, number=0):
 
 def completes(summary):
     summary.recording.write_text("whole")
-    summary.per_frame["error_abs_mm"] = [12.0]
+    summary.per_frame["mpjpe_abs_mm"] = [12.0]
 
 
 def fails(summary):
@@ -125,7 +125,7 @@ def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
     runs.acts = [is_interrupted, completes]
     with locked(tmp_path):
         for _ in range(2):
-            act(tmp_path, launcher=JOBLIB, stop_if="times_lost>0")
+            act(tmp_path, launcher=JOBLIB, stop_if="n_track_losses>0")
     assert runs.found == []
 
 
@@ -169,14 +169,14 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
 @pytest.mark.parametrize(
     ("text", "metrics", "holds"),
     [
-        ("times_lost>0", {"times_lost": 1.0}, True),
-        ("times_lost>0", {"times_lost": 0.0}, False),
-        ("times_lost>0", {}, False),
-        ("error_px >= 4.5", {"error_px": 4.5}, True),
-        ("error_px<=4", {"error_px": 4.5}, False),
+        ("n_track_losses>0", {"n_track_losses": 1.0}, True),
+        ("n_track_losses>0", {"n_track_losses": 0.0}, False),
+        ("n_track_losses>0", {}, False),
+        ("mpjpe_px >= 4.5", {"mpjpe_px": 4.5}, True),
+        ("mpjpe_px<=4", {"mpjpe_px": 4.5}, False),
         ("ess<1e1", {"ess": 9.0}, True),
-        ("held=0", {"held": 0.0}, True),
-        ("error_px>4", {"error_px": float("nan")}, False),
+        ("tracked=0", {"tracked": 0.0}, True),
+        ("mpjpe_px>4", {"mpjpe_px": float("nan")}, False),
     ],
 )
 def test_it_compares_a_number_of_the_run(text, metrics, holds):
@@ -184,7 +184,8 @@ def test_it_compares_a_number_of_the_run(text, metrics, holds):
 
 
 @pytest.mark.parametrize(
-    "text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"]
+    "text",
+    ["n_track_losses", "n_track_losses>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"],
 )
 def test_anything_else_is_a_sentence(text):
     with pytest.raises(InputError, match=r"sweep\.stop_if"):

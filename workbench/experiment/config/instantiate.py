@@ -16,7 +16,17 @@ from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
 
 _LIVE = frozenset(
-    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
+    {
+        "config_yaml",
+        "frames_hz",
+        "likelihood",
+        "phase_ends",
+        "prior",
+        "provenance",
+        "run_id",
+        "settings",
+        "uninformative_metrics",
+    }
 )
 """Parameters that the run fills with live objects and that are no configuration keys.
 

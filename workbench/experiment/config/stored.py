@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, targets
 from workbench.experiment.config.schema import composed
 from workbench.experiment.provenance import PYTHON
-from workbench.recording.migrations import in_todays_words
+from workbench.recording.migrations import FORMAT, migrated
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
@@ -50,7 +50,8 @@ def runnable_config(
     settings = run.settings
     if settings.get("experiment") == PYTHON:
         raise InputError(f"{run.path}: its components were built in Python; run that code again")
-    settings = in_todays_words(run.path, settings)
+    if run.format < FORMAT:
+        settings = migrated(run.path, run.recorded_settings)
     _check_untrusted(run, settings)
     folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
     moved = {
@@ -61,7 +62,7 @@ def runnable_config(
     }
     moved["paths"] = {"data": folders.get("data"), "cache": folders.get("cache")}
     if isinstance(moved["recorder"], dict):
-        moved["recorder"]["live"] = False
+        moved["recorder"]["stream"] = False
     moved.setdefault("check", OmegaConf.to_container(current.check))
     moved |= components or {}
     config = OmegaConf.create(moved)

@@ -23,8 +23,8 @@ MIN_GAIN = 0.5
 
 
 def refine_pose(
-    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Derivatives, limits: FloatArray,
-    joints: BoolArray,
+    frame_likelihood: DenseLikelihood, prior: HeavyTailedPrior, pose: FloatArray, slope: Derivatives,
+    limits: FloatArray, joints: BoolArray,
 ) -> tuple[FloatArray, Derivatives, int]:  # fmt: skip
     """Maximise log prior + log p(points) + log p(layers) from a pose near the mode of the first two terms.
 

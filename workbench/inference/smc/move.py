@@ -67,7 +67,7 @@ class DensityMove:
 
     def initial_diagnostics(self, n_particles: int) -> InitialDiagnostics:
         """Count every particle of the first step as distinct."""
-        return {**self.first_diagnostics, "distinct": float(n_particles)}, self.first_warnings
+        return {**self.first_diagnostics, "unique_particles": float(n_particles)}, self.first_warnings
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,8 @@ from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 ANCESTRY_FRAMES = 10
-"""Lag, frames, of the diagnostic `ancestors_10`: particles of equal weight may have a single common ancestor."""
+"""Lag, frames, of the diagnostic `unique_ancestors_lag10`: particles of equal weight may have a single common
+ancestor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ class ParticleFilter:
                     rng_streams,
                 )
             origins = trace_ancestry(origins, result.particles.ancestors)
-            distinct = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
+            distinct = {"unique_ancestors_lag10": float(np.count_nonzero(np.bincount(origins[-1])))}
             diagnostics = {**frame_likelihood.diagnostics, **result.diagnostics, **distinct}
             warnings = (*frame_likelihood.notes, *result.warnings)
             result = replace(result, warnings=warnings, diagnostics=diagnostics)

@@ -72,7 +72,7 @@ class Reinitializing(Wrapper):
         log_gains: list[float] = []
         if isinstance(start, ResumePoint) and "gains" in start.filter_state.arrays:  # not after a plain filter
             log_gains = start.filter_state.array("gains", None).tolist()
-        move = WrappedMove(self.algorithm, partial(self._reinitialize_and_move, log_gains), {"restarted": 0.0})
+        move = WrappedMove(self.algorithm, partial(self._reinitialize_and_move, log_gains), {"reinitialized": 0.0})
         for step in self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams):
             state = step.filter_state
             yield replace(step, filter_state=state and state.with_arrays(gains=np.array(log_gains)))
@@ -96,7 +96,7 @@ class Reinitializing(Wrapper):
         result = move(target, rng_streams)
         log_gains.append(result.log_gain)
         particles = replace(result.particles, ancestors=origins[result.particles.ancestors])
-        diagnostics = {**result.diagnostics, "restarted": float(bool(warning))}
+        diagnostics = {**result.diagnostics, "reinitialized": float(bool(warning))}
         return replace(result, particles=particles, warnings=result.warnings + warning, diagnostics=diagnostics)
 
     def _initial_poses(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:

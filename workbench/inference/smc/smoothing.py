@@ -54,8 +54,9 @@ class FixedLag(Wrapper):
     def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each after `lag` later frames; log_evidence is the filter's for that frame.
 
-        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's filter state is that
-        of its own frame: a resumed run filters the `lag` frames after it a second time.
+        rng_streams: as for the filter. ess and the diagnostic `unique_particles` count ancestors. A step's filter state
+        is that of
+        its own frame: a resumed run filters the `lag` frames after it a second time.
         """
         window, ahead = deque[Step](), 0
         if isinstance(start, ResumePoint) and "ahead" in start.filter_state.arrays:  # not after a plain filter
@@ -144,7 +145,7 @@ class BackwardSimulation(Wrapper):
         """Yield one step per frame, all of them after the last frame is filtered and the trajectories are sampled.
 
         rng_streams: as for the filter, and "resampling" for the trajectories. log_evidence is the filter's for that
-        frame; ess and the diagnostic `distinct` count the particles on the trajectories.
+        frame; ess and the diagnostic `unique_particles` count the particles on the trajectories.
         """
         frame_likelihoods: list[FrameLikelihood] = []
 
@@ -185,7 +186,7 @@ class BackwardSimulation(Wrapper):
         uniform, best = uniform_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, chosen) in enumerate(segment):
             smoothed = _with_particles(step, chosen, uniform, np.arange(self.n_paths), best)
-            yield replace(smoothed, diagnostics={"acceptance": 1.0, **smoothed.diagnostics, "lag": float(lag)})
+            yield replace(smoothed, diagnostics={"acceptance_rate": 1.0, **smoothed.diagnostics, "lag": float(lag)})
 
     def _step_back(
         self, step: Step, later: Step, chosen: IntArray, frame_likelihood: FrameLikelihood, rng: np.random.Generator
@@ -213,7 +214,7 @@ class BackwardSimulation(Wrapper):
             acceptance_rate += float(accept.mean()) / self.n_mcmc_steps
         gain = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
         evaluations = later.evaluations + float(self.n_paths * (1 + self.n_mcmc_steps))
-        step = replace(step, diagnostics={**step.diagnostics, "acceptance": acceptance_rate})
+        step = replace(step, diagnostics={**step.diagnostics, "acceptance_rate": acceptance_rate})
         later = replace(later, evaluations=evaluations, warnings=tuple(dict.fromkeys(warnings)))
         return current, gain, step, later
 
@@ -248,5 +249,5 @@ def _with_particles(step: Step, chosen: IntArray, log_weights: FloatArray, ances
         step, particles=step.particles[chosen], poses=poses, log_weights=log_weights, ancestors=ancestors,
         expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],
         ess=effective_number(chosen, log_weights),
-        diagnostics={**step.diagnostics, "distinct": float(len(np.unique(chosen)))},
+        diagnostics={**step.diagnostics, "unique_particles": float(len(np.unique(chosen)))},
     )  # fmt: skip

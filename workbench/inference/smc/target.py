@@ -233,12 +233,14 @@ class Target:
     ) -> MoveResult:
         """Return the candidates with log weights (N,) as the frame's particles.
 
-        The best particle has the highest density, and `distinct` counts the parents that have offspring.
+        The best particle has the highest density, and `unique_particles` counts the parents that have offspring.
         """
         density = np.where(log_weights > -np.inf, candidates.log_prior + candidates.log_prob, -np.inf)
         particles = Particles(candidates.state, candidates.poses, log_weights, candidates.parents)
         distinct = float(len(np.unique(candidates.parents)))
-        return replace(self.result(particles, log_gain, **diagnostics, distinct=distinct), best=int(np.argmax(density)))
+        return replace(
+            self.result(particles, log_gain, **diagnostics, unique_particles=distinct), best=int(np.argmax(density))
+        )
 
 
 def density_of(prior: Prior) -> Density:

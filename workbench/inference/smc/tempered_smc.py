@@ -31,7 +31,7 @@ class TemperedSMC(DensityMove):
     The posterior and the evidence are consistent as N grows; since temperatures and scales depend on the particles, the
     evidence is not strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). The final weights are equal.
 
-    Diagnostics: temperatures, their number; acceptance, of the Metropolis steps; distinct, number of particles of the
+    Diagnostics: n_temperatures; acceptance_rate, of the Metropolis steps; unique_particles, number of particles of the
     previous frame with offspring. Raises InputError for a prior without a density, a single particle, numbers out of
     range.
     """
@@ -40,7 +40,7 @@ class TemperedSMC(DensityMove):
     n_mcmc_steps: int = 2
 
     min_particles: ClassVar[int] = 2
-    first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
+    first_diagnostics: ClassVar[Mapping[str, float]] = {"n_temperatures": 0.0, "acceptance_rate": 1.0}
 
     def __post_init__(self) -> None:
         check("inference", self, ess_threshold=INSIDE_UNIT, n_mcmc_steps=at_least(1))
@@ -51,7 +51,7 @@ class TemperedSMC(DensityMove):
         candidates = target.predict(np.arange(target.n), rng)
         if not np.isfinite(candidates.log_prob).any():
             target.reweight(uniform, candidates.log_prob)
-            return target.finalize(candidates, uniform, 0.0, temperatures=0.0, acceptance=1.0)
+            return target.finalize(candidates, uniform, 0.0, n_temperatures=0.0, acceptance_rate=1.0)
         log_gain, phi, rates, n_temperatures = 0.0, 0.0, list[float](), 0
         noisy = target.noisy_columns(candidates)
         innovations, _ = target.innovations(candidates, noisy)
@@ -73,7 +73,7 @@ class TemperedSMC(DensityMove):
                     scale *= float(np.exp(rate - TARGET_ACCEPTANCE_RATE))
                 rates.append(rate)
         completed = target.sample_dependent(candidates, rng)
-        diagnostics = {"temperatures": float(n_temperatures), "acceptance": float(np.mean(rates))}
+        diagnostics = {"n_temperatures": float(n_temperatures), "acceptance_rate": float(np.mean(rates))}
         return target.finalize(completed, uniform, log_gain, **diagnostics)
 
     def _next_temperature(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:

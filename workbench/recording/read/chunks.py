@@ -1,4 +1,4 @@
-"""Read a Rerun file: its static values, its curves and the values of its frames."""
+"""Low-level readers of Rerun files: static values, curves, and values by frame."""
 
 import os
 import shutil
@@ -16,14 +16,16 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
+from workbench.recording.migrations import FORMAT, entity_path, former_paths
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-_DAMAGES = (
+_CONVERSION_ERRORS = (
     pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
-"""Errors of converting values of unexpected types."""
+"""Errors raised by converting values of unexpected types."""
 
+_RUN = "/__properties/run"
 EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
 
@@ -37,7 +39,7 @@ class Curve:
 
 
 Timed: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
-"""Frames (F,), ascending; times (F,), s; one value for each, (F, ...)."""
+"""Frames (F,), ascending; times (F,), s; values (F, ...)."""
 
 _TORN = ("exceeds file size", "without footer")
 _ADVICE = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the cut"
@@ -46,32 +48,50 @@ _Result = TypeVar("_Result")
 
 @contextmanager
 def sound(path: Path) -> Iterator[None]:
-    """Turn errors of converting a recording's values in the block into an InputError that names the recording."""
+    """Raise an InputError that names the recording for errors of converting its values in the block."""
     try:
         yield
     except InputError:
         raise
-    except _DAMAGES as error:
+    except _CONVERSION_ERRORS as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path}: expected values of the kinds that runs record, found others: {text}") from None
+        raise InputError(f"{path}: expected values of the types that runs record, found others: {text}") from None
 
 
 def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
-    """Read the chunks of the entities `contents`, such as /metrics/**, of an .rrd or of what a run cut off left.
+    """Return the chunks of the entities `contents`, such as /metrics/**, of an .rrd or an incomplete .part.
 
-    Of a .part, what a run cut off left, all whole messages are read. Raises InputError when there is no such file, or
-    it is not a recording, or it is cut and no .part.
+    Entities of earlier formats have today's paths, see `migrations`. Of a .part all whole messages are read.
+    Raises InputError when there is no such file, or it is not a recording, or it is cut and no .part.
     """
 
     def read(reader: RrdReader, has_footer: bool) -> list[Chunk]:
         stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
-        return stream.filter(content=list(contents)).to_chunks()
+        return stream.filter(content=[*contents, *former_paths(contents), _RUN]).to_chunks()
 
-    return _read_with(read, path)
+    chunks = _read_with(read, path)
+    if _is_former(chunks):
+        chunks = [_renamed(chunk) for chunk in chunks]
+    wants_run = any(content.startswith("/__properties/") for content in contents)
+    return [chunk for chunk in chunks if wants_run or chunk.entity_path != _RUN]
+
+
+def _is_former(chunks: Sequence[Chunk]) -> bool:
+    """Return whether the chunks are of a run of an earlier format."""
+    run = static_values(chunk for chunk in chunks if chunk.entity_path == _RUN).get(_RUN.removeprefix("/"))
+    if run is None:
+        return False
+    version = run["format"].as_py()[0] if "format" in run else 1
+    return isinstance(version, int) and version < FORMAT
+
+
+def _renamed(chunk: Chunk) -> Chunk:
+    path = entity_path(chunk.entity_path)
+    return chunk if path == chunk.entity_path else chunk.with_entity_path(path)
 
 
 def recording_of(path: Path) -> tuple[str, str]:
-    """Return application and recording id of an .rrd or of what a run cut off left; raises as `read_chunks`."""
+    """Return application and recording id of an .rrd or an incomplete .part; raises as `read_chunks`."""
     store = _read_with(lambda reader, _: reader.recordings()[0], path)
     return store.application_id, store.recording_id
 
@@ -99,7 +119,7 @@ def _read_with(read: Callable[[RrdReader, bool], _Result], path: Path) -> _Resul
 
 @contextmanager
 def _whole_messages(path: Path) -> Iterator[Path]:
-    """Yield the file where it is whole up to its end, else a copy without what was being written when the run ended."""
+    """Yield the file where its last message is whole, else a copy without the incomplete message."""
     with path.open("rb") as file, TemporaryDirectory() as folder:
         if (end := end_of_whole(file)) == os.fstat(file.fileno()).st_size:
             yield path
@@ -117,7 +137,8 @@ _END = 0
 
 
 def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
-    """Return the offset where the last whole message ends, the index left out; begin: where to start looking."""
+    """Return the offset of the end of the last whole message before the index; begin: offset of the first message
+    read."""
     size, place = os.fstat(file.fileno()).st_size, begin
     while place + 16 <= size:
         file.seek(place)
@@ -129,20 +150,20 @@ def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
 
 
 def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
-    """Collect, by entity path and then by component, the last value that is static, as Arrow."""
-    found: dict[str, dict[str, Any]] = {}
+    """Return the last static value by entity path and component, as Arrow."""
+    static: dict[str, dict[str, Any]] = {}
     for chunk in chunks:
         if chunk.is_static:
             batch = chunk.to_record_batch()
             names = [name for name in batch.schema.names if not name.startswith("rerun.")]
             columns = {name: batch.column(name).drop_null() for name in names}
             values = {name: column[-1] for name, column in columns.items() if len(column)}
-            found.setdefault(chunk.entity_path.removeprefix("/"), {}).update(values)
-    return found
+            static.setdefault(chunk.entity_path.removeprefix("/"), {}).update(values)
+    return static
 
 
 def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
-    """Collect by entity path the scalars over frames."""
+    """Return the scalars over frames by entity path."""
     pieces: dict[str, list[tuple[IntArray, FloatArray]]] = {}
     for chunk in chunks:
         if not chunk.is_static and "Scalars:scalars" in (batch := chunk.to_record_batch()).schema.names:
@@ -150,22 +171,22 @@ def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
             values = np.asarray(batch.column("Scalars:scalars").flatten(), dtype=np.float64)
             piece = frames, values.reshape(len(frames), -1)
             pieces.setdefault(chunk.entity_path.removeprefix("/"), []).append(piece)
-    found: dict[str, Curve] = {}
+    joined: dict[str, Curve] = {}
     for entity, parts in pieces.items():
         frames, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(frames, kind="stable")
-        found[entity] = Curve(frames[order], values[order])
-    return found
+        joined[entity] = Curve(frames[order], values[order])
+    return joined
 
 
 def cells(
     path: Path, contents: Sequence[str], frames: Sequence[int] | None = None
 ) -> dict[str, dict[str, dict[int, Any]]]:
-    """Read by entity path, component and frame what is there and not static, as Arrow, and as "time" the frames' times.
+    """Return values that are not static by entity path, component and frame, as Arrow; component "time": frames' times.
 
-    frames: the only ones to read. Raises InputError as `read_chunks` does.
+    frames: the frames to read; None: all. Raises InputError as `read_chunks` does.
     """
-    found: dict[str, dict[str, dict[int, Any]]] = {}
+    table: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in read_chunks(path, contents):
         if chunk.is_static:
             continue
@@ -173,11 +194,11 @@ def cells(
         numbers = batch.column("frame").to_pylist()
         for name in batch.schema.names:
             if ":" in name or name == "time":
-                column = found.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
+                column = table.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
                 values = zip(numbers, batch.column(name), strict=True)
                 wanted = ((frame, value) for frame, value in values if frames is None or frame in frames)
                 column |= {frame: value for frame, value in wanted if value.is_valid}
-    return found
+    return table
 
 
 _TIMED = {
@@ -188,24 +209,24 @@ _TIMED = {
 
 
 def timed(path: Path, name: str) -> Timed:
-    """Return frames, times and values of those frames of a recording that have them (F may be zero).
+    """Return frames (F,), times (F,), s, and values of the frames of a recording that have them; F may be 0.
 
-    name: poses (F, P), or, m, to float32, joints or true_joints (F, J, 3).
+    name: poses (F, P), or joints or true_joints (F, J, 3), m, as float32.
     """
     entity, component = _TIMED[name]
     with sound(path):
-        found = cells(path, [f"/{entity}"]).get(entity, {})
-        values = {frame: cell.as_py() for frame, cell in sorted(found.get(component, {}).items()) if len(cell)}
-        times_ns = np.array([found["time"][frame].value for frame in values], dtype=np.float64)
+        columns = cells(path, [f"/{entity}"]).get(entity, {})
+        values = {frame: cell.as_py() for frame, cell in sorted(columns.get(component, {}).items()) if len(cell)}
+        times_ns = np.array([columns["time"][frame].value for frame in values], dtype=np.float64)
         return np.array([*values], dtype=np.int64), times_ns / 1e9, np.array([*values.values()], dtype=np.float64)
 
 
 def properties(static: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Select those of `static_values` that are properties, by name, as Python values, a list of one as its item."""
-    found: dict[str, dict[str, Any]] = {}
+    """Return the properties among `static_values` by name, as Python values; a list of one item as the item."""
+    by_name: dict[str, dict[str, Any]] = {}
     for entity, components in static.items():
         if entity.startswith("__properties/"):
             lists = {key: value.as_py() for key, value in components.items()}
             plain = {key: values[0] if len(values) == 1 else values for key, values in lists.items()}
-            found[entity.removeprefix("__properties/")] = plain
-    return found
+            by_name[entity.removeprefix("__properties/")] = plain
+    return by_name

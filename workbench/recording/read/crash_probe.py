@@ -1,4 +1,4 @@
-"""Decode recordings made elsewhere in the sandbox first: some damage crashes Rerun's decoder."""
+"""Test decoding of untrusted recordings in a sandbox, since some damage crashes Rerun's decoder."""
 
 import platform
 from collections.abc import Sequence
@@ -16,14 +16,13 @@ _BATCH = 20  # recordings that one child process decodes
 
 
 def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
-    """Read all recordings in these files and below these folders, sorted by path; and those that cannot be read.
+    """Return all recordings in these files and below these folders, sorted by path, and the unreadable ones.
 
-    A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
-    place that does not exist.
+    A recording is a file .rrd or, of an incomplete run, .rrd.part. Raises InputError for a place that does not exist.
     """
     paths = find_recordings(*places)
-    crashing = fatal(paths)
-    runs, problems = list[Run](), [Unreadable(path, damage(path)) for path in crashing]
+    crashing = crashing_recordings(paths)
+    runs, problems = list[Run](), [Unreadable(path, crash_message(path)) for path in crashing]
     for path in paths:
         if path not in crashing:
             try:
@@ -36,32 +35,33 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
 def read_sound_run(path: Path) -> Run:
     """Read a recording; raises InputError also for one whose decoding crashes."""
     if path.is_file():
-        refuse_fatal([path])
+        refuse_crashing([path])
     return read(path)
 
 
-def refuse_fatal(paths: Sequence[Path]) -> None:
+def refuse_crashing(paths: Sequence[Path]) -> None:
     """Raise InputError where decoding one of the recordings crashes."""
-    if crashing := fatal(paths):
-        raise InputError(damage(min(crashing)))
+    if crashing := crashing_recordings(paths):
+        raise InputError(crash_message(min(crashing)))
 
 
-def damage(path: Path) -> str:
+def crash_message(path: Path) -> str:
     """Return the message for a recording whose decoding crashes."""
     return f"{path}: expected a whole recording, found damage that crashes its decoder"
 
 
-def fatal(paths: Sequence[Path]) -> set[Path]:
-    """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unknown error.
+def crashing_recordings(paths: Sequence[Path]) -> set[Path]:
+    """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unexpected error.
 
-    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several.
+    Recordings of runs on this machine, by the summary in their folder, are trusted and not decoded. One child process
+    decodes several recordings.
     """
     untrusted = [path for path in paths if path.is_file() and not is_own(path)]
     return {each for k in range(0, len(untrusted), _BATCH) for each in _crashing(untrusted[k : k + _BATCH])}
 
 
 def _crashing(paths: Sequence[Path]) -> list[Path]:
-    """Return the recordings that crash a child process, found by halves."""
+    """Return the recordings that crash a child process, by bisection."""
     try:
         parse_limited(decode, *paths, what="a whole recording")
         return []
@@ -71,12 +71,12 @@ def _crashing(paths: Sequence[Path]) -> list[Path]:
 
 
 def is_own(path: Path) -> bool:
-    """Return whether a run of this machine left the recording, by its summary.json."""
+    """Return whether a run on this machine made the recording, by its summary.json."""
     return (read_summary(path.parent) or {}).get("host") == platform.node()
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:
-    """Decode recordings wholly; an InputError is left to the reader, which raises it again."""
+    """Decode recordings completely; an InputError is ignored, since the reader raises it again."""
     for path in paths:
         with suppress(InputError):
             run = read(path)

@@ -1,6 +1,6 @@
-"""What a recording has of every frame as tables: columns of NumPy arrays, and data frames with pandas or polars.
+"""Tables of a recording's frames: columns of NumPy arrays, and data frames of pandas or polars.
 
-Neither library is needed, or imported before it is used.
+Both libraries are optional and imported on use.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,16 +18,16 @@ Columns: TypeAlias = dict[str, AnyArray]
 """A table: columns of one length, by name; the first is "frame"."""
 
 EDGES = ("low", "mean", "high", "truth")
-TABLES = ("poses", "joints", "true_joints", "bands", "metrics")
-_BANDS = "posterior/parameters/"
+TABLES = ("poses", "joints", "true_joints", "intervals", "metrics")
+_PARAMETERS = "posterior/parameters/"
 
 
 @dataclass(frozen=True, eq=False)
-class Bands:
-    """The posterior of K parameters over frames. names: K, numbers of the pose and of the prior's state. frames: (F,).
+class CredibleIntervals:
+    """The posterior of K parameters over frames.
 
-    low, mean, high, truth: (F, K), in the parameters' units (m, rad); low to high is the 5–95 % band. NaN where one was
-    not recorded, as the truth where there is none.
+    names: K parameters of the pose and of the prior's state. frames: (F,). low, mean, high, truth: (F, K), in the
+    parameters' units (m, rad); low to high is the 90 % credible interval. NaN where a value was not recorded.
     """
 
     names: tuple[str, ...]
@@ -38,17 +38,19 @@ class Bands:
     truth: FloatArray
 
 
-def bands_of(scalars: Mapping[str, Curve]) -> Bands:
-    """Return the bands among recorded curves posterior/parameters/NAME/EDGE; K and F are 0 where there are none."""
-    found = {entity.removeprefix(_BANDS): curve for entity, curve in scalars.items() if entity.startswith(_BANDS)}
-    names = tuple(dict.fromkeys(each.rpartition("/")[0] for each in found))
-    frames, values = aligned(found)
+def intervals_of(scalars: Mapping[str, Curve]) -> CredibleIntervals:
+    """Return the credible intervals in recorded curves posterior/parameters/NAME/EDGE; K and F may be 0."""
+    edge_curves = {
+        entity.removeprefix(_PARAMETERS): curve for entity, curve in scalars.items() if entity.startswith(_PARAMETERS)
+    }
+    names = tuple(dict.fromkeys(each.rpartition("/")[0] for each in edge_curves))
+    frames, values = aligned(edge_curves)
     missing = np.full(len(frames), np.nan)
     edges = {
         edge: np.array([values.get(f"{name}/{edge}", missing) for name in names]).reshape(len(names), len(frames)).T
         for edge in EDGES
     }
-    return Bands(names, frames, **edges)
+    return CredibleIntervals(names, frames, **edges)
 
 
 def aligned(curves: Mapping[str, Curve]) -> tuple[IntArray, dict[str, FloatArray]]:
@@ -61,13 +63,21 @@ def aligned(curves: Mapping[str, Curve]) -> tuple[IntArray, dict[str, FloatArray
 
 
 def long_table(frames: IntArray, kind: str, names: Sequence[str], values: Mapping[str, FloatArray]) -> Columns:
-    """Return a table with a row for each name in each frame; kind: the names' column. values: (F, K) by column."""
+    """Return a table with a row for each name in each frame.
+
+    Parameters
+    ----------
+    frames : (F,).
+    kind : name of the column of the names.
+    names : K.
+    values : (F, K) by column.
+    """
     repeated = {"frame": np.repeat(frames, len(names)), kind: np.tile(np.array(names, dtype=np.str_), len(frames))}
     return repeated | {column: np.ravel(each) for column, each in values.items()}
 
 
 def data_frame(library: str, columns: Mapping[str, Any]) -> Any:
-    """Make a data frame of these columns with "pandas" or "polars"; raises InputError where it is not installed."""
+    """Return the columns as a data frame of "pandas" or "polars"; raises InputError where it is not installed."""
     try:
         frames = import_module(library)
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""What a run needs to be continued, and the frames of a run that was cut off that its continuation can take over."""
+"""Checkpoints of recorded runs, and the frames of incomplete runs that a resumed run reuses."""
 
 import io
 import zipfile
@@ -13,13 +13,13 @@ from rerun.chunk import Chunk
 from workbench.core.filter_state import FilterState, ResumePoint
 from workbench.recording.read.chunks import cells, curves, read_chunks
 from workbench.recording.read.reader import Run
-from workbench.recording.write.checkpoints import ARCHETYPE, EXPECTED, MEMORY, RANKS, TOLD
+from workbench.recording.write.checkpoints import ARCHETYPE, EXPECTED, MEMORY, RANKS, REPORTED
 from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_json
 
-_MOST_BYTES = 2_000_000_000  # of a checkpoint's arrays; a recording may be untrusted
-_REWRITTEN = ("/__properties/", "/posterior/marginals")  # by a continuation
+_MAX_BYTES = 2_000_000_000  # of a checkpoint's arrays; a recording may be untrusted
+_REWRITTEN = ("/__properties/", "/posterior/marginals")  # by a resumed run
 
 
 def checkpoint_frames(run: Run) -> list[int]:
@@ -28,14 +28,13 @@ def checkpoint_frames(run: Run) -> list[int]:
 
 
 def recorded_poses(run: Run) -> tuple[IntArray, FloatArray]:
-    """Return frames (F,) and poses (F, P) of a run and, where it continues another and has checkpoints, of those before
-    its first."""
+    """Return frames (F,) and poses (F, P) of a run, and of frames before its first where it continues another run."""
     frames, poses = run.poses
-    before = curves(read_chunks(run.path, [f"/{TOLD}"])).get(TOLD)
+    before = curves(read_chunks(run.path, [f"/{REPORTED}"])).get(REPORTED)
     if before is None:
         return frames, poses
     if before.values.shape[1:] != poses.shape[1:]:
-        raise InputError(f"{run.path}: expected poses of {poses.shape[1]} numbers in {TOLD}, found others")
+        raise InputError(f"{run.path}: expected poses of {poses.shape[1]} numbers in {REPORTED}, found others")
     return np.concatenate([before.frames, frames]), np.concatenate([before.values, poses])
 
 
@@ -47,8 +46,8 @@ def past_before(run: Run, frame: int) -> ResumePoint | None:
     last = max(frames)
     place = f"{run.path}: checkpoint of frame {last}"
     expected = dict(zip(*(each.tolist() for each in recorded_poses(run)), strict=True))
-    if (own := curves(read_chunks(run.path, [f"/{EXPECTED}"])).get(EXPECTED)) is not None:
-        expected |= dict(zip(own.frames.tolist(), own.values.tolist(), strict=True))
+    if (stored := curves(read_chunks(run.path, [f"/{EXPECTED}"])).get(EXPECTED)) is not None:
+        expected |= dict(zip(stored.frames.tolist(), stored.values.tolist(), strict=True))
     poses = np.array([expected[each] for each in sorted(expected) if each <= last])
     if not len(poses):
         raise InputError(f"{place}: expected the poses of the frames before it, found none")
@@ -64,8 +63,8 @@ def _unpacked(packed: bytes, place: str) -> dict[str, AnyArray]:
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as file:
             size = sum(each.file_size for each in file.infolist())
-        if size > _MOST_BYTES:
-            raise InputError(f"{place}: expected at most {_MOST_BYTES} bytes of arrays, found {size}")
+        if size > _MAX_BYTES:
+            raise InputError(f"{place}: expected at most {_MAX_BYTES} bytes of arrays, found {size}")
         with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
             return dict(arrays)
     except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
@@ -81,7 +80,7 @@ def _parsed(text: str, place: str) -> dict[str, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Earlier:
-    """The frames of a run before `until`, the one after a frame with a checkpoint; all of their values are recorded."""
+    """The frames of a run before `until`, the frame after one with a checkpoint. All of their values are recorded."""
 
     run: Run
     until: int
@@ -100,14 +99,14 @@ class Earlier:
     def per_frame(self) -> dict[str, list[float]]:
         """The values of every metric in the frames after the first."""
         first, metrics = self.run.poses[0][0], self.run.metrics
-        kept = {name: (first < curve.frames) & (curve.frames < self.until) for name, curve in metrics.items()}
-        return {name: curve.values[kept[name], 0].tolist() for name, curve in metrics.items()}
+        chosen = {name: (first < curve.frames) & (curve.frames < self.until) for name, curve in metrics.items()}
+        return {name: curve.values[chosen[name], 0].tolist() for name, curve in metrics.items()}
 
     @property
     def ranks(self) -> list[FloatArray]:
         """The ranks (k,) of the true pose's numbers in the frames after the first that have any."""
-        found = cells(self.run.path, [f"/{RANKS}"]).get(RANKS, {}).get("Scalars:scalars", {})
-        return [np.array(ranks.as_py()) for frame, ranks in sorted(found.items()) if frame < self.until and len(ranks)]
+        values = cells(self.run.path, [f"/{RANKS}"]).get(RANKS, {}).get("Scalars:scalars", {})
+        return [np.array(ranks.as_py()) for frame, ranks in sorted(values.items()) if frame < self.until and len(ranks)]
 
     @property
     def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -117,20 +116,20 @@ class Earlier:
         return marginals.low, marginals.high, marginals.log_mass[:, :, marginals.frames < self.until]
 
     def chunks(self) -> list[Chunk]:
-        """Read all else that was recorded of them, and what is static."""
-        kept: list[Chunk] = []
+        """Return the other chunks of these frames, and the static ones."""
+        chunks: list[Chunk] = []
         for chunk in read_chunks(self.run.path, ["/**"]):
             if not chunk.is_static:
                 batch = chunk.to_record_batch()
                 rows = batch.filter(pc.less(batch.column("frame"), self.until))
-                kept += Chunk.from_record_batch(rows) if len(rows) else []
+                chunks += Chunk.from_record_batch(rows) if len(rows) else []
             elif not chunk.entity_path.startswith(_REWRITTEN):
-                kept.append(chunk)
-        return kept
+                chunks.append(chunk)
+        return chunks
 
 
 def earlier(run: Run) -> Earlier | None:
-    """Return the most frames of a run that can be taken over, or None: up to one with a checkpoint, all on the disk.
+    """Return the frames of a run that a resumed run can reuse, up to the last complete checkpoint; None without one.
 
     Raises InputError where the recording cannot be read.
     """

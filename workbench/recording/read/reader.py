@@ -1,4 +1,4 @@
-"""Read recordings of runs and studies back, finished or cut off."""
+"""Readers of recordings of runs and studies, complete or cut off."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 
 from workbench.core.study import Figure
+from workbench.recording.migrations import FORMAT, renamed, renamed_properties
 from workbench.recording.read import chunks, frame_tables
 from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
-from workbench.recording.write.file import FORMAT
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_yaml
 from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES
 
 _IN_A_FOLDER = (RECORDING, PART)
-_NO_MAPPING = "expected the configuration to be a mapping in plain YAML, found something else"
+_NO_MAPPING = "expected a mapping in plain YAML as the configuration, found something else"
 
 
 @dataclass(frozen=True, eq=False)
 class MarginalPictures:
-    """The marginal of each of K parameters over frames.
+    """The marginals of K parameters over frames.
 
     names, units: K each. low, high: (K,), the ends of the B bins. frames: (F,). log_mass: (K, B, F), log of the
     posterior mass in each bin, bounded from below.
@@ -41,7 +41,7 @@ class MarginalPictures:
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """Where J joints were. names: J. frames: (F,), ascending. positions: (F, J, 3), m, in the world, to float32."""
+    """Positions of J joints. names: J. frames: (F,), ascending. positions: (F, J, 3), m, in the world, as float32."""
 
     names: tuple[str, ...]
     frames: IntArray
@@ -52,11 +52,11 @@ class Joints:
 class Run:
     """A recorded run.
 
-    properties: by name, then by key: run, config, provenance, body, shape, metrics, each where it was written.
+    properties: by name, then by key: run, config, provenance, body, shape, metrics, where they were recorded.
     metrics: the metrics recorded over frames, by name; a study's have one frame.
 
-    These are read at once; everything else from the file on first use, and kept. That raises InputError when the file
-    can no longer be read.
+    These are read at once. Everything else is read from the file on first use and cached, which raises InputError where
+    the file can no longer be read. Recordings of earlier formats have today's names, see `migrations`.
     """
 
     path: Path
@@ -65,37 +65,38 @@ class Run:
 
     @property
     def folder(self) -> Path:
-        """The folder that the recording lies in, of a run with its summary.json."""
+        """The folder of the recording, with the run's summary.json."""
         return self.path.parent
 
     @property
     def id(self) -> str:
-        """The run's unique id; "" where there is none, as in a damaged recording."""
+        """The run's unique id; "" in a damaged recording."""
         return str(self.properties["run"].get("id", ""))
 
     @property
     def status(self) -> str:
-        """complete; stopped, early, as requested; failed, by an exception; or running, also where it was killed."""
+        """complete, stopped (early, by a condition), failed (by an exception), interrupted, or running (also if
+        killed)."""
         return str(self.properties["run"]["status"])
 
     @property
     def format(self) -> int:
-        """The version of what recordings hold; 1 where none was written, before there was a second."""
+        """The version of the recording's names; 1 without a number."""
         return int(self.properties["run"].get("format", 1))
 
     @property
     def environment(self) -> Mapping[str, str]:
-        """What decides the last bits of its numbers, see `workbench.utils.environment`; empty in older recordings."""
+        """The versions and processor features that affect the last bits of numbers; empty in recordings of format 1."""
         return self.properties.get("environment", {})
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Where the run came from: experiment, seed, versions of Python and packages."""
+        """The run's origin: experiment, seed, versions of Python and packages."""
         return self.properties.get("provenance", {})
 
     @property
     def result(self) -> Mapping[str, float]:
-        """The run's numbers, by name; none before the run is complete."""
+        """The run's metrics by name; {} before the run is complete."""
         return self.properties.get("metrics", {})
 
     @property
@@ -105,38 +106,46 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """The resolved configuration as plain lists and dicts; nothing in it is resolved any further.
+        """The resolved configuration as plain lists and dicts, with today's keys.
 
-        Raises InputError when it is no YAML mapping, or has references.
+        Raises InputError as `recorded_settings` does.
+        """
+        return renamed(self.recorded_settings) if self.format < FORMAT else self.recorded_settings
+
+    @cached_property
+    def recorded_settings(self) -> dict[str, Any]:
+        """The resolved configuration as plain lists and dicts, with the keys of the recording's format.
+
+        Nothing in it is resolved any further. Raises InputError when it is no YAML mapping, or has references.
         """
         try:
-            found = parse_yaml(self.path, self.config)
+            settings = parse_yaml(self.path, self.config)
         except InputError as error:
             raise InputError(f"{self.path}: {_NO_MAPPING}: {str(error).removeprefix(f'{self.path}: ')}") from None
-        if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
+        if not isinstance(settings, dict) or not all(isinstance(key, str) for key in settings):
             raise InputError(f"{self.path}: {_NO_MAPPING}")
-        check_settings(self.path, found)
-        return found
+        check_settings(self.path, settings)
+        return settings
 
     @property
     def metric_names(self) -> tuple[str, ...]:
-        """Names of the metrics that were recorded over frames, sorted."""
+        """Names of the metrics recorded over frames, sorted."""
         return tuple(sorted(self.metrics))
 
     def metric(self, name: str) -> tuple[IntArray, FloatArray]:
-        """Frames (F,) and values (F,) of a metric; raises InputError when it was not recorded."""
+        """Return frames (F,) and values (F,) of a metric; raises InputError when it was not recorded."""
         if name not in self.metrics:
             raise InputError(f"{self.path}: no metric {name!r}, it has {', '.join(self.metric_names) or 'none'}")
         return self.metrics[name].frames, self.metrics[name].values[:, 0]
 
     @property
     def is_study(self) -> bool:
-        """Whether this is a study, which tracks no person: it has no poses, and its numbers are its result."""
+        """Whether this is a study, which tracks no person and has no poses."""
         return "body" not in self.properties
 
     @cached_property
     def poses(self) -> tuple[IntArray, FloatArray]:
-        """Frames (F,) and expected poses (F, P), exactly as they were tracked; F = 0 when none was written.
+        """Frames (F,) and expected poses (F, P) in full precision; F = 0 when none was recorded.
 
         Raises InputError for a study's recording.
         """
@@ -149,30 +158,30 @@ class Run:
 
     @cached_property
     def joints(self) -> Joints:
-        """The joints of the expected poses; F = 0 when none was written."""
+        """The joints of the expected poses; F = 0 when none was recorded."""
         return self._joints("joints")
 
     @cached_property
     def true_joints(self) -> Joints:
-        """The true joints, in the frames that have them; F may be 0."""
+        """The true joints in the frames that have them; F may be 0."""
         return self._joints("true_joints")
 
     @cached_property
     def scalars(self) -> Mapping[str, Curve]:
-        """Every recorded curve by its entity path, e.g. metrics/ess, posterior/parameters/root_x/mean."""
+        """Every recorded curve by entity path, such as metrics/ess and posterior/parameters/root_x/mean."""
         with sound(self.path):
             return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
 
     @cached_property
-    def bands(self) -> frame_tables.Bands:
-        """The posterior's 5–95 % band, mean and truth of every parameter; K = F = 0 where none was written."""
-        return frame_tables.bands_of(self.scalars)
+    def intervals(self) -> frame_tables.CredibleIntervals:
+        """The posterior's 90 % credible interval and mean, and the truth, by parameter; K and F may be 0."""
+        return frame_tables.intervals_of(self.scalars)
 
     def table(self, name: str) -> frame_tables.Columns:
-        """Columns by name, as NumPy arrays of one length, of poses, joints, true_joints, bands or metrics.
+        """Return the table poses, joints, true_joints, intervals or metrics: columns of NumPy arrays by name.
 
-        poses and metrics have a row for each frame, joints one for each joint of each frame, bands one for each
-        parameter of each frame; metres and radians, but where a metric's name says otherwise. Raises InputError for
+        poses and metrics have a row for each frame, joints and true_joints for each joint of each frame, intervals for
+        each parameter of each frame. Units are m and rad unless a metric's name has another unit. Raises InputError for
         another name.
         """
         match name:
@@ -183,20 +192,20 @@ class Run:
                 joints = self.joints if name == "joints" else self.true_joints
                 places = dict(zip("xyz", np.moveaxis(joints.positions, 2, 0), strict=True))
                 return frame_tables.long_table(joints.frames, "joint", joints.names, places)
-            case "bands":
-                edges = {edge: getattr(self.bands, edge) for edge in frame_tables.EDGES}
-                return frame_tables.long_table(self.bands.frames, "parameter", self.bands.names, edges)
+            case "intervals":
+                edges = {edge: getattr(self.intervals, edge) for edge in frame_tables.EDGES}
+                return frame_tables.long_table(self.intervals.frames, "parameter", self.intervals.names, edges)
             case "metrics":
                 frames, values = frame_tables.aligned(dict(sorted(self.metrics.items())))
                 return {"frame": frames, **values}
         raise InputError(f"expected a table, one of {', '.join(frame_tables.TABLES)}, found {name!r}")
 
     def pandas(self, name: str) -> Any:
-        """`table(name)` as a pandas data frame; raises InputError where pandas is not installed."""
+        """Return `table(name)` as a pandas data frame; raises InputError where pandas is not installed."""
         return frame_tables.data_frame("pandas", self.table(name))
 
     def polars(self, name: str) -> Any:
-        """`table(name)` as a polars data frame; raises InputError where polars is not installed."""
+        """Return `table(name)` as a polars data frame; raises InputError where polars is not installed."""
         return frame_tables.data_frame("polars", self.table(name))
 
     def __repr__(self) -> str:
@@ -205,7 +214,7 @@ class Run:
 
     @cached_property
     def marginals(self) -> MarginalPictures | None:
-        """The marginals over frames; None before the first flush, and of a study."""
+        """The marginals over frames; None before the first flush and in a study."""
         axes = self.properties.get("marginals")
         with sound(self.path):
             tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
@@ -222,15 +231,15 @@ class Run:
 
     @cached_property
     def figures(self) -> tuple[Figure, ...]:
-        """A study's figures, as it made them; none of a run that tracks."""
+        """A study's figures in full precision; () of a run that tracks."""
         with sound(self.path):
             columns = static_values(read_chunks(self.path, ["/figures/**"])).values()
-            found = [{key: value.as_py() for key, value in values.items()} for values in columns if "kind" in values]
-            return tuple(figure_of(values) for values in sorted(found, key=lambda values: values["order"][0]))
+            recorded = [{key: value.as_py() for key, value in each.items()} for each in columns if "kind" in each]
+            return tuple(figure_of(each) for each in sorted(recorded, key=lambda each: each["order"][0]))
 
     @cached_property
     def note(self) -> str | None:
-        """A study's text; None of a run that tracks."""
+        """A study's note; None of a run that tracks."""
         with sound(self.path):
             note = static_values(read_chunks(self.path, ["/note"])).get("note")
             return None if note is None else str(note["TextDocument:text"][0])
@@ -239,20 +248,20 @@ class Run:
         frames, _, positions = chunks.timed(self.path, name)
         names = tuple(self.properties.get("body", {}).get("joints", ()))
         if len(frames) and positions.shape[1:] != (len(names), 3):
-            raise InputError(f"{self.path}: expected the places of {len(names)} joints, found {positions.shape[1:]}")
+            raise InputError(f"{self.path}: expected the positions of {len(names)} joints, found {positions.shape[1:]}")
         return Joints(names, frames, positions.reshape(len(frames), len(names), 3))
 
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A recording that cannot be read, and why, in one sentence that names it."""
+    """A recording that cannot be read. reason: a message that names it."""
 
     path: Path
     reason: str
 
 
 def read(path: str | Path) -> Run:
-    """Read the run or study recorded at `path`, an .rrd, a .part left by one that did not end well, or a run's folder.
+    """Return the run or study recorded at `path`, an .rrd, the .part of a run without a regular end, or a run's folder.
 
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
     or a newer release wrote it.
@@ -262,32 +271,34 @@ def read(path: str | Path) -> Run:
         path = next((path / name for name in _IN_A_FOLDER if (path / name).is_file()), path / _IN_A_FOLDER[0])
     pieces = read_chunks(path, ["/__properties/**", "/metrics/**"])
     with sound(path):
-        found = chunks.properties(static_values(pieces))
+        properties = chunks.properties(static_values(pieces))
         measured = curves(pieces)
-    if "status" not in found.get("run", {}):
+    if "status" not in properties.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
-    if not isinstance(version := found["run"].get("format", 1), int) or version > FORMAT:
+    if not isinstance(version := properties["run"].get("format", 1), int) or version > FORMAT:
         raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
+    if version < FORMAT:
+        properties = renamed_properties(properties)
     metrics = {entity.removeprefix("metrics/"): curve for entity, curve in measured.items()}
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")
-    return Run(path, checked(path, found), metrics)
+    return Run(path, checked(path, properties), metrics)
 
 
 def find_recordings(*places: str | Path) -> list[Path]:
-    """Find these files, and what ends in .rrd or .rrd.part below these folders but in no hidden one; sorted.
+    """Return these files and the .rrd and .rrd.part files below these folders, hidden ones excluded; sorted.
 
     Raises InputError for a place that does not exist.
     """
-    found: set[Path] = set()
+    recordings: set[Path] = set()
     for place in map(Path, places):
         if not place.exists():
             raise InputError(f"{place}: expected a recording or a folder of recordings, found nothing there")
         if not place.is_dir():
-            found.add(place)
+            recordings.add(place)
             continue
         for path in place.rglob("*.rrd*"):
             hidden = any(name.startswith(".") for name in path.relative_to(place).parent.parts)
             if path.name.endswith(RECORDING_SUFFIXES) and path.is_file() and not hidden:
-                found.add(path)
-    return sorted(found)
+                recordings.add(path)
+    return sorted(recordings)

@@ -1,1 +1,1 @@
-"""Recordings of studies: figures, drawn and as numbers."""
+"""Recordings of studies: figures as drawings and as numbers."""

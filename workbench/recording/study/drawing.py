@@ -1,7 +1,7 @@
-"""Draw curves, bars and scattered points: one look for the viewer, for reports and for the papers' figures.
+"""Drawings of curves, bars and scatter plots in one style, for the viewer, reports and the papers' figures.
 
-Rerun's views of time series share one time line, which cannot be a period, a phase and a count at once, and name no
-axes. So a study's figures are drawn by matplotlib and recorded as images, as well as their numbers.
+Rerun's time series views share one timeline and have no axis labels. So a study's figures are drawn by matplotlib and
+recorded as images, in addition to their numbers.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ Drawn: TypeAlias = Curves | Bars | Scatter
 INK, GREY, FAINT = "#222222", "#767676", "#C9C9C9"
 ESTIMATE, TRUTH = "#D55E00", "#0072B2"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
-"""After Okabe & Ito, distinct for every kind of colour vision; without their yellow, which white paper swallows."""
+"""After Okabe & Ito, distinct for every kind of colour vision; without yellow, which is faint on white paper."""
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "-")
-"""Of the series in the same order, distinct in print without colours."""
+"""Line styles of the series in the same order, distinct in print without colours."""
 HALO = withStroke(linewidth=2.0, foreground="white")
 
 STYLE: dict[str, Any] = {
@@ -38,12 +38,12 @@ STYLE: dict[str, Any] = {
     "savefig.facecolor": "white", "pdf.fonttype": 42,
 }  # fmt: skip
 """For matplotlib.style.context."""
-_FEW = 20  # curves of so few points show them
-_SCREEN_DPI, _PICTURE_DPI = 100.0, 150.0  # half as fine again as the view, for those who zoom
+_MAX_MARKED = 20  # curves of at most so many points mark them
+_SCREEN_DPI, _PICTURE_DPI = 100.0, 150.0  # finer than the view, for zooming
 
 
 def picture(figure: Drawn, width: float, height: float) -> bytes:
-    """Draw a figure for a view of that size, points of the screen, as a PNG."""
+    """Return a figure as a PNG for a view of width × height points of the screen."""
     with context(STYLE):
         drawn = plt.Figure(figsize=(width / _SCREEN_DPI, height / _SCREEN_DPI), layout="constrained")
         draw(drawn.add_subplot(), figure)
@@ -51,7 +51,7 @@ def picture(figure: Drawn, width: float, height: float) -> bytes:
 
 
 def png(drawn: plt.Figure, **options: Any) -> bytes:
-    """Encode a drawing, the same bytes for the same drawing; options: of matplotlib's savefig."""
+    """Return a drawing as a PNG, deterministically; options: of matplotlib's savefig."""
     file = BytesIO()
     drawn.savefig(file, format="png", metadata={"Software": None}, **options)
     return file.getvalue()
@@ -69,29 +69,34 @@ def draw(axes: Axes, figure: Drawn) -> None:
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
-    """Draw curves, named right of the axes at the heights they end at, faint ones grey behind them, marks as vertical
-    lines named at a height.
+    """Draw curves with labels at their right ends, faint ones in grey behind them, and marks as labelled vertical
+    lines.
 
-    labels: whether the curves are named. marks_at: the height of the first mark's name, a part of the axes'.
+    Parameters
+    ----------
+    axes, figure : the axes to draw into, and the curves.
+    dashed : use different line styles.
+    labels : label the curves.
+    marks_at : height of the first mark's label, a fraction of the axes'.
     """
     for curve in figure.faint.values():
         axes.plot(figure.x, curve, color=FAINT, linewidth=0.4, zorder=1)
     ends = []
     for k, (label, curve) in enumerate(figure.curves.items()):
-        known, colour = np.isfinite(curve), SERIES[k % len(SERIES)]
-        beside = np.append(False, known[:-1]) | np.append(known[1:], False)
-        dots = np.flatnonzero(known & (~beside | (known.sum() <= _FEW)))
+        valid, colour = np.isfinite(curve), SERIES[k % len(SERIES)]
+        has_neighbor = np.append(False, valid[:-1]) | np.append(valid[1:], False)
+        dots = np.flatnonzero(valid & (~has_neighbor | (valid.sum() <= _MAX_MARKED)))
         dashes = DASHES[k % len(DASHES)] if dashed else "-"
         axes.plot(
             figure.x, curve, color=colour, linestyle=dashes, zorder=3.0 - 0.01 * k, marker="o", markersize=2.5,
             markevery=dots,
         )  # fmt: skip
-        if known.any():  # right of all curves, also where this one ends before
-            ends.append((label, colour, float(figure.x[-1]), float(curve[known][-1])))
+        if valid.any():  # right of all curves, also of a shorter one
+            ends.append((label, colour, float(figure.x[-1]), float(curve[valid][-1])))
     axes.set_xlabel(figure.x_name)
     axes.set_ylabel(figure.y_name)
     axes.margins(x=0.0)
-    if (figure.x == np.round(figure.x)).all():  # counted
+    if (figure.x == np.round(figure.x)).all():  # counts
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for k, (label, x) in enumerate(figure.marks.items()):
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
@@ -116,7 +121,7 @@ def draw_bars(axes: Axes, figure: Bars) -> None:
 
 
 def _draw_scatter(axes: Axes, figure: Scatter) -> None:
-    """Draw points by label, the labels above."""
+    """Draw points by label, with a legend above."""
     for k, (label, points) in enumerate(figure.points.items()):
         colour, marker = SERIES[k % len(SERIES)], "o^sD"[k % 4]
         axes.scatter(
@@ -131,9 +136,9 @@ def _draw_scatter(axes: Axes, figure: Scatter) -> None:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, Any, float, float]], gap: float = 0.09, size: float = 7.5) -> None:
-    """Put labels (text, colour, x, y) right of lines' ends, moved as little as it takes to lie `gap` apart.
+    """Draw labels (text, colour, x, y) right of lines' ends, shifted minimally to a spacing of `gap`.
 
-    gap: a part of the axes' height. size: of the letters, points. After the axes' limits are set.
+    gap: fraction of the axes' height. size: of the font, points. The axes' limits must be set before.
     """
     scale = axes.yaxis.get_transform()
     low, high = scale.transform(axes.get_ylim())
@@ -147,6 +152,6 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, Any, float, float]], gap: f
 
 
 def spread(heights: Sequence[float], gap: float) -> FloatArray:
-    """Move rising heights as little as it takes, in the sum of squares, to put neighbours `gap` apart."""
+    """Return increasing heights shifted by least squares to a spacing of at least `gap`."""
     steps = gap * np.arange(len(heights))
     return scipy.optimize.isotonic_regression(np.asarray(heights) - steps).x + steps

@@ -1,4 +1,4 @@
-"""A study's figures as numbers: exactly what was computed, as well as the drawings."""
+"""A study's figures as numbers in full precision."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -18,8 +18,9 @@ _MAPPINGS = ("curves", "faint", "marks", *_WIDTHS)
 def numbers(figure: Figure) -> dict[str, Any]:
     """Return the figure as flat columns of strings, float64 and int64, none of them empty.
 
-    kind: Curves, Bars, Scatter or Sticks. The others are the figure's fields, of {label: array} the columns
-    <field>_labels, <field> (all arrays, one after the other) and <field>_sizes; and the shape of a Sticks' positions.
+    The column kind is Curves, Bars, Scatter or Sticks. The others are the figure's fields. A field {label: array} has
+    the columns <field>_labels, <field> (the concatenated arrays) and <field>_sizes. Sticks also have the column shape,
+    of their positions.
     """
     columns: dict[str, Any] = {"kind": type(figure).__name__}
     for field, value in vars(figure).items():
@@ -35,7 +36,7 @@ def numbers(figure: Figure) -> dict[str, Any]:
 
 
 def figure_of(columns: Mapping[str, Sequence[Any]]) -> Figure:
-    """Return the figure that `numbers` made these columns of; raises InputError for another kind."""
+    """Return the figure from the columns of `numbers`; raises InputError for an unknown kind."""
     if (kind := _KINDS.get(columns["kind"][0])) is None:
         raise InputError(f"recording: expected a figure of {', '.join(_KINDS)}, found {columns['kind'][0]!r}")
     values: dict[str, Any] = {}
@@ -56,4 +57,4 @@ def _mapping(columns: Mapping[str, Sequence[Any]], field: str) -> dict[str, Floa
     labels, sizes = columns.get(f"{field}_labels", []), columns.get(f"{field}_sizes", [])
     pieces = np.split(np.array(columns.get(field, []), dtype=np.float64), np.cumsum(sizes, dtype=np.int64)[:-1])
     shaped = (piece.reshape(-1, _WIDTHS[field]) if field in _WIDTHS else piece for piece in pieces)
-    return dict(zip(labels, shaped, strict=False))  # no label goes with the one empty piece of nothing
+    return dict(zip(labels, shaped, strict=False))  # without labels there is one empty piece

@@ -1,4 +1,4 @@
-"""Record a study: its figures, drawn and as numbers, its note and its metrics."""
+"""Recorder of a study: its figures as drawings and as numbers, its note and its metrics."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -15,26 +15,27 @@ from workbench.recording.write.file import RecordingFile, arrow
 
 View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
 
-_WINDOW, _TITLE = (1500.0, 690.0), 26.0  # what a page of figures fills of a usual window, and a view's title bar
+_WINDOW, _TITLE = (1500.0, 690.0), 26.0
+"""Size of a page of figures, and height of a view's title bar, points."""
 _PAPER = (255, 255, 255)
 _PER_PAGE = 8
-_LEAST_WAY_M = 0.5
+_MIN_PATH_M = 0.5
 _DARKEST, _LIGHTEST = np.array([70.0, 45.0, 20.0]), np.array([255.0, 190.0, 90.0])
 _TRAIL_COLOURS = [(64, 196, 255), (120, 220, 130), (255, 110, 160), (240, 228, 66)]
 
 
 def record_study(file: RecordingFile, result: StudyResult) -> None:
-    """Record all of a study's result in an open file, once.
+    """Record a study's result in an open file.
 
-    The numbers of a figure are components of `figures/<name>`, from which `read.reader.read` makes the same figure
-    again, bit for bit; its drawing lies below. The note is at `note`, the metrics are the property `metrics`.
+    The numbers of a figure are components of `figures/<name>`, from which `read.reader.read` restores a bitwise
+    identical figure; its drawing is below this path. The note is at `note`, the metrics are the property `metrics`.
     Raises ValueError when two figures have one name, OSError when the disk is nearly full.
     """
     if len({figure.name for figure in result.figures}) < len(result.figures):
         raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
     file.check_space()
     file.send_numbers("metrics", result.metrics)
-    # as curves of one point too, on the timeline of every other run, which tools that go to a frame expect
+    # also curves of one point on the timeline of runs, which tools that select a frame expect
     file.stream.set_time("frame", sequence=0)
     file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
     file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
@@ -42,7 +43,7 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     for title, figures in pages(result.figures):
         columns, rows = grid(len(figures))
         height, lines = _WINDOW[1] / rows - _TITLE, []
-        for line in (figures[k : k + columns] for k in range(0, len(figures), columns)):  # the last may have fewer
+        for line in (figures[k : k + columns] for k in range(0, len(figures), columns)):
             views = [_record(file, figure, order[figure.name], _WINDOW[0] / len(line), height) for figure in line]
             lines.append(rrb.Horizontal(*views))
         tabs.append(rrb.Vertical(*lines, name=title))
@@ -59,7 +60,7 @@ def _record(file: RecordingFile, figure: Figure, order: int, width: float, heigh
     if isinstance(figure, Sticks):
         file.send(_sticks(path, figure), static=True)
         return rrb.Spatial3DView(origin=path, name=title, eye_controls=eye(figure))
-    from workbench.recording.study.drawing import picture  # matplotlib takes a third of a second to load
+    from workbench.recording.study.drawing import picture  # here, since loading matplotlib takes a third of a second
 
     image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
     file.stream.log(f"{path}/drawing", image, static=True)
@@ -72,20 +73,20 @@ def entity(figure: Figure) -> str:
 
 
 def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
-    """Return pages (title, figures) of at most eight figures, in their order; those named "page/name" share a page."""
+    """Return pages (title, figures) of at most eight figures, in order; figures "page/name" share a page."""
     titled = groupby(figures, lambda figure: figure.name.rpartition("/")[0] or "figures")
     grouped = [(title, list(group)) for title, group in titled]
     return [(title, group[k : k + _PER_PAGE]) for title, group in grouped for k in range(0, len(group), _PER_PAGE)]
 
 
 def grid(n: int) -> tuple[int, int]:
-    """Return columns and rows for n figures of one page, of which the last row may have fewer."""
+    """Return the columns and rows for n figures of one page; the last row may have fewer."""
     columns = n if n <= 3 else -(-n // 2)
     return columns, -(-n // columns)
 
 
 def _sticks(path: str, figure: Sticks) -> Entities:
-    """Yield skeletons as strips bone by bone, coloured by their shade; trails as curves with their names."""
+    """Yield skeletons as line strips coloured by shade, and trails as labelled curves."""
     yield path, rr.ViewCoordinates.RIGHT_HAND_Z_UP
     children = np.flatnonzero(figure.parents >= 0)
     bones = figure.positions[:, np.stack([figure.parents[children], children], axis=1)]
@@ -100,12 +101,12 @@ def _sticks(path: str, figure: Sticks) -> Entities:
 
 
 def eye(figure: Sticks) -> rrb.EyeControls3D:
-    """Return a viewpoint from the side that sees everything: across the roots' way, or across x where they stayed."""
+    """Return a viewpoint that shows everything, perpendicular to the roots' path, or to x where they stay in place."""
     places = np.concatenate([figure.positions.reshape(-1, 3), *figure.trails.values()])
-    middle, reach = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
+    center, diagonal = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
     roots = figure.positions[:, int(np.argmin(figure.parents)), :2]
     _, spread, directions = np.linalg.svd(roots - roots.mean(axis=0))
-    along = directions[0] if spread[0] > _LEAST_WAY_M else np.array([1.0, 0.0])
+    along = directions[0] if spread[0] > _MIN_PATH_M else np.array([1.0, 0.0])
     across = np.array([along[1], -along[0], 0.0])
-    position = middle + 1.15 * reach * (across + np.array([0.0, 0.0, 0.2]))
-    return rrb.EyeControls3D(position=position, look_target=middle, eye_up=[0.0, 0.0, 1.0])
+    position = center + 1.15 * diagonal * (across + np.array([0.0, 0.0, 0.2]))
+    return rrb.EyeControls3D(position=position, look_target=center, eye_up=[0.0, 0.0, 1.0])

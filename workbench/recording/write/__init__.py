@@ -1,1 +1,1 @@
-"""Writing a run's recording."""
+"""Writers of a run's recording."""

@@ -1,4 +1,4 @@
-"""Cards of a gallery: one for each recording, in a file of its own, and their layout."""
+"""Cards of a gallery, one file for each recording, and their layout."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -9,21 +9,23 @@ import rerun.blueprint as rrb
 from rerun.blueprint import table
 from rerun.chunk import RrdReader
 
+from workbench.recording.migrations import former_paths
 from workbench.recording.settings import numbers_and_texts
 from workbench.recording.write.file import CHOICES, SETTINGS, arrow, written_file
 
 CARD = "card"
 """The property that a card adds to a recording."""
 _OPEN = "recording link"
-"""The viewer's own column of what a card opens, and shows a preview of."""
+"""The viewer's column with the recording that a card opens and previews."""
 _IMAGE = "EncodedImage:blob"
 _SCENE = "/world/"
+_CURVE = "/metrics/mpjpe_abs_mm"
 
 
 def preview_of(path: Path) -> tuple[list[str], bool]:
     """Return the paths of the cameras' images in a recording, sorted, and whether it has a layout of its own.
 
-    Plots of marginals are images, too, and no preview of a run. A recording that was cut off has neither.
+    Plots of marginals are excluded. An incomplete recording has neither images nor a layout.
     """
     try:
         reader = RrdReader(path)
@@ -37,10 +39,14 @@ def preview_of(path: Path) -> tuple[list[str], bool]:
 def write_card(
     path: Path, ids: tuple[str, str], card: Mapping[str, Any], settings: Mapping[str, Any], choices: Mapping[str, str]
 ) -> None:
-    """Write an .rrd that adds a card to the recording of these ids, and its configuration key by key.
+    """Write an .rrd that adds a card, and the configuration key by key, to a recording.
 
-    card: strings and numbers by name. settings, choices: as `numbers_and_texts` takes them, of recordings older than
-    these were recorded.
+    Parameters
+    ----------
+    path : of the .rrd.
+    ids : of the recording's application and of the recording.
+    card : strings and numbers by name.
+    settings, choices : see `numbers_and_texts`.
     """
     numbers, texts = numbers_and_texts(settings, choices)
     with written_file(path, *ids, send_properties=False) as stream:
@@ -50,7 +56,7 @@ def write_card(
 
 
 def column(name: str, key: str) -> str:
-    """Name the column that a dataset of recordings makes of a property's key."""
+    """Return the column of a property's key in a catalog's dataset."""
     return f"property:{name}:{re.sub('[.-]', '_', key)}"
 
 
@@ -60,14 +66,22 @@ def write_layout(
 ) -> None:  # fmt: skip
     """Write the layout, an .rbl, of a table of recordings that opens as cards and can be switched to rows.
 
-    title: the column with a card's title. fields: columns that a card shows below, and their names. columns: those that
-    come first in rows. sort_by: a column, smallest first. images: entities that a card shows side by side, as far as
-    its recording has them. curve: whether it shows the error's curve.
+    Parameters
+    ----------
+    path : of the .rbl.
+    title : column with a card's title.
+    fields : columns below the title of a card, and their names.
+    columns : first columns of rows.
+    sort_by : a column, smallest first.
+    images : entities that a card shows side by side, where its recording has them.
+    curve : show the error's curve.
     """
     hidden = rrb.PlotLegend(visible=False)
     views: list[rrb.View] = [rrb.Spatial2DView(origin=image, contents=["$origin/**"]) for image in images]
     if curve:
-        views.append(rrb.TimeSeriesView(origin="/metrics", contents=["/metrics/error_abs_mm"], plot_legend=hidden))
+        views.append(
+            rrb.TimeSeriesView(origin="/metrics", contents=[_CURVE, *former_paths([_CURVE])], plot_legend=hidden)
+        )
     preview = table.Column(_OPEN, name="open", column_type=table.PreviewCell(*views))
     named = [table.Column(source, name=name) for source, name in fields.items()]
     rows = [table.Column(source, name=fields.get(source)) for source in (_OPEN, title, *columns)]

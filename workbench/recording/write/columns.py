@@ -1,4 +1,4 @@
-"""Collect the values of frames and write them as columns: making an archetype takes longer than its numbers."""
+"""Buffers of frames' values, written as columns, since one archetype per value would be slow."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,8 +17,11 @@ Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.Describe
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Values of one entity in one frame. kind: an archetype's class. fields: by the names of its `columns`, arrays or
-    lists of equal length, 0 to show nothing; of a BarChart the values (B,)."""
+    """Values of one entity in one frame.
+
+    kind: class of the archetype. fields: arrays or lists of equal length by the names of its `columns`, of length 0 to
+    clear the entity; of a BarChart the values (B,).
+    """
 
     kind: Any
     fields: Mapping[str, AnyArray | Sequence[Any]]
@@ -34,13 +37,13 @@ Rows: TypeAlias = Iterator[tuple[str, Row]]
 
 
 def curves(values: Mapping[str, float | FloatArray]) -> Rows:
-    """Yield one frame's numbers, {entity path: a number or an array (k,)}, as rows of float64 scalars."""
+    """Yield rows of float64 scalars of one frame's numbers, {entity path: a number or an array (k,)}."""
     for path, value in values.items():
         yield path, Row(rr.Scalars, {"scalars": np.atleast_1d(np.array(value, dtype=np.float64))})
 
 
 def nanoseconds(time_s: float) -> np.timedelta64:
-    """Return a time in seconds as recordings hold it."""
+    """Return a time, s, in the recordings' unit."""
     return np.timedelta64(round(time_s * 1e9), "ns")
 
 
@@ -50,11 +53,11 @@ def time_index(frames: Iterable[int], times: Iterable[np.timedelta64]) -> list[r
 
 
 class Columns:
-    """Rows per entity path, waiting to be written. A path's rows are of one kind and have the same fields."""
+    """Buffered rows by entity path. A path's rows are of one kind and have the same fields."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[tuple[int, np.timedelta64, Row]]] = {}
-        self._n_bytes: dict[str, int] = {}  # of the rows that wait
+        self._n_bytes: dict[str, int] = {}  # of the buffered rows
         self._numbers: dict[tuple[str, ...], list[tuple[int, np.timedelta64, FloatArray]]] = {}
 
     def add(self, frame: int, time: np.timedelta64, rows: Iterable[tuple[str, Row]]) -> None:
@@ -64,20 +67,20 @@ class Columns:
             self._n_bytes[path] = self._n_bytes.get(path, 0) + row.n_bytes
 
     def add_numbers(self, frame: int, time: np.timedelta64, numbers: Mapping[str, float]) -> None:
-        """Add one frame's numbers, {entity path: number}, as `curves` would, in a tenth of its time and memory."""
+        """Add one frame's numbers, {entity path: number}, in a tenth of the time and memory of `curves`."""
         values = np.array([*numbers.values()], dtype=np.float64)
         self._numbers.setdefault(tuple(numbers), []).append((frame, time, values))
 
-    def write(self, stream: rr.RecordingStream, least_bytes: int = 0) -> None:
-        """Send what waits; least_bytes: only the rows of paths, such as images, that take at least so many bytes."""
+    def write(self, stream: rr.RecordingStream, min_bytes: int = 0) -> None:
+        """Send the buffered rows; min_bytes: only those of paths, such as images, with at least so many bytes."""
         indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most entities have rows in all frames
-        for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= least_bytes]:
+        for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= min_bytes]:
             frames, times, rows = zip(*self._rows.pop(path), strict=True)
             del self._n_bytes[path]
             if frames not in indexes:
                 indexes[frames] = time_index(frames, times)
             stream.send_columns(path, indexes=indexes[frames], columns=_columns(rows))
-        if not least_bytes:
+        if not min_bytes:
             self._write_numbers(stream)
 
     def _write_numbers(self, stream: rr.RecordingStream) -> None:

@@ -1,7 +1,7 @@
-"""Cameras, their images, and what is drawn over the images.
+"""Cameras, their images, and overlays on the images.
 
-Overlays are projected here, not by the viewer: it draws everything of the world before everything flat, so that
-the particles would hide the expected pose.
+Overlays are projected here and not by the viewer, which draws all 3-D entities before all 2-D ones, so that particles
+would hide the expected pose.
 """
 
 from dataclasses import dataclass, replace
@@ -18,18 +18,18 @@ from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.utils.arrays import AnyArray, ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-OVERLAYS = ("particles", "estimate", "truth", "truth_marks", "keypoints")
-_TAKEN_NAMES = ("estimate", "truth", "particles")
-# What is drawn over an image, from below upwards: (name, colour, half a line's width in the viewer's points).
+OVERLAYS = ("particles", "estimate", "truth", "annotations", "keypoints")
+_RESERVED_NAMES = ("estimate", "truth", "particles")
+# Overlays from back to front: (name, colour, half a line's width in the viewer's points).
 _LINES = (("particles", None, 0.4), ("estimate", styles.ESTIMATE, 1.75), ("truth", styles.TRUTH, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedCamera:
-    """A camera as it is recorded: its images straightened, since Rerun's pinhole has no distortion.
+    """A camera with undistorted images, since Rerun's pinhole has no distortion.
 
-    path: the camera's entity. source: the real camera. camera: the same without distortion. maps: what cv2.remap
-    needs to straighten an image, None where there is nothing to do.
+    path: entity of the camera. source: the camera. camera: the same without distortion. maps: cv2.remap's maps for
+    undistorting an image, None without distortion.
     """
 
     path: str
@@ -38,10 +38,10 @@ class RecordedCamera:
     maps: tuple[AnyArray, AnyArray] | None
 
 
-def picture(camera: Camera) -> RecordedCamera:
-    """Return how to record a camera; raises InputError when the recording uses its name for something else."""
-    if camera.name in _TAKEN_NAMES or not camera.name:
-        raise InputError(f"camera: expected a name other than {', '.join(_TAKEN_NAMES)}, found {camera.name!r}")
+def recorded_camera(camera: Camera) -> RecordedCamera:
+    """Return the recorded camera; raises InputError for a name that the recording reserves."""
+    if camera.name in _RESERVED_NAMES or not camera.name:
+        raise InputError(f"camera: expected a name other than {', '.join(_RESERVED_NAMES)}, found {camera.name!r}")
     lens, size = (camera.matrix, camera.distortion), (camera.width, camera.height)
     distorted = camera.distortion.any()
     maps = cv2.initUndistortRectifyMap(*lens, None, camera.matrix, size, cv2.CV_16SC2) if distorted else None
@@ -49,34 +49,34 @@ def picture(camera: Camera) -> RecordedCamera:
     return RecordedCamera(path, camera, replace(camera, distortion=np.zeros(5)), maps)
 
 
-def fixed(shown: RecordedCamera) -> Entities:
-    """Yield pose and lens of a camera that stands still, and the styles of what is drawn over its images."""
-    camera = shown.camera
-    yield shown.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
+def fixed(recorded: RecordedCamera) -> Entities:
+    """Yield pose and lens of a static camera, and the styles of overlays on its images."""
+    camera = recorded.camera
+    yield recorded.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
     size, axes = [camera.width, camera.height], rr.ViewCoordinates.RDF
     lens = rr.Pinhole(image_from_camera=camera.matrix, resolution=size, camera_xyz=axes, image_plane_distance=1.2)
-    yield f"{shown.path}/image", lens
+    yield f"{recorded.path}/image", lens
     for order, (name, colour, width) in enumerate(_LINES, start=1):
         colors, radii = None if colour is None else [colour], rr.Radius.ui_points(width)
         style = rr.LineStrips2D.from_fields(colors=colors, radii=radii, draw_order=10.0 * order)
-        yield f"{shown.path}/image/{name}", style
+        yield f"{recorded.path}/image/{name}", style
 
 
-def image(shown: RecordedCamera, pixels: ByteArray, jpeg_quality: int) -> Rows:
-    """Yield one image, (height, width) grey or (height, width, 3) RGB, straightened, as a JPEG."""
-    if shown.maps is not None:
-        pixels = np.asarray(cv2.remap(pixels, *shown.maps, cv2.INTER_LINEAR), dtype=np.uint8)
+def image(recorded: RecordedCamera, pixels: ByteArray, jpeg_quality: int) -> Rows:
+    """Yield one undistorted image, (height, width) grey or (height, width, 3) RGB, as a JPEG."""
+    if recorded.maps is not None:
+        pixels = np.asarray(cv2.remap(pixels, *recorded.maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if pixels.ndim == 3:
         pixels = pixels[..., ::-1]  # OpenCV encodes BGR
     _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
-    yield f"{shown.path}/image", Row(rr.EncodedImage, {"blob": [jpeg.ravel()], "media_type": ["image/jpeg"]})
+    yield f"{recorded.path}/image", Row(rr.EncodedImage, {"blob": [jpeg.ravel()], "media_type": ["image/jpeg"]})
 
 
 def overlay(
-    shown: RecordedCamera, name: str, positions: FloatArray, chains: IntArray, shades: ByteArray | None = None,
+    recorded: RecordedCamera, name: str, positions: FloatArray, chains: IntArray, shades: ByteArray | None = None,
     true_camera: Camera | None = None,
 ) -> Rows:  # fmt: skip
-    """Yield skeletons over an image, without chains that reach behind the camera.
+    """Yield skeletons over an image, without chains that extend behind the camera.
 
     Parameters
     ----------
@@ -84,67 +84,68 @@ def overlay(
     positions : (n, J, 3), m, joints.
     chains : (C, longest) joints.
     shades : (n, 3) colours; None: the style of `fixed`.
-    true_camera : projects in place of the recorded one, as the truth needs where the two differ.
+    true_camera : projects instead of the recorded camera, for the truth where the two differ.
     """
-    camera = shown.camera if true_camera is None else replace(true_camera, distortion=np.zeros(5))
+    camera = recorded.camera if true_camera is None else replace(true_camera, distortion=np.zeros(5))
     pixels = camera.project(positions)[:, chains]
     strips = pixels.reshape(-1, *pixels.shape[2:]).astype(np.float32)
-    seen = np.isfinite(strips).all(axis=(1, 2))
-    colors = {} if shades is None else {"colors": np.repeat(shades, len(chains), axis=0)[seen]}
-    yield f"{shown.path}/image/{name}", Row(rr.LineStrips2D, {"strips": strips[seen], **colors})
+    visible = np.isfinite(strips).all(axis=(1, 2))
+    colors = {} if shades is None else {"colors": np.repeat(shades, len(chains), axis=0)[visible]}
+    yield f"{recorded.path}/image/{name}", Row(rr.LineStrips2D, {"strips": strips[visible], **colors})
 
 
-def truth_marks(shown: RecordedCamera, known: Truth | None, names: tuple[str, ...]) -> Entities:
-    """Yield the annotated joints as points in the straightened image, dark where hidden; none where there are none."""
-    places = np.full((len(names), 2), np.nan) if known is None or known.annotations is None else known.annotations
+def annotations(recorded: RecordedCamera, truth: Truth | None, names: tuple[str, ...]) -> Entities:
+    """Yield the annotated joints as points in the undistorted image, dark where occluded."""
+    pixels = np.full((len(names), 2), np.nan) if truth is None or truth.annotations is None else truth.annotations
     visible = (
-        np.ones(len(names), bool) if known is None or known.annotations_visible is None else known.annotations_visible
+        np.ones(len(names), bool) if truth is None or truth.annotations_visible is None else truth.annotations_visible
     )
     shades = np.where(visible[:, None], styles.TRUTH, styles.TRUTH_HIDDEN).astype(np.uint8)
-    yield _points(shown, "truth_marks", places, names, 2.5, shades[_known(places)], 40.0)
+    yield _points(recorded, "annotations", pixels, names, 2.5, shades[_valid(pixels)], 40.0)
 
 
-def keypoint_style(shown: RecordedCamera) -> Entities:
+def keypoint_style(recorded: RecordedCamera) -> Entities:
     """Yield the style of a view's keypoints, to be logged static."""
     style = rr.Points2D.from_fields(colors=[styles.KEYPOINT], show_labels=False, draw_order=35.0)
-    yield f"{shown.path}/image/keypoints", style
+    yield f"{recorded.path}/image/keypoints", style
 
 
-def keypoints(shown: RecordedCamera, given: FloatArray | None, names: tuple[str, ...]) -> Rows:
-    """Yield a view's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
-    places = np.full((len(names), 3), np.nan) if given is None else given
-    known = _known(places)
-    positions = straightened(shown.source, places[known, :2]).astype(np.float32)
-    radii = -4.5 * np.sqrt(places[known, 2])  # negative: points of the viewer
-    labels = [names[k] for k in known]
-    yield f"{shown.path}/image/keypoints", Row(rr.Points2D, {"positions": positions, "radii": radii, "labels": labels})
+def keypoints(recorded: RecordedCamera, view_keypoints: FloatArray | None, names: tuple[str, ...]) -> Rows:
+    """Yield a view's keypoints (J, 3) as points in the undistorted image, with areas proportional to their weights."""
+    rows = np.full((len(names), 3), np.nan) if view_keypoints is None else view_keypoints
+    valid = _valid(rows)
+    positions = undistorted(recorded.source, rows[valid, :2]).astype(np.float32)
+    radii = -4.5 * np.sqrt(rows[valid, 2])  # negative: points of the viewer
+    points = {"positions": positions, "radii": radii, "labels": [names[k] for k in valid]}
+    yield f"{recorded.path}/image/keypoints", Row(rr.Points2D, points)
 
 
 def _points(
-    shown: RecordedCamera,
+    recorded: RecordedCamera,
     entity: str,
-    places: FloatArray,
+    pixels: FloatArray,
     names: tuple[str, ...],
     radii: Any,
     colors: Any,
     order: float,
 ) -> tuple[str, rr.Points2D]:
-    """Return named points where `places` (J, 2 or more) are known; radii, colors: of these, or of all."""
-    known = _known(places)
+    """Return named points where `pixels` (J, 2 or more) are not NaN; radii, colors: one each, or one for all."""
+    valid = _valid(pixels)
     points = rr.Points2D(
-        straightened(shown.source, places[known, :2]), colors=colors, radii=rr.Radius.ui_points(radii),
-        labels=[names[k] for k in known], show_labels=False, draw_order=order,
+        undistorted(recorded.source, pixels[valid, :2]), colors=colors, radii=rr.Radius.ui_points(radii),
+        labels=[names[k] for k in valid], show_labels=False, draw_order=order,
     )  # fmt: skip
-    return f"{shown.path}/image/{entity}", points
+    return f"{recorded.path}/image/{entity}", points
 
 
-def _known(places: FloatArray) -> IntArray:
-    return np.flatnonzero(np.isfinite(places).all(axis=1))
+def _valid(rows: FloatArray) -> IntArray:
+    """Return the rows (J, ...) without NaN."""
+    return np.flatnonzero(np.isfinite(rows).all(axis=1))
 
 
-def straightened(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Return where pixels (K, 2) of the camera's image lie once it is straightened, (K, 2)."""
+def undistorted(camera: Camera, pixels: FloatArray) -> FloatArray:
+    """Return pixels (K, 2) of the camera's image in the undistorted image, (K, 2)."""
     if not camera.distortion.any() or not len(pixels):
         return pixels
-    straight = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion, P=camera.matrix)
-    return np.asarray(straight, dtype=np.float64)[:, 0]
+    undistorted_px = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion, P=camera.matrix)
+    return np.asarray(undistorted_px, dtype=np.float64)[:, 0]

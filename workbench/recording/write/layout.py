@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out for a person who opens it."""
+"""The viewer's layout of a recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,40 +11,42 @@ import rerun.blueprint as rrb
 from workbench.body.angles import FLEXIONS
 from workbench.recording.write import styles
 from workbench.recording.write.images import OVERLAYS, RecordedCamera
-from workbench.recording.write.outcome import RESIDUALS, STATE, VERDICT
+from workbench.recording.write.outcome import REPROJECTION_ERRORS, STATE, VERDICT
 from workbench.recording.write.posterior import DEGREES, PARAMETERS, PICTURE_SIZE, PICTURES, RANKS, Posterior
 from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION
 from workbench.recording.write.styles import title
 from workbench.utils.arrays import FloatArray
 
-_MOST_ABREAST = 4
-"""Cameras whose images are shown in one row; of more, one at a time."""
+_MAX_IN_ROW = 4
+"""Cameras whose images are shown in one row; more are shown one at a time."""
 KEY = {
-    "truth": "truth blue", "marks": "marks blue", "particles": "particles purple", "keypoints": "keypoints green",
+    "truth": "truth blue", "annotations": "annotations blue", "particles": "particles purple",
+    "keypoints": "keypoints green",
 }  # fmt: skip
-"""What may be drawn with the estimate, and its name in titles; marks and keypoints in images only."""
+"""Overlays that may be drawn with the estimate, and their titles; annotations and keypoints in images only."""
 _LANES = {
-    "person": "held or lost", "do_not_trust": "what not to trust", "foot_left": "feet that stand",
-    "foot_right": "feet that stand",
+    "tracking": "tracked or lost", "large_expected_error": "large expected error", "foot_left": "stance",
+    "foot_right": "stance",
 }  # fmt: skip
-# Of a window of 1500 × 950, the smallest that is designed for: heights, and a legend's row and frame.
+# Heights in a window of 1500 × 950, the smallest supported one, and of a legend's row and frame.
 HEIGHT, CURVES_HEIGHT, ROW, FRAME = 815.0, 170.0, 23.0, 14.0
 _AXIS, _LANE = 54.0, 40.0
-_LETTERS = 190  # of the verdict in one line
+_LINE_CHARACTERS = 190  # of the verdict
 
 _Part = rrb.View | rrb.Container
 
 
 @dataclass(frozen=True, eq=False)
 class LayoutInput:
-    """What there is to show of a run.
+    """The contents of a recording that the layout shows.
 
-    person: (3,), where the person is first, m. towards: (2,), horizontally from the person to the viewpoint.
+    person: (3,), m, first position of the person. towards: (2,), m, horizontally from the person to the viewpoint.
     metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
-    activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. constant:
-    uninformative metrics. drawn: keys of KEY. Of a run that is over, lanes: those of states over time, such as whether
-    the person is held; sparse: metrics of less than half of the frames, shown as marks; spans: by path the least and
-    largest value of curves, above which legends find room; residuals: paths of these; letters: of the verdict.
+    activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. uninformative: metrics
+    equal in all runs of such components. drawn: keys of KEY.
+    Of a run that ended: lanes: of states over time; sparse: metrics of less than half of the frames, drawn as points;
+    spans: smallest and largest value of curves by path, which place legends above them; reprojection_errors: their
+    paths; n_characters: of the verdict.
     """
 
     cameras: Sequence[RecordedCamera]
@@ -57,37 +59,37 @@ class LayoutInput:
     activity: bool = False
     surface: bool = False
     warned: bool = False
-    constant: frozenset[str] = frozenset()
+    uninformative: frozenset[str] = frozenset()
     drawn: frozenset[str] = frozenset()
     lanes: Sequence[str] = ()
     sparse: frozenset[str] = frozenset()
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    residuals: Sequence[str] = ()
-    letters: int = 0
+    reprojection_errors: Sequence[str] = ()
+    n_characters: int = 0
 
     def key(self, *names: str) -> str:
-        """Return the colours of the estimate and of those of `names` that are drawn, in words."""
+        """Return the colours of the estimate and of the drawn overlays among `names`, in words."""
         return ", ".join(["estimate orange", *(KEY[name] for name in names if name in self.drawn)])
 
 
-def layout(shown: LayoutInput) -> rrb.Blueprint:
-    """Lay out where the person is, on the left; on the right how wrong the estimate is, how sure, and the posterior.
+def layout(data: LayoutInput) -> rrb.Blueprint:
+    """Return the layout: images and world on the left; errors, uncertainty and posterior on the right.
 
-    A fit to points has flexion against the truth and the estimated activity before the errors.
+    A fit to points has flexion and the estimated activity before the errors.
     """
-    left: list[tuple[float, _Part]] = [(1.0, _images(shown))] if shown.cameras else []
-    left.append((1.5 if shown.flexions else 1.0, _world(shown)))  # points are seen in the world only
-    if shown.lanes:
-        height, name = _AXIS + _LANE * len(shown.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in shown.lanes))
+    left: list[tuple[float, _Part]] = [(1.0, _images(data))] if data.cameras else []
+    left.append((1.5 if data.flexions else 1.0, _world(data)))  # points are drawn in the world only
+    if data.lanes:
+        height, name = _AXIS + _LANE * len(data.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in data.lanes))
         lanes = rrb.StateTimelineView(origin=f"/{STATE}", name=f"states: {name}")
-        left.append((sum(share for share, _ in left) * height / (HEIGHT - height), lanes))
-    content = rrb.Horizontal(_stack(*left), _stack(*(_fit(shown) if shown.flexions else _numbers(shown))))
-    lines = -(-shown.letters // _LETTERS)
+        left.append((sum(fraction for fraction, _ in left) * height / (HEIGHT - height), lanes))
+    content = rrb.Horizontal(_stack(*left), _stack(*(_fit(data) if data.flexions else _numbers(data))))
+    lines = -(-data.n_characters // _LINE_CHARACTERS)
     return page(_stack((1.0 + 0.3 * max(lines - 1, 0), _verdict()), (12.0, content)))
 
 
 def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
-    """Return a layout of nothing but the content and, below it, the time line."""
+    """Return a layout of the content with the timeline below it."""
     panel = rrb.TimePanel(timeline="frame", state="collapsed", fps=fps)
     return rrb.Blueprint(content, panel, auto_views=False, collapse_panels=True)
 
@@ -95,14 +97,14 @@ def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
 def trails_layout(
     places: FloatArray, dof_names: Sequence[str], metrics: Sequence[str], warned: bool = False
 ) -> rrb.Blueprint:
-    """Lay out a run without images: the verdict, the whole way from its right-hand side, and curves below.
+    """Return the layout of a run without images: the verdict, the person's path from its right side, and curves.
 
     Parameters
     ----------
     places : (F, J, 3), m, the joints so far.
-    dof_names : of the pose; of hips and knees there are curves, left and right in their hands' colours.
-    metrics : that have a curve each.
-    warned : whether there are warnings.
+    dof_names : of the pose; hips and knees have curves, left and right in the colours of the hands.
+    metrics : each has a plot.
+    warned : there are warnings.
     """
     plots = [_plot(title(name), f"/metrics/{name}") for name in metrics]
     for joint in ("hip", "knee"):
@@ -113,21 +115,21 @@ def trails_layout(
         }  # fmt: skip
         if curves:
             plots.append(_plot(f"flexion of the {joint}s (degrees)", f"/{DEGREES}", [*curves], overrides=curves))
-    lowest, highest = places.min(axis=(0, 1)), places.max(axis=(0, 1))
-    middle, reach = 0.5 * (lowest + highest), float(np.linalg.norm(highest - lowest))
-    way = places[-1, 0, :2] - places[0, 0, :2]
-    way = way / np.linalg.norm(way) if np.linalg.norm(way) > 0.1 else np.array([1.0, 0.0])
-    eye = middle + max(0.48 * reach, 2.2) * np.array([way[1], -way[0], 0.12])
-    name = "world: the whole way grey, left wrist orange, right wrist green, as the legs below"
-    controls = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0.0, 0.0, 1.0])
+    lower, upper = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+    center, diagonal = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
+    heading = places[-1, 0, :2] - places[0, 0, :2]
+    heading = heading / np.linalg.norm(heading) if np.linalg.norm(heading) > 0.1 else np.array([1.0, 0.0])
+    eye = center + max(0.48 * diagonal, 2.2) * np.array([heading[1], -heading[0], 0.12])
+    name = "world: path grey, left wrist orange, right wrist green, as the legs below"
+    controls = rrb.EyeControls3D(position=eye, look_target=center, eye_up=[0.0, 0.0, 1.0])
     world = rrb.Spatial3DView(origin="/world", name=name, eye_controls=controls)
     below = rrb.Tabs(rrb.Horizontal(*plots, name="curves"), *_texts(warned))
     return page(_stack((0.25, _verdict()), (2.2, world), (1.0, below)))
 
 
 def _stack(*parts: tuple[float, _Part]) -> rrb.Vertical:
-    """Lay out parts below one another, each with its share of the height."""
-    return rrb.Vertical(*(part for _, part in parts), row_shares=[share for share, _ in parts])
+    """Return a vertical layout of (fraction of the height, part)."""
+    return rrb.Vertical(*(part for _, part in parts), row_shares=[height for height, _ in parts])
 
 
 def _verdict() -> rrb.TextDocumentView:
@@ -139,103 +141,115 @@ def _texts(warned: bool) -> list[_Part]:
     return [*[rrb.TextLogView(origin="/log", name="warnings")] * warned, config]
 
 
-def _numbers(shown: LayoutInput) -> list[tuple[float, _Part]]:
-    """Return errors, certainty, the expected errors by joint group, and the posterior in tabs."""
-    errors, rows = _errors(shown), list[tuple[float, _Part]]()
-    name = f"effective sample size (of {shown.n_particles})"
-    ess = [] if "ess" in shown.constant else [_metric("ess", shown, (0.0, float(shown.n_particles)), name)]
+def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
+    """Return errors, uncertainty, expected errors by joint group, and the posterior in tabs."""
+    errors, rows = _errors(data), list[tuple[float, _Part]]()
+    name = f"effective sample size (of {data.n_particles})"
+    ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, float(data.n_particles)), name)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
-    if certainty := [*ess, *_coverage(shown)]:
-        rows.append((0.8, rrb.Horizontal(*certainty, name="certainty")))
-    if doubts := _doubts(shown.metrics):  # with a truth, its errors are drawn thin
-        groups = [f"{each} {colour}" for each, (colour, _) in styles.DOUBTS.items() if f"doubt_{each}_mm" in doubts]
-        thin = ", thin the true one" if any(each.startswith("missed_") for each in doubts) else ""
-        name = f"do not trust what is high: stated error (mm){thin}; {', '.join(groups)}"
-        rows.append((0.8, _metrics(name, doubts, shown, legend=False)))
-    return [*rows, (2.0, rrb.Tabs(*_details(shown)))]
+    if uncertainty := [*ess, *_coverage(data)]:
+        rows.append((0.8, rrb.Horizontal(*uncertainty, name="uncertainty")))
+    if expected := _group_errors(data.metrics):  # with a truth, its errors are drawn thin
+        groups = [
+            f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
+        ]
+        thin = ", thin the true one" if any(each.startswith("mpjpe_") for each in expected) else ""
+        name = f"expected error (mm){thin}; {', '.join(groups)}"
+        rows.append((0.8, _metrics(name, expected, data, legend=False)))
+    return [*rows, (2.0, rrb.Tabs(*_details(data)))]
 
 
-def _fit(shown: LayoutInput) -> list[tuple[float, _Part]]:
-    """Return flexions, left and right side by side, the activity, and errors and posterior in tabs."""
+def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
+    """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
         _plot(f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}")
-        for name in FLEXIONS if name in shown.flexions
+        for name in FLEXIONS if name in data.flexions
     ]  # fmt: skip
     rows: list[tuple[float, _Part]] = [(2.4, rrb.Grid(*plots, grid_columns=2, name="flexion"))]
-    if shown.activity:
+    if data.activity:
         rows.append((0.8, rrb.StateTimelineView(origin=f"/{ACTIVITY}", name="activity")))
-    views = [*_errors(shown), *_coverage(shown)]
+    views = [*_errors(data), *_coverage(data)]
     pairs = [rrb.Horizontal(*views[k : k + 2], name="coverage" if k else "errors") for k in (0, 2) if views[k:]]
-    return [*rows, (1.4, rrb.Tabs(*pairs, *_details(shown)))]  # of three in a row the titles would be cut
+    return [*rows, (1.4, rrb.Tabs(*pairs, *_details(data)))]  # of three in a row the titles would be cut
 
 
-def _images(shown: LayoutInput) -> rrb.Container:
-    """Return the cameras' images; several have their names as titles, since there is no room for more."""
-    name, several = f"image: {shown.key(*KEY)}", len(shown.cameras) > 1
+def _images(data: LayoutInput) -> rrb.Container:
+    """Return the cameras' images; several have their names as short titles."""
+    name, several = f"image: {data.key(*KEY)}", len(data.cameras) > 1
     images = [
         rrb.Spatial2DView(origin=f"{each.path}/image", name=each.camera.name if several else name)
-        for each in shown.cameras
+        for each in data.cameras
     ]
-    return rrb.Horizontal(*images) if len(images) <= _MOST_ABREAST else rrb.Tabs(*images)
+    return rrb.Horizontal(*images) if len(images) <= _MAX_IN_ROW else rrb.Tabs(*images)
 
 
-def _world(shown: LayoutInput) -> rrb.Spatial3DView:
-    """Return the person from three metres away, without what is drawn over the images; the eye follows the person."""
-    followed = "surface" if shown.surface else "body"  # where the surface is, the solid limbs are not
+def _world(data: LayoutInput) -> rrb.Spatial3DView:
+    """Return a view of the person from three metres away, without overlays on images; the eye follows the person."""
+    followed = "surface" if data.surface else "body"  # the surface replaces the solid limbs
     controls = rrb.EyeControls3D(
-        position=[*(shown.person[:2] + shown.towards), shown.person[2] + 0.6], look_target=shown.person,
+        position=[*(data.person[:2] + data.towards), data.person[2] + 0.6], look_target=data.person,
         eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{ESTIMATE}/{followed}",
     )  # fmt: skip
-    overlays = [f"- {each.path}/image/{name}" for each in shown.cameras for name in OVERLAYS]
-    contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * shown.surface]
-    flat = [KEY[name] for name in ("marks", "keypoints") if name in shown.drawn]
-    also = f"; in the images {', '.join(flat)}" if flat and len(shown.cameras) > 1 else ""
-    name = f"world: {shown.key('truth', 'particles')}{also}"
+    overlays = [f"- {each.path}/image/{name}" for each in data.cameras for name in OVERLAYS]
+    contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * data.surface]
+    flat = [KEY[name] for name in ("annotations", "keypoints") if name in data.drawn]
+    also = f"; in the images {', '.join(flat)}" if flat and len(data.cameras) > 1 else ""
+    name = f"world: {data.key('truth', 'particles')}{also}"
     return rrb.Spatial3DView(origin="/world", contents=contents, name=name, eye_controls=controls)
 
 
-def _errors(shown: LayoutInput) -> list[rrb.View]:
-    """Return distances from the true joints in the world, and in the image; without truth, from the keypoints.
+def _errors(data: LayoutInput) -> list[rrb.View]:
+    """Return plots of joint errors in the world and in the image, or of reprojection errors without a ground truth.
 
-    The heaviest particle is drawn once, and not where it is the expected pose.
+    Errors of the particle of largest weight are drawn once, and not in a fit, where it equals the expected pose.
     """
     views: list[rrb.View] = []
-    for first, names in (("error_abs_mm", _errors_mm(shown.metrics)), ("error_px", _errors_px(shown.metrics))):
+    for first, names in (("mpjpe_abs_mm", _errors_mm(data.metrics)), ("mpjpe_px", _errors_px(data.metrics))):
         drawn = [
             name for name in names
-            if name not in shown.constant
-            and (not name.endswith("_map") or not (shown.flexions or name == "error_rel_mm_map"))
+            if name not in data.uninformative
+            and (not name.endswith("_max_weight") or not (data.flexions or name == "mpjpe_mm_max_weight"))
         ]  # fmt: skip
-        views += [_metrics(title(first), drawn, shown)] if drawn else []
-    if shown.residuals and "error_abs_mm" not in shown.metrics:
-        name, paths = "joints from each camera's keypoints (pixels)", [f"/{path}" for path in shown.residuals]
-        views.append(_plot(name, f"/{RESIDUALS}", paths, **_legend(shown.residuals, shown)))
+        views += [_metrics(title(first), drawn, data)] if drawn else []
+    if data.reprojection_errors and "mpjpe_abs_mm" not in data.metrics:
+        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in data.reprojection_errors]
+        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(data.reprojection_errors, data)))
     return views
 
 
-def _coverage(shown: LayoutInput) -> list[rrb.View]:
-    return [_metric("coverage_90", shown, (0.0, 1.0))] if "coverage_90" in shown.metrics else []
+def _coverage(data: LayoutInput) -> list[rrb.View]:
+    return [_metric("coverage_90", data, (0.0, 1.0))] if "coverage_90" in data.metrics else []
 
 
-def _details(shown: LayoutInput) -> list[_Part]:
-    units = {name: shown.posterior.unit(name) for name in shown.posterior.favourites}
-    bands = [
+def _details(data: LayoutInput) -> list[_Part]:
+    units = {name: data.posterior.unit(name) for name in data.posterior.shown_parameters}
+    intervals = [
         _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
     ]
-    tabs: list[_Part] = [rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"), _marginals(units)]
-    coefficients = range(1, len(shown.posterior.coefficients) + 1)
+    tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
+    coefficients = range(1, len(data.posterior.coefficients) + 1)
     bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
     tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
-    if "log_score" in shown.metrics:
-        tabs.append(rrb.Horizontal(_bars("ranks of the truth (even: right, U: too sure)", f"/{RANKS}"), name="ranks"))
-    shares = styles.cue_shares(shown.metrics)
-    elsewhere = {"coverage_90", *_errors_mm(shown.metrics), *_errors_px(shown.metrics), *shares, *shown.constant}
-    elsewhere |= set() if shown.flexions else {"ess", *_doubts(shown.metrics)}
-    others = [_metric(name, shown) for name in shown.metrics if name not in elsewhere]
-    if shares:
-        others.insert(0, _metrics("shares of the cues in what tells particles apart", shares, shown))
-    return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(shown.warned)]
+    if "nll" in data.metrics:
+        tabs.append(
+            rrb.Horizontal(
+                _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}"), name="ranks"
+            )
+        )
+    fractions = styles.variance_fractions(data.metrics)
+    elsewhere = {
+        "coverage_90",
+        *_errors_mm(data.metrics),
+        *_errors_px(data.metrics),
+        *fractions,
+        *data.uninformative,
+    }
+    elsewhere |= set() if data.flexions else {"ess", *_group_errors(data.metrics)}
+    others = [_metric(name, data) for name in data.metrics if name not in elsewhere]
+    if fractions:
+        others.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, data))
+    return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(data.warned)]
 
 
 def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
@@ -259,27 +273,27 @@ def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
     return rrb.Tabs(rrb.Grid(*pictures, grid_columns=2, name="brightness"), tensor, axes, name="log posterior")
 
 
-def _metrics(name: str, metrics: Sequence[str], shown: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
-    """Return several metrics in one plot; without a legend where the name explains them."""
+def _metrics(name: str, metrics: Sequence[str], data: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
+    """Return a plot of several metrics; legend: omitted where the name explains them."""
     paths = [f"metrics/{each}" for each in metrics]
-    found = _legend(paths, shown) if legend and len(metrics) > 1 else {}
-    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, shown), **found)
+    options = _legend(paths, data) if legend and len(metrics) > 1 else {}
+    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **options)
 
 
 def _metric(
-    metric: str, shown: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
+    metric: str, data: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
 ) -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; span: of its axis."""
+    """Return a plot of one metric with its reference value; span: range of its axis."""
     axis = None if span is None else rrb.ScalarAxis(range=span)
     paths = [f"/metrics/{metric}", *[f"/{path}" for path in styles.guides([metric])]]
-    return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], shown))
+    return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], data))
 
 
 def _plot(
     name: str, origin: str, contents: Sequence[str] | str = "$origin/**", *, legend: rrb.PlotLegend | None = None,
     axis: rrb.ScalarAxis | None = None, overrides: Mapping[Any, Any] | None = None,
 ) -> rrb.TimeSeriesView:  # fmt: skip
-    """Return a plot of curves, without a legend unless one is given."""
+    """Return a plot of curves; legend: hidden by default."""
     return rrb.TimeSeriesView(
         origin=origin, contents=contents, name=name, plot_legend=legend or rrb.PlotLegend(visible=False), axis_y=axis,
         overrides=overrides,
@@ -287,38 +301,46 @@ def _plot(
 
 
 def _bars(name: str, origin: str) -> rrb.BarChartView:
-    """Return a bar chart; what it is compared to is drawn as thin bars before it."""
+    """Return a bar chart; its reference is drawn as thin bars in front of it."""
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
-def _dots(metrics: Sequence[str], shown: LayoutInput) -> dict[Any, rr.SeriesPoints]:
-    """Return marks as the style of those of the metrics that few frames have; a threshold stays a line."""
-    sparse = [name for name in metrics if name in shown.sparse and name != "forearm_px"]
-    return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, shown.metrics)) for name in sparse}
+def _dots(metrics: Sequence[str], data: LayoutInput) -> dict[Any, rr.SeriesPoints]:
+    """Return points as the style of sparse metrics; a threshold stays a line."""
+    sparse = [name for name in metrics if name in data.sparse and name != "forearm_width_px"]
+    return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, data.metrics)) for name in sparse}
 
 
-def _legend(paths: Sequence[str], shown: LayoutInput) -> dict[str, Any]:
-    """Return a legend, and an axis that leaves room for it above the curves once their spans are known."""
+def _legend(paths: Sequence[str], data: LayoutInput) -> dict[str, Any]:
+    """Return a legend, and an axis with space for it above the curves once their ranges are known."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    if not set(paths) <= shown.spans.keys():
+    if not set(paths) <= data.spans.keys():
         return {"legend": legend}
-    low, high = min(shown.spans[path][0] for path in paths), max(shown.spans[path][1] for path in paths)
+    low, high = min(data.spans[path][0] for path in paths), max(data.spans[path][1] for path in paths)
     spread = max(high - low, 1e-3 * max(abs(high), 1e-6))
-    room = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
-    span = (low - 0.05 * spread, high + 0.03 * spread + spread * room / (1.0 - room))
+    legend_height = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
+    span = (low - 0.05 * spread, high + 0.03 * spread + spread * legend_height / (1.0 - legend_height))
     return {"legend": legend, "axis": rrb.ScalarAxis(range=span)}
 
 
 def _errors_mm(metrics: Sequence[str]) -> list[str]:
-    return [name for name in metrics if name.startswith("error") and name.removesuffix("_map").endswith("_mm")]
+    """Return the errors of the whole body in space."""
+    return [name for name in _errors_of_body(metrics) if name.removesuffix("_max_weight").endswith("_mm")]
 
 
 def _errors_px(metrics: Sequence[str]) -> list[str]:
     """Return the errors in the image, and their threshold."""
-    errors = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
-    return [*errors, *(name for name in metrics if errors and name == "forearm_px")]
+    errors = [name for name in _errors_of_body(metrics) if "px" in name.split("_")]
+    return [*errors, *(name for name in metrics if errors and name == "forearm_width_px")]
 
 
-def _doubts(metrics: Sequence[str]) -> list[str]:
+def _errors_of_body(metrics: Sequence[str]) -> list[str]:
+    """Return the joint errors of the whole body, and errors of components' own."""
+    groups = set(_group_errors(metrics))
+    return [name for name in metrics if name.startswith(("mpjpe", "pa_mpjpe", "error")) and name not in groups]
+
+
+def _group_errors(metrics: Sequence[str]) -> list[str]:
     """Return the errors expected by the posterior, and the true ones, by joint group."""
-    return [name for name in metrics if name.startswith(("doubt_", "missed_"))]
+    names = {f"{kind}_{group}_mm" for group in styles.GROUPS for kind in ("expected_error", "mpjpe_abs")}
+    return [name for name in metrics if name in names]

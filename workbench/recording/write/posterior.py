@@ -1,4 +1,4 @@
-"""The posterior over frames: marginals as brightness plots, 5–95 % bands, coefficients, and the ranks of the truth."""
+"""The posterior over frames: marginals as brightness plots, 90 % credible intervals, coefficients, and ranks."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -22,140 +22,142 @@ from workbench.utils.arrays import Float32Array, FloatArray
 _SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
 )
-"""The joint angles whose posterior is recorded as well as that of the state's columns."""
-UNSEEN = ("fixed", "ahead")
-"""Slices of a state whose columns are not estimated: held parameters never change, "ahead" is the implicit's memory."""
+"""The joint angles whose posterior is recorded in addition to the state's columns."""
+HIDDEN_SLICES = ("fixed", "ahead")
+"""Slices of a state that are not recorded: constant parameters, and the memory "ahead" of the implicit prior."""
 PARAMETERS, DEGREES = "posterior/parameters", "posterior/degrees"
-"""The bands of favourites that are angles, to be looked at; `posterior/parameters` has them in radians."""
+"""Paths of credible intervals; the second has those of shown angles in degrees instead of radians."""
 PICTURES, RANKS = "posterior/pictures", "evaluation/ranks"
 PICTURE_SIZE = np.array([320.0, 80.0])
-"""A picture's size, a view's points at 1500 × 950, so that labels fit next to it."""
+"""A picture's size, points of a view at 1500 × 950, with space for labels."""
 _LABEL_ABOVE = 13.0  # points from a label to its point below
-_FAVOURITES = 4
-_BAND, _MOST_SORTED = (0.05, 0.95), 1000
+_MAX_SHOWN = 4
+_QUANTILES, _MAX_SORTED = (0.05, 0.95), 1000
 _COEFFICIENTS_SHOWN, _COEFFICIENT_BINS, _RANK_BINS = 3, 32, 10
 _EDGES = 4.0 * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
 _CURVES = {
     "mean": ("estimate", styles.ESTIMATE, 2.5),
-    "low": ("5 %", styles.BAND, 1.0),
-    "high": ("95 %", styles.BAND, 1.0),
+    "low": ("5 %", styles.INTERVAL, 1.0),
+    "high": ("95 %", styles.INTERVAL, 1.0),
     "truth": ("truth", styles.TRUTH, 1.5),
 }
-"""A band's curves (label, colour, width), in the order in which they are drawn."""
+"""Curves of a credible interval (label, colour, width), in drawing order."""
 
 
 class Posterior:
-    """Collects the marginals of the state's columns, but those of UNSEEN slices, and of _SHOWN_ANGLES, frame by frame.
+    """Collects the marginals of the state's columns without HIDDEN_SLICES, and of _SHOWN_ANGLES, frame by frame.
 
-    names, units: one per parameter, the state's columns first.
+    names, units: of the parameters, the state's columns first.
     """
 
     def __init__(self, space: StateSpace, skeleton: Skeleton, n_bins: int) -> None:
         angles = [name for name in _SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
-        unseen = [part for group, part in space.slices.items() if group.rpartition(".")[2] in UNSEEN]
-        hidden = {i for part in unseen for i in range(len(space))[part]}  # also of a mixture's "<prior>.held"
+        slices = [each for group, each in space.slices.items() if group.rpartition(".")[2] in HIDDEN_SLICES]
+        hidden = {i for each in slices for i in range(len(space))[each]}  # also of a mixture's "<prior>.held"
         self._columns = [i for i in range(len(space)) if i not in hidden]
         self.names = (*(space.names[i] for i in self._columns), *angles)
         self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
-        self._varying: tuple[str, ...] = ()  # those in which the first particles differ
+        self._varying: tuple[str, ...] = ()  # parameters in which the first particles differ
         self.frames: list[int] = []
         self._truth: list[dict[str, float]] = []  # by frame
         self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
         self._values = np.empty((len(self.names), 0))
-        self._band_paths = [_band(name, row) for row in ("mean", "low", "high") for name in self.names]
+        self._interval_paths = [_interval(name, row) for row in ("mean", "low", "high") for name in self.names]
 
     @property
-    def favourites(self) -> tuple[str, ...]:
-        """Up to four parameters with a picture of their own, of those in which the first particles differ.
+    def shown_parameters(self) -> tuple[str, ...]:
+        """Up to four parameters with a picture each, among those in which the first particles differ.
 
         Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
         """
-        shown = [name for name in _SHOWN_ANGLES if name in self._varying]
-        if len(shown) < _FAVOURITES:
-            shown = [name for name in self._skeleton.dof_names if name in self._varying]
-        return tuple(shown or self._varying)[:_FAVOURITES]
+        names = [name for name in _SHOWN_ANGLES if name in self._varying]
+        if len(names) < _MAX_SHOWN:
+            names = [name for name in self._skeleton.dof_names if name in self._varying]
+        return tuple(names or self._varying)[:_MAX_SHOWN]
 
     def unit(self, name: str) -> str:
         """Return a parameter's unit."""
         return self.units[self.names.index(name)]
 
     def add(self, step: Step) -> dict[str, float]:
-        """Add one step; returns the numbers of its bands, {entity path: value}.
+        """Add one step, and return the numbers of its credible intervals, {entity path: value}.
 
         Raises ValueError for particles that are not finite, and weights that do not sum to one.
         """
         columns = [step.particles[:, i] for i in self._columns] + [step.poses[:, i] for i in self._angles]
         if self._values.shape[1] != len(step.particles):
-            self._values = np.empty((len(columns), len(step.particles)))  # making it each time takes longer
+            self._values = np.empty((len(columns), len(step.particles)))  # reused, since allocation is slow
         values, weights = np.stack(columns, out=self._values).T, np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
-            raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
+            raise ValueError(f"frame {step.frame.index}: expected finite particles with normalised weights")
         if not self._varying:
             self._varying = tuple(np.array(self.names)[np.ptp(values, axis=0) > 0.0].tolist()) or self.names
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
-        ends = [weights @ values, *_band_ends(values, weights)]
-        numbers = dict(zip(self._band_paths, np.concatenate(ends).tolist(), strict=True))
+        ends = [weights @ values, *_interval_ends(values, weights)]
+        numbers = dict(zip(self._interval_paths, np.concatenate(ends).tolist(), strict=True))
         true: dict[str, float] = {}
-        if (known := step.frame.truth) is not None and known.pose is not None:
-            truth = unwrap_near(known.pose, step.expected_pose).tolist()
-            pose = dict(zip(self._skeleton.dof_names, truth, strict=True))
+        if (truth := step.frame.truth) is not None and truth.pose is not None:
+            true_pose = unwrap_near(truth.pose, step.expected_pose).tolist()
+            pose = dict(zip(self._skeleton.dof_names, true_pose, strict=True))
             true = {name: pose[name] for name in self.names if name in pose}
-            numbers |= {_band(name, "truth"): value for name, value in true.items()}
-        self._truth.append({name: true[name] for name in self.favourites if name in true})
-        angles = [name for name in self.favourites if self.unit(name) == "rad"]
-        bands = [(name, row) for name in angles for row in _CURVES if _band(name, row) in numbers]
-        return numbers | {_band(*each, DEGREES): float(np.degrees(numbers[_band(*each)])) for each in bands}
+            numbers |= {_interval(name, "truth"): value for name, value in true.items()}
+        self._truth.append({name: true[name] for name in self.shown_parameters if name in true})
+        angles = [name for name in self.shown_parameters if self.unit(name) == "rad"]
+        curves = [(name, row) for name in angles for row in _CURVES if _interval(name, row) in numbers]
+        return numbers | {_interval(*each, DEGREES): float(np.degrees(numbers[_interval(*each)])) for each in curves}
 
     def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
-        """Begin with frames whose marginals were `pictures`."""
-        known = [*frames]
-        self.frames += known[: self._marginals.take_over(low, high, log_mass, len(known))]
+        """Start with earlier frames; low, high, log_mass: their marginals, see `Marginals.picture`."""
+        numbers = [*frames]
+        self.frames += numbers[: self._marginals.take_over(low, high, log_mass, len(numbers))]
         self._truth = [{} for _ in self.frames]  # not drawn over their marginals
 
     def begin(self, step: Step) -> Entities:
-        """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
+        """Yield static entities at the first step: styles of the shown curves, bins and models of coefficients.
 
-        Every prior counts coefficients in standard deviations of its Gaussian model; the bins reach to four of them.
+        Coefficients are in standard deviations of the prior's Gaussian model; the bins reach to four of them.
         """
-        for name in self.favourites:
-            compared = name in self._skeleton.dof_names  # with a truth
-            for row in [*_CURVES] if compared else [*_CURVES][:3]:
+        for name in self.shown_parameters:
+            has_truth = name in self._skeleton.dof_names
+            for row in [*_CURVES] if has_truth else [*_CURVES][:3]:
                 for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
-                    yield _band(name, row, root), styles.line(*_CURVES[row])
+                    yield _interval(name, row, root), styles.line(*_CURVES[row])
         density = np.exp(-0.5 * ((_EDGES[1:] + _EDGES[:-1]) / 2.0) ** 2)
         for k in range(1, len(self.coefficients) + 1):
             empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(1.0), color=styles.ESTIMATE)
-            values = rr.BarChart.descriptor_values()  # static ones would stand for those of every frame
+            values = rr.BarChart.descriptor_values()  # static values would replace those of every frame
             yield f"coefficients/{k}", [b for b in empty.as_component_batches() if b.component_descriptor() != values]
             model = rr.BarChart(density / density.sum(), **_bars(0.25), color=styles.MODEL)
             yield f"coefficients/{k}/model", model
 
     def histograms(self, step: Step) -> Rows:
-        """Yield the weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
+        """Yield the samples' weights in the bins of the coefficients k = 1, 2, 3."""
         weights = np.exp(step.log_weights)
         for k, column in enumerate(self.coefficients, start=1):
             heights = histogram(step.particles[:, column], weights, _EDGES)
             yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
-        """Return the marginals so far, [parameter, bin, frame] log mass, and their axes; a column that is the mean of
-        several frames has the number of the last of them."""
+        """Return the marginals so far, [parameter, bin, frame] log mass, and their axes.
+
+        A column that is the mean of several frames has the number of the last of them.
+        """
         low, high, log_mass = self._marginals.picture()
         last = [*range(self._marginals.every - 1, len(self.frames), self._marginals.every)]
         frames = [self.frames[i] for i in sorted({*last, len(self.frames) - 1})]
         axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": frames}
-        lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
+        lines = ["| parameter | name | lower | upper | unit |", "| ---: | --- | ---: | ---: | --- |"]
         for k, (name, a, b, unit) in enumerate(zip(self.names, low, high, self.units, strict=True)):
-            factor, shown = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)
-            lines.append(f"| {k} | {name} | {factor * a:.3g} | {factor * b:.3g} | {shown} |")
+            factor, shown_unit = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)
+            lines.append(f"| {k} | {name} | {factor * a:.3g} | {factor * b:.3g} | {shown_unit} |")
         dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
         tensor = rr.Tensor(log_mass, dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         drawn: list[tuple[str, Any]] = []
-        for name in self.favourites:
+        for name in self.shown_parameters:
             k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
             axis = (float(low[k]), float(high[k]))
             drawn += marginal_picture(name, self.units[k], axis, log_mass[k], self.frames, truth)
@@ -165,20 +167,21 @@ class Posterior:
 def marginal_picture(
     name: str, unit: str, axis: tuple[float, float], log_mass: Float32Array, frames: list[int], truth: FloatArray
 ) -> Entities:
-    """Yield one parameter's marginal over the frames (paper A, fig. 4), to be logged static.
+    """Yield one parameter's marginal over frames (paper A, fig. 4), to be logged static.
 
     Parameters
     ----------
-    axis : the lowest and the highest value of the bins, in `unit`.
-    log_mass : (B, F) of the bins, drawn by brightness upwards.
-    frames, truth : (F,) their numbers, of which the first and last are written below, and the true values or NaN.
+    name, unit : of the parameter.
+    axis : lower and upper end of the bins, in `unit`.
+    log_mass : (B, F) of the bins, drawn as brightness, upwards.
+    frames, truth : (F,) numbers, the first and last written below the picture, and true values or NaN.
     """
     path, factor = f"{PICTURES}/{name}", np.degrees(1.0) if unit == "rad" else 1.0
     bright = np.rint(255.0 * (1.0 - log_mass[::-1] / LOWEST_LOG_MASS)).astype(np.uint8)
     _, png = cv2.imencode(".png", cv2.applyColorMap(bright, cv2.COLORMAP_INFERNO))
     yield f"{path}/mass", rr.EncodedImage(contents=png.tobytes(), media_type="image/png")
     scale = [*(PICTURE_SIZE / bright.shape[::-1]), 1.0]
-    yield f"{path}/mass", rr.Transform3D(scale=scale)  # at a view's origin it would not count
+    yield f"{path}/mass", rr.Transform3D(scale=scale)  # it has no effect at a view's origin
     low, high = axis
     across, down = (np.arange(len(truth)) + 0.5) / len(truth), (high - truth) / (high - low)
     inside = np.isfinite(down) & (down >= 0.0) & (down <= 1.0)
@@ -196,32 +199,35 @@ def marginal_picture(
 
 
 def rank_pictures(ranks: Sequence[FloatArray]) -> Entities:
-    """Yield each tenth's share of all ranks (k,) of the frames so far, to be logged static, and even shares; without
-    truth none."""
+    """Yield the histogram of all ranks (k,) of the frames so far, and the uniform one, to be logged static.
+
+    Without ranks nothing is yielded.
+    """
     counts = rank_histogram(np.concatenate([np.zeros(0), *ranks]), _RANK_BINS)
     if not counts.sum():
         return
     left = np.arange(_RANK_BINS) / _RANK_BINS
     wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
     yield RANKS, rr.BarChart(counts / counts.sum(), abscissa=left, widths=wide, color=styles.ESTIMATE)
-    even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=styles.MODEL)
-    yield f"{RANKS}/even", even
+    uniform = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=styles.MODEL)
+    yield f"{RANKS}/uniform", uniform
 
 
-def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the ends of the bands, (2, K), for many particles those of a thousand resampled ones, as sorting is slow.
+def _interval_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the ends (2, K) of the 90 % credible intervals; of many particles those of a thousand resampled ones.
 
-    The weight beyond an end is then 5 % with a standard error of at most 0.7 %, √(0.05 · 0.95 / 1000).
+    This avoids slow sorting. The weight beyond an end is then 5 % with a standard error of at most 0.7 %, √(0.05 · 0.95
+    / 1000).
     """
-    if len(values) <= _MOST_SORTED:
-        return weighted_quantiles(values, weights, _BAND)
-    drawn = np.take(values.T, systematic_indices(weights, 0.5, _MOST_SORTED), axis=1)
-    ends = [round(level * _MOST_SORTED) - 1 for level in _BAND]
+    if len(values) <= _MAX_SORTED:
+        return weighted_quantiles(values, weights, _QUANTILES)
+    drawn = np.take(values.T, systematic_indices(weights, 0.5, _MAX_SORTED), axis=1)
+    ends = [round(level * _MAX_SORTED) - 1 for level in _QUANTILES]
     drawn.partition(ends, axis=1)
     return drawn[:, ends].T
 
 
-def _band(name: str, row: str, root: str = PARAMETERS) -> str:
+def _interval(name: str, row: str, root: str = PARAMETERS) -> str:
     return f"{root}/{name}/{row}"
 
 

@@ -1,4 +1,4 @@
-"""The recorder: one Rerun file per run, published only when the run ends well."""
+"""The recorder of a run's steps: one Rerun file per run."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -29,38 +29,38 @@ from workbench.utils.errors import InputError
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
 
-    from workbench.evaluation.evidence import RunMeasurements
+    from workbench.evaluation.run_measurements import RunMeasurements
     from workbench.evaluation.verdict import Verdict
 
 FLUSH_EVERY = 3
-"""Frames: the last two may not be on the disk when a run is killed. Fewer take longer, and more room."""
-LONG, OF_LONG, MOST_TOGETHER = 100, 10, 60
-"""After so many frames, a tenth of them, but at most two seconds of a video: the file's footer has a row for each piece
-with a column for each of some 190 kinds of values, 8 kB a piece that stay in memory to the end."""
-MOST_WAITING = 1_000_000
-"""Bytes of one path: images do not wait longer, since writing takes several times their room."""
+"""Frames between two flushes: the last two may be lost when a run is killed. Fewer take more time and space."""
+LONG, FLUSH_FRACTION, MAX_FLUSH_EVERY = 100, 10, 60
+"""After LONG frames the interval is a tenth of all frames, at most two seconds of a video: the file's footer has a row
+for each chunk with a column for each of some 190 kinds of values, 8 kB a chunk, which stay in memory to the end."""
+MAX_BUFFERED_BYTES = 1_000_000
+"""Buffered bytes of one path, such as images, since writing takes several times their memory."""
 _PICTURES_EVERY = 10  # frames, at most
-_MOST_OVERLAID = 60  # more particles over an image hide the person
+_MAX_OVERLAID = 60  # more particles over an image hide the person
 _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_quality": (1, 100)}
 
 
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` describes. The file is flushed every FLUSH_EVERY frames, less often
-    in long runs. Cameras stand still; images of one with distortion are straightened first, since the viewer's pinhole
-    has none. A run without views is shown by its way through the world.
+    It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_EVERY frames, less often
+    in long runs. Cameras are static; their images are undistorted, since the viewer's pinhole has no distortion. A run
+    without views is shown by its path through the world.
 
     Parameters
     ----------
     body, space : of the steps to come.
-    run_id, config_yaml, provenance, settings, live : see `RecordingFile`.
-    n_particles_shown : skeletons drawn per frame at most.
+    run_id, config_yaml, provenance, settings, stream : see `RecordingFile`.
+    n_particles_shown : largest number of skeletons per frame.
     marginal_bins : bins of a marginal.
-    surface : record the expected pose's implicit surface as a mesh; a warning says where scikit-image is missing.
-    checkpoints : store what the run needs to be continued, see `Checkpoints`.
-    decode : gives the poses (N, P) of states (N, D); without it no checkpoints are stored.
-    constant : uninformative metrics, equal in all runs of such components: recorded, but not shown.
+    surface : record the expected pose's implicit surface as a mesh; without scikit-image there is a warning instead.
+    checkpoints : store checkpoints, see `Checkpoints`.
+    decode : returns the poses (N, P) of states (N, D); without it no checkpoints are stored.
+    uninformative_metrics : equal in all runs of such components; recorded, but not shown.
 
     Raises
     ------
@@ -69,32 +69,32 @@ class Recorder:
 
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
-        provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
+        provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
         n_particles_shown: int = 50,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         checkpoints: bool = False,
-        decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
+        decode: Callable[[FloatArray], FloatArray] | None = None, uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        chosen = (n_particles_shown, marginal_bins, jpeg_quality)
-        for (name, (least, most)), value in zip(_RANGES.items(), chosen, strict=True):
-            if not least <= value <= most:
-                raise InputError(f"recorder: {name} must lie between {least} and {most}, found {value}")
+        values = (n_particles_shown, marginal_bins, jpeg_quality)
+        for (name, (low, high)), value in zip(_RANGES.items(), values, strict=True):
+            if not low <= value <= high:
+                raise InputError(f"recorder: {name} must lie between {low} and {high}, found {value}")
         self._body, self._figure = body, scene.figure(body)
         self._posterior = posterior.Posterior(space, body.skeleton, marginal_bins)
-        self._bands, self._columns = columns.Columns(), columns.Columns()
-        self._ranks: list[FloatArray] = []  # (k,) by frame; the first, which is given, has none
+        self._intervals, self._columns = columns.Columns(), columns.Columns()
+        self._ranks: list[FloatArray] = []  # (k,) by frame; the first pose is given and has none
         self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
-        self._n_frames = self._n_frames_pictured = self._n_waiting = 0
+        self._n_frames = self._n_frames_pictured = self._n_unflushed = 0
         self._diagnostics: tuple[str, ...] = ()
-        self._constant, self._measured = frozenset(constant), dict[str, list[float]]()
-        self._marks, self._with_keypoints = False, set[str]()
-        self._shown: layout.LayoutInput | None = None
+        self._uninformative, self._measured = frozenset(uninformative_metrics), dict[str, list[float]]()
+        self._has_annotations, self._with_keypoints = False, set[str]()
+        self._layout_input: layout.LayoutInput | None = None
         self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
-        self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
+        self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:
@@ -125,15 +125,14 @@ class Recorder:
         self, chunks: "Sequence[Chunk]", frames: Sequence[int], poses: FloatArray, ranks: Iterable[FloatArray],
         picture: tuple[FloatArray, FloatArray, FloatArray],
     ) -> None:  # fmt: skip
-        """Begin with the frames of an earlier recording of the same run.
+        """Start with the frames of an earlier recording of the same run.
 
         Parameters
         ----------
-        chunks : all that was recorded of these frames.
+        chunks : the recorded chunks of these frames.
         frames, poses : (F,) numbers and (F, P) expected poses.
-        ranks : (k,) of the true pose's numbers for each frame after the first.
-        picture : the ends (K,) of the bins of the marginals and the log mass (K, B, F) in these, which is all that is
-            left of the particles.
+        ranks : (k,) of the true pose's parameters for each frame after the first.
+        picture : the ends (K,) of the bins of the marginals, and the log mass (K, B, F) in them.
         """
         self._stream.send_chunks(chunks)
         self._posterior.take_over(frames, *picture)
@@ -150,26 +149,25 @@ class Recorder:
         self._flush()
 
     def update(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
-        """Store, where checkpoints are, what a continuation needs of the frames before the first.
+        """Store the frames before the first, if checkpoints are stored, for a later continuation.
 
-        before: number, time, s, the recorded pose (P,) and the pose (P,) given to the likelihood.
+        before: number, time, s, the reported pose (P,) and the pose (P,) that the likelihood received.
         """
         if self._checkpoints is not None:
-            for frame, time_s, told, expected in before:
-                self._columns.add(frame, columns.nanoseconds(time_s), self._checkpoints.before(told, expected))
+            for frame, time_s, reported, expected in before:
+                self._columns.add(frame, columns.nanoseconds(time_s), self._checkpoints.before(reported, expected))
 
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
-        """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
+        """Record one step with its metrics, the effective sample size and its diagnostics.
 
-        They are recorded with the effective sample size and the step's diagnostics.
-        Raises ValueError for particles that are not finite or not normalised, InputError for a camera's unusable name,
-        OSError when the disk is nearly full.
+        metrics: the frame's numbers by name; joint errors share plots. Raises ValueError for particles that are not
+        finite or not normalised, InputError for a reserved name of a camera, OSError when the disk is nearly full.
         """
         frame, time = step.frame, columns.nanoseconds(step.frame.time_s)
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
-        self._bands.add_numbers(frame.index, time, self._posterior.add(step))
+        self._intervals.add_numbers(frame.index, time, self._posterior.add(step))
         numbers = {f"metrics/{name}": value for name, value in measured.items()} | styles.guides(measured)
         numbers |= {} if frame.points is None else scene.flexion_angles(self._body.skeleton, step)
         self._columns.add_numbers(frame.index, time, numbers)
@@ -178,7 +176,7 @@ class Recorder:
         for name, value in measured.items():
             self._measured.setdefault(name, []).append(value)
         self._diagnostics = tuple(step.diagnostics)
-        if self._shown is None:
+        if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
         pose = columns.curves({"estimate/pose": step.expected_pose})
@@ -186,95 +184,97 @@ class Recorder:
         if self._checkpoints is not None:
             self._columns.add(frame.index, time, self._checkpoints.per_frame(step, self._ranks[-1]))
             self._checkpoints.log(self._stream, step, self.part.stat().st_size)
-        for sentence in (*self._file.warnings, *step.warnings):
-            self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
+        for message in (*self._file.warnings, *step.warnings):
+            self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
-        self._n_frames, self._n_waiting = self._n_frames + 1, self._n_waiting + 1
-        # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
-        # What was not in one when a run is killed is lost to a continuation from its checkpoints.
-        growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
+        self._n_frames, self._n_unflushed = self._n_frames + 1, self._n_unflushed + 1
+        # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
+        # Frames after the last picture are not resumed when a run is killed.
+        growth = 1.1 if self._file.is_streaming else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % _PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        self._file.write(self._columns, least_bytes=MOST_WAITING)
-        together = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
-        if self._file.live or self._n_waiting >= max(FLUSH_EVERY, together):
+        self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
+        together = min(self._n_frames // FLUSH_FRACTION, MAX_FLUSH_EVERY) if self._n_frames >= LONG else 0
+        if self._file.is_streaming or self._n_unflushed >= max(FLUSH_EVERY, together):
             self._flush()
             self._file.check_space()
 
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
-        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and residuals
-        from the keypoints; lay the page out again, without curves of a single frame and with few frames' as marks."""
-        self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})
-        self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.sentence), static=True)
+        """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
+
+        Curves of a single frame are then hidden, and curves of few frames are drawn as points.
+        """
+        self._file.send_property("verdict", {"kind": verdict.kind, "message": verdict.message})
+        self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.message), static=True)
         lanes = outcome.log_lanes(self._stream, verdict, measured)
-        far = outcome.log_residuals(self._stream, measured)
-        if self._shown is None or self._places:
+        reprojection = outcome.log_reprojection_errors(self._stream, measured)
+        if self._layout_input is None or self._places:
             return
         n_values = {name: len(values) for name, values in self._measured.items()}
-        names = tuple(name for name in self._shown.metrics if n_values[name] > 1 or self._n_frames == 1)
+        names = tuple(name for name in self._layout_input.metrics if n_values[name] > 1 or self._n_frames == 1)
         sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
         finite = {f"metrics/{name}": [v for v in values if np.isfinite(v)] for name, values in self._measured.items()}
-        spans = {path: (min(values), max(values)) for path, values in finite.items() if values} | far
-        self._shown = replace(
-            self._shown, metrics=names, lanes=lanes, sparse=sparse, residuals=tuple(far),
-            spans=spans if n_values["ess"] == self._n_frames else {},  # of earlier frames none is known
-            letters=len(verdict.sentence),
+        spans = {path: (min(values), max(values)) for path, values in finite.items() if values} | reprojection
+        self._layout_input = replace(
+            self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
+            spans=spans if n_values["ess"] == self._n_frames else {},  # unknown in resumed frames
+            n_characters=len(verdict.message),
         )  # fmt: skip
         self._laid_out = False
         self._send_layout()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
-        """Record the run's scalar results as the property `metrics`."""
+        """Record the run's metrics as the property `metrics`."""
         self._file.send_numbers("metrics", metrics)
 
-    def set_stopped(self, sentence: str) -> None:
-        """Record that the run is ended before its last frame, as status and the key `stopped` of the property `run`."""
-        self._file.send_property("run", {"stopped": sentence})
+    def set_stopped(self, reason: str) -> None:
+        """Record an end before the last frame, as status and as the key `stopped` of the property `run`."""
+        self._file.send_property("run", {"stopped": reason})
         self._file.status = "stopped"
 
     def set_perturbations(self, perturbations: Mapping[str, FloatArray]) -> None:
-        """Record how the person and the cameras differ from what the run was given, as the property `perturbations`."""
+        """Record how the person and the cameras differ from the assumed ones, as the property `perturbations`."""
         self._file.send_property("perturbations", perturbations)
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
-        """Record the run's time and memory as the property `cost`, in which equal runs differ."""
+        """Record the run's cost as the property `cost`, which differs between equal runs."""
         self._file.send_numbers("cost", cost)
 
     def _scene(self, step: Step) -> "columns.Rows":
-        """Yield the rows of the world and the images; meshes, marks and keypoints are logged on the way."""
-        figure, views, known = self._figure, step.frame.views, step.frame.truth
-        true = scene.true_joints(figure.skeleton, known)
+        """Yield the rows of the world and the images, and log meshes, annotations and keypoints."""
+        figure, views, truth = self._figure, step.frame.views, step.frame.truth
+        true = scene.true_joints(figure.skeleton, truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
         drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)
         yield from scene.bones(figure, scene.TRUTH, true)
-        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
+        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MAX_OVERLAID)
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
-            shown = self._camera(view.camera)
-            yield from images.image(shown, view.image, self._jpeg_quality)
-            yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
-            yield from images.overlay(shown, "estimate", expected, figure.chains)
-            yield from images.overlay(shown, "truth", true, figure.chains, true_camera=true_camera)
+            recorded = self._camera(view.camera)
+            yield from images.image(recorded, view.image, self._jpeg_quality)
+            yield from images.overlay(recorded, "particles", cloud[::every], figure.chains, shades[::every])
+            yield from images.overlay(recorded, "estimate", expected, figure.chains)
+            yield from images.overlay(recorded, "truth", true, figure.chains, true_camera=true_camera)
             if view.keypoints is not None and view.camera.name not in self._with_keypoints:
-                self._file.send(images.keypoint_style(shown), static=True)
+                self._file.send(images.keypoint_style(recorded), static=True)
                 self._with_keypoints.add(view.camera.name)
-            if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
-                yield from images.keypoints(shown, view.keypoints, JOINT_NAMES)
+            if view.camera.name in self._with_keypoints:  # always from the first on, to clear earlier ones
+                yield from images.keypoints(recorded, view.keypoints, JOINT_NAMES)
         if step.frame.points is not None:
             yield from scene.points(step.frame.points, step.attachment)
         elif not views:
             self._places.append(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._marks |= bool(views) and known is not None and known.annotations is not None
-        if views and self._marks:  # as the keypoints
-            self._file.send(images.truth_marks(self._camera(views[0].camera), known, figure.skeleton.names))
+        self._has_annotations |= bool(views) and truth is not None and truth.annotations is not None
+        if views and self._has_annotations:  # as the keypoints
+            self._file.send(images.annotations(self._camera(views[0].camera), truth, figure.skeleton.names))
 
     def _camera(self, camera: Camera) -> "images.RecordedCamera":
         if camera.name not in self._cameras:
-            self._cameras[camera.name] = images.picture(camera)
+            self._cameras[camera.name] = images.recorded_camera(camera)
             self._file.send(images.fixed(self._cameras[camera.name]), static=True)
         return self._cameras[camera.name]
 
@@ -282,11 +282,11 @@ class Recorder:
         return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))
 
     def _lay_out(self, step: Step, metrics: Sequence[str]) -> None:
-        """Lay the recording out by what there is to show; again when a metric or a warning comes for the first time."""
-        before = self._shown or layout.LayoutInput(
+        """Update the layout when a metric, a warning or an overlay occurs for the first time."""
+        before = self._layout_input or layout.LayoutInput(
             cameras=[self._camera(view.camera) for view in step.frame.views],
             person=step.expected_pose[:3],
-            towards=scene.seen_from(step),
+            towards=scene.viewpoint(step),
             posterior=self._posterior,
             metrics=(),
             n_particles=len(step.particles),
@@ -294,49 +294,49 @@ class Recorder:
             activity=step.activity is not None,
             surface=self._surface is not None,
             warned=self._warned,
-            constant=self._constant,
+            uninformative=self._uninformative,
         )
         new = tuple(name for name in metrics if name not in before.metrics)
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.metric_lines(new), static=True)
-            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
-            self._laid_out = False  # sent with the next flush: the second frame has other metrics than the first
+            self._layout_input = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
+            self._laid_out = False  # sent at the next flush, since the second frame has more metrics than the first
 
     def _send_layout(self) -> None:
-        if self._shown is not None and not self._laid_out:
-            self._stream.send_blueprint(layout.layout(self._shown))
+        if self._layout_input is not None and not self._laid_out:
+            self._stream.send_blueprint(layout.layout(self._layout_input))
         self._laid_out = True
 
     def _send_pictures(self) -> None:
-        self._send_layout()  # before that of trails
+        self._send_layout()  # before the layout of trails
         if self._n_frames == self._n_frames_pictured:
             return
-        self._file.write(self._bands)  # a hundred curves: few long pieces of each take least room and time
-        pictures, axes = self._posterior.pictures()  # every frame shows the whole run
+        self._file.write(self._intervals)  # some hundred curves: few long chunks of each are smallest and fastest
+        pictures, axes = self._posterior.pictures()  # of the whole run
         self._file.send(chain(pictures, posterior.rank_pictures(self._ranks)), static=True)
         self._file.send_property("marginals", axes)
         if self._places:
-            places, warned = np.stack(self._places), self._shown is not None and self._shown.warned
+            places, warned = np.stack(self._places), self._layout_input is not None and self._layout_input.warned
             self._file.send(scene.trails(self._figure, places), static=True)
             dof_names = self._body.skeleton.dof_names
             self._stream.send_blueprint(layout.trails_layout(places, dof_names, self._diagnostics, warned))
         self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
-        self._n_waiting = 0
+        self._n_unflushed = 0
         self._send_layout()
         self._file.write(self._columns)
         self._file.flush()
 
 
 def _drawn(step: Step) -> frozenset[str]:
-    """Return those of `layout.KEY` that a step shows."""
-    known, views = step.frame.truth, step.frame.views
+    """Return the keys of `layout.KEY` that a step shows."""
+    truth, views = step.frame.truth, step.frame.views
     shown = {
-        "truth": known is not None and (known.joints is not None or known.pose is not None),
-        "marks": bool(views) and known is not None and known.annotations is not None,
+        "truth": truth is not None and (truth.joints is not None or truth.pose is not None),
+        "annotations": bool(views) and truth is not None and truth.annotations is not None,
         "particles": len(step.particles) > 1,
         "keypoints": any(view.keypoints is not None for view in views),
     }
-    return frozenset(name for name, there in shown.items() if there)
+    return frozenset(name for name, is_shown in shown.items() if is_shown)

@@ -1,8 +1,8 @@
-"""A step in the world: skeletons, the solid body, the particles, observed points; of a fit to points also the flexion
-of hips and knees and the activity (paper D).
+"""Entities of a step in the world: skeletons, the solid body, particles, observed points; of a fit to points also the
+flexion of hips and knees and the activity (paper D).
 
-Styles and names never change and are logged once, static, as pairs (entity path, archetype); the frames then carry
-positions only, as pairs (entity path, row).
+Styles and names are logged once, static, as pairs (entity path, archetype). The frames have positions only, as pairs
+(entity path, row).
 """
 
 from collections.abc import Sequence
@@ -27,16 +27,16 @@ from workbench.utils.arrays import ByteArray, Float32Array, FloatArray, IntArray
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
 POINTS, FLEXION, ACTIVITY = "world/points", "flexion", "activity"
 SKIN_SPACING_M = 0.036
-"""Grid of the recorded mesh, with an eye on its size: 60 kB a frame; 130 kB at 25 mm, which looks smoother."""
+"""Grid spacing of the recorded mesh, which takes 60 kB a frame; 25 mm is smoother and takes 130 kB."""
 TRAILS = f"{ESTIMATE}/trails"
 _TRAIL_EVERY = 4  # frames from one stick figure to the next
-_ELLIPSOIDS_PER_CONE = 11  # with fewer the rings show, with more nothing is gained
+_ELLIPSOIDS_PER_CONE = 11  # with fewer, rings are visible
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A body prepared for drawing.
+    """The drawable parts of a body.
 
     chains: (C, longest) joints, paths that cover every bone once. half_sizes, centers: (E, 3), m, ellipsoids with axes
     (E, 3, 3), as columns, in the frames of the joints carriers (E,).
@@ -51,12 +51,12 @@ class Figure:
 
 
 def figure(body: Body) -> Figure:
-    """Prepare a body for drawing."""
+    """Return the drawable parts of a body."""
     return Figure(body.skeleton, _chains(body.skeleton), *_solids(body.limbs))
 
 
 def fixed(drawn: Figure) -> Entities:
-    """Yield what holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
+    """Yield the static entities: the world's axes, names of joints, colours, sizes of the solids."""
     yield "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP
     for path, colour, width in ((ESTIMATE, styles.ESTIMATE, 2.5), (TRUTH, styles.TRUTH, 1.75)):
         line, dot = rr.Radius.ui_points(width), rr.Radius.ui_points(width + 1.0)
@@ -92,28 +92,29 @@ def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
     yield f"{ESTIMATE}/surface", mesh
 
 
-def seen_from(step: Step) -> FloatArray:
-    """Return the way, (2,), m, horizontally from the person to where to look from: where points are seen from, or else
-    so that the first camera is in the background."""
+def viewpoint(step: Step) -> FloatArray:
+    """Return the horizontal vector (2,), m, from the person to the viewpoint: on the side of observed points, or else
+    opposite to the first camera."""
     views, points, person = step.frame.views, step.frame.points, step.expected_pose[:2]
     if points is not None:
         points = points[np.isfinite(points).all(axis=1) & (step.attachment is None or step.attachment >= 0)]
     if points is not None and len(points):
-        away, turn = points[:, :2].mean(axis=0) - person, np.radians(-25.0)
+        direction, angle = points[:, :2].mean(axis=0) - person, np.radians(-25.0)
     elif views:
-        away, turn = person - views[0].camera.position[:2], np.radians(-40.0)
+        direction, angle = person - views[0].camera.position[:2], np.radians(-40.0)
     else:
         return np.array([2.1, -2.1])
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    return (3.0 if points is None else 2.3) * rotation @ away / max(float(np.linalg.norm(away)), 1e-6)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return (3.0 if points is None else 2.3) * rotation @ direction / max(float(np.linalg.norm(direction)), 1e-6)
 
 
-def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
-    """Return the true joints, or those of the true pose on the tracked skeleton: (1, J, 3), m; else (0, J, 3)."""
-    if known is not None and known.joints is not None:
-        return known.joints[None]
-    if known is not None and known.pose is not None:
-        return joints(skeleton, known.pose[None])
+def true_joints(skeleton: Skeleton, truth: Truth | None) -> FloatArray:
+    """Return the true joints (1, J, 3), m, or those of the true pose on the tracked skeleton; (0, J, 3) without
+    truth."""
+    if truth is not None and truth.joints is not None:
+        return truth.joints[None]
+    if truth is not None and truth.pose is not None:
+        return joints(skeleton, truth.pose[None])
     return np.empty((0, len(skeleton.names), 3))
 
 
@@ -124,7 +125,7 @@ def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Rows:
 
 
 def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
-    """Yield observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
+    """Yield observed points (K, 3), m, coloured by the body part (K,) that they are attached to; grey for -1."""
     numbers = np.full(len(positions), -1) if attachment is None else attachment
     shades = np.array([*styles.PARTS, styles.NO_PART], dtype=np.uint8)
     order = np.where(numbers < 0, len(styles.PARTS), numbers % len(styles.PARTS))
@@ -132,8 +133,10 @@ def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
 
 
 def trails(drawn: Figure, positions: FloatArray) -> Entities:
-    """Yield the way of a body without images so far, joints (F, J, 3), m, to be logged static: stick figures along it
-    and the paths of both hands (paper C, fig. 5)."""
+    """Yield a motion's trails, to be logged static: some skeletons and the paths of both hands (paper C, fig. 5).
+
+    positions: (F, J, 3), m, joints.
+    """
     thin, thick = rr.Radius.ui_points(0.75), rr.Radius.ui_points(1.75)
     strips = _strips(drawn, positions[::_TRAIL_EVERY])
     yield f"{TRAILS}/figures", rr.LineStrips3D(strips, colors=[styles.TRAIL], radii=thin)
@@ -144,7 +147,7 @@ def trails(drawn: Figure, positions: FloatArray) -> Entities:
 
 
 def flexion_angles(skeleton: Skeleton, step: Step) -> dict[str, float]:
-    """Return one frame's flexions by entity path, degrees, of the estimate and, where it is known, of the true pose."""
+    """Return one frame's flexions, degrees, of the estimate and of a known true pose, by entity path."""
     poses, truth = {"estimate": step.expected_pose}, step.frame.truth
     if truth is not None and truth.pose is not None:
         poses["truth"] = truth.pose
@@ -168,9 +171,9 @@ def activities(step: Step) -> Entities:
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:
-    """Return colours (n, 3): bright purple for the heaviest particle, greyish from e⁻⁶ of its weight down.
+    """Return colours (n, 3): bright purple for the largest weight, greyish from e⁻⁶ of it down.
 
-    The viewer draws lines opaque, so that the colour has to say what transparency would.
+    The viewer draws opaque lines, so colour replaces transparency.
     """
     height = np.clip(1.0 - (log_weights - log_weights.max()) / _FAINTEST_LOG_WEIGHT, 0.0, 1.0)[:, None]
     low, high = np.array(styles.LIGHTEST_PARTICLE), np.array(styles.HEAVIEST_PARTICLE)
@@ -178,10 +181,10 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
 
 
 def bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
-    """Yield joints (n, J, 3), m, of one person or of none, which clears what an earlier frame showed, and skeletons."""
+    """Yield skeleton and joints (n, J, 3), m, of one person, or of none, which clears an earlier frame's."""
     strips = _strips(drawn, positions)
-    known = np.isfinite(strips).all(axis=(1, 2))  # of the truth, not every joint is always
-    yield f"{path}/skeleton", Row(rr.LineStrips3D, {"strips": strips[known]})
+    valid = np.isfinite(strips).all(axis=(1, 2))  # true joints may be NaN
+    yield f"{path}/skeleton", Row(rr.LineStrips3D, {"strips": strips[valid]})
     yield f"{path}/joints", Row(rr.Points3D, {"positions": positions.reshape(-1, 3)})
 
 
@@ -206,8 +209,8 @@ def _chains(skeleton: Skeleton) -> IntArray:
 def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Return half sizes (E, 3), centres (E, 3), axes (E, 3, 3) and joints (E,) of the ellipsoids that draw the limbs.
 
-    Rerun has no truncated cone with elliptical section: each is drawn as a row of ellipsoids with the cone's
-    section at their middle, dense near the ends, which rounds the ends too.
+    Rerun has no truncated cones with elliptical sections. Each cone is a row of ellipsoids with the cone's section at
+    their centres, dense near the ends, which rounds the ends too.
     """
     half_sizes, centers, counts = [], [], [1 if sphere else _ELLIPSOIDS_PER_CONE for sphere in limbs.spheres]
     for i, n in enumerate(counts):

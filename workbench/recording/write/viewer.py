@@ -1,7 +1,7 @@
-"""Show a run in a viewer while it runs: a process of its own sends the recording's file as it grows.
+"""Streaming of a run to a viewer: a separate process sends the recording's file as it grows.
 
-A second sink of Rerun's stream would be simpler, but a viewer that stops answering would stop the file, too, and keep
-the run from ending (rerun-sdk 0.41).
+A second sink of Rerun's stream would be simpler, but a viewer that stops answering would block the file, too, and
+prevent the run from ending (rerun-sdk 0.41).
 """
 
 import os
@@ -20,11 +20,17 @@ _PERIOD_S = 0.1
 
 
 def start_sender(part: Path, url: str, application: str, recording: str) -> subprocess.Popen[bytes]:
-    """Start the process that sends the recording `part` to the viewer at `url` until its standard input is closed.
+    """Start the process that sends a recording to a viewer until its standard input is closed.
 
-    It ends before where the viewer does not answer. application, recording: the ids that Rerun gives to the recording.
+    It ends earlier if the viewer does not answer.
+
+    Parameters
+    ----------
+    part : the recording's file.
+    url : of the viewer.
+    application, recording : Rerun's ids of the recording.
     """
-    with part.open("rb") as file:  # opened here, as it may have another name by the time that the process begins
+    with part.open("rb") as file:  # opened here, since it may be renamed before the process starts
         command = module(__name__, url, application, recording, str(file.fileno()))
         return start(command, background=True, pass_fds=[file.fileno()])
 

@@ -1,4 +1,4 @@
-"""Recordings run by the code of another commit and by this one, on this machine."""
+"""Comparison of this code with another commit's on this machine, by running recorded configurations."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ from workbench.utils.processes import CAPTURED, module, run
 from workbench.utils.run_files import RECORDING
 
 ROOT = Path(__file__).parents[3]
-"""The clone that this code is in, where it is in one."""
+"""The clone of this code, where there is one."""
 
 
 def check_against(runs: Sequence[Run], request: Request, revision: str, root: Path = ROOT) -> list[Check]:
@@ -28,24 +28,18 @@ def check_against(runs: Sequence[Run], request: Request, revision: str, root: Pa
 
     Parameters
     ----------
-    runs
-        Their configurations are run; what they recorded does not count.
-    request
-        Overrides, and the folder that the new runs go to.
-    revision
-        Anything that git takes for a commit, such as HEAD~1 or v0.2.
-    root
-        The clone.
+    runs : their configurations are run; their recorded numbers are ignored.
+    request : overrides, and the folder of the new runs.
+    revision : of a commit for git, such as HEAD~1 or v0.2.
+    root : the clone.
 
     Returns
     -------
-    list of Check
-        One for each recording. Numbers must be equal to rounding, or identical if the request says so.
+    list of Check : one for each recording. Numbers must be equal to rounding, or identical if the request is exact.
 
     Raises
     ------
-    InputError
-        For an unknown commit, outside a clone, and where a recording does not run.
+    InputError : the commit is unknown, there is no clone, or a recording does not run.
     """
     commit = git(root, "rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").strip()
     name = git(root, "log", "-1", "--format=%h %s", commit).strip()
@@ -60,30 +54,30 @@ def check_against(runs: Sequence[Run], request: Request, revision: str, root: Pa
 
 @contextmanager
 def _worktree(commit: str, root: Path) -> Iterator[Path]:
-    """Check a commit out in a folder of its own, which is removed when the block ends."""
+    """Yield a temporary folder with a commit checked out."""
     with TemporaryDirectory(prefix="workbench-") as place:
         folder = Path(place) / "code"
         git(root, "worktree", "add", "--quiet", "--detach", str(folder), commit)
         try:
-            (folder / "workbench" / "conf").symlink_to("../conf")  # a package of that name, as if installed
+            (folder / "workbench" / "conf").symlink_to("../conf")  # as in an installed package
             yield folder
         finally:
             git(root, "worktree", "remove", "--force", str(folder))
 
 
 def _run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list[Run]:
-    """Run the configurations of recordings by the code in a folder, in a process of its own.
+    """Run the configurations of recordings by the code in a folder, in a subprocess, and return the new runs.
 
-    Returns the new runs, below `request.folder / name`. Raises InputError where one leaves none.
+    They are below `request.folder / name`. Raises InputError for a run without a recording.
     """
     folder = request.folder / name
     words = [*(str(run.path.resolve()) for run in runs), *request.overrides, "--run"]
     if (code / "workbench" / "cli" / "main.py").is_file():
         command = module("workbench", "check", *words, "-o", str(folder))
-    else:  # of earlier versions, which have a module for each command
+    else:  # earlier versions have a module for each command
         command = module("workbench.cli.check", *words, "--keep", str(folder))
     environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _blas_path()
-    done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are passed on
+    done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are printed
     made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]
     if missing := [k for k, path in enumerate(made) if not path.is_file()]:
         last = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
@@ -92,13 +86,13 @@ def _run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> lis
 
 
 def _blas_path() -> dict[str, str]:
-    """Return the variable that makes both commits' OpenBLAS take this process's code path."""
+    """Return the variable that selects this process's code path of OpenBLAS for both commits."""
     paths = [each["architecture"] for each in threadpool_info() if "architecture" in each]
     return {"OPENBLAS_CORETYPE": paths[0]} if paths else {}
 
 
 def git(root: Path, *arguments: str) -> str:
-    """Return what git prints; raises InputError where it refuses."""
+    """Return git's output; raises InputError on failure."""
     try:
         done = run(["git", "-C", str(root), *arguments], stdout=CAPTURED, stderr=CAPTURED)
     except OSError as error:

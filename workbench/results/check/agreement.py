@@ -1,4 +1,4 @@
-"""How far a number of one run agrees with that of another, and what a check demands."""
+"""Agreement of two runs' numbers, and the agreement that a check demands."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from workbench.utils.arrays import AnyArray
 
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
-"""What rounding may change: relative to the largest value of a quantity, and in the quantity's own unit near zero."""
+"""Largest effect of rounding: relative to a quantity's largest value, and in its unit near zero."""
 
 
 class Agreement(IntEnum):
@@ -26,7 +26,7 @@ class Agreement(IntEnum):
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a number may move: by `absolute`, in its unit, or `relative` times what it was."""
+    """Largest change of a number: `absolute`, in its unit, or `relative` times its old value."""
 
     absolute: float = 0.0
     relative: float = 0.0
@@ -39,8 +39,11 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Demand:
-    """What a comparison demands of every number: at least `agreement`; where that is TOLERANCE, by `tolerances`, which
-    are by metric or "figure NAME", and "figures" and "default" for all others."""
+    """The agreement that a comparison demands of every number.
+
+    tolerances: with the agreement TOLERANCE, by metric or "figure NAME", "study_metrics" for all other figures of
+    studies, and "default" for all other numbers.
+    """
 
     agreement: Agreement
     tolerances: Mapping[str, Tolerance]
@@ -49,7 +52,7 @@ class Demand:
         """Return the tolerance of a metric; None where the demand is stricter."""
         if self.agreement < Agreement.TOLERANCE:
             return None
-        names = (name, *["figures"] * name.startswith("figure "), "default")
+        names = (name, *["study_metrics"] * name.startswith("figure "), "default")
         return next((self.tolerances[each] for each in names if each in self.tolerances), Tolerance())
 
     def words(self, name: str) -> str:
@@ -59,11 +62,11 @@ class Demand:
 
 @dataclass(frozen=True)
 class MetricChange:
-    """How one quantity of a run changed.
+    """The change of one quantity of a run.
 
-    quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value; None where
-    it has none. allowed: the demand, in words. passed: whether it is met. detail: where it differs first. agreement:
-    its class; None where single numbers were not compared.
+    quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value, or None.
+    allowed: the demand in words. passed: the demand is met. detail: the first difference. agreement: its class; None
+    where single numbers were not compared.
     """
 
     quantity: str
@@ -76,20 +79,17 @@ class MetricChange:
 
 
 def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> Agreement:
-    """Classify how two values agree.
+    """Return the agreement of two values.
 
     Parameters
     ----------
-    was, now
-        Numbers, texts, or arrays of them of any shape. NaN agrees with NaN.
-    tolerance
-        What is within tolerance; None: nothing beyond rounding.
+    was, now : numbers, texts, or arrays of them of any shape. NaN agrees with NaN.
+    tolerance : None: only rounding.
 
     Returns
     -------
-    Agreement
-        Of the number that agrees least. Rounding is _RELATIVE times the largest finite magnitude in the array, plus
-        _ABSOLUTE; of float32 at least one unit in the last place of each number.
+    Agreement : of the number that agrees least. Rounding is _RELATIVE times the largest finite magnitude in the array,
+        plus _ABSOLUTE; of float32 at least one unit in the last place of each number.
     """
     first, second = np.asarray(was), np.asarray(now)
     if first.shape != second.shape or first.dtype.kind != second.dtype.kind:
@@ -98,18 +98,18 @@ def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> A
         return Agreement.IDENTICAL if np.array_equal(first, second) else Agreement.CHANGED
     if not np.array_equal(np.isnan(first), np.isnan(second)):
         return Agreement.CHANGED
-    there = ~np.isnan(first)
-    old, new = first[there], second[there]
+    valid = ~np.isnan(first)
+    old, new = first[valid], second[valid]
     if np.array_equal(old, new):
         return Agreement.IDENTICAL
-    with np.errstate(invalid="ignore"):  # of infinities, which agree where they are equal
-        away = np.where(old == new, 0.0, np.abs(new - old))
-    if (away <= _rounding(old)).all():
+    with np.errstate(invalid="ignore"):  # infinities agree where they are equal
+        change = np.where(old == new, 0.0, np.abs(new - old))
+    if (change <= _rounding(old)).all():
         return Agreement.ROUNDING
     if tolerance is None or not np.isfinite([old, new]).all():
         return Agreement.CHANGED
     allowed = np.maximum(tolerance.absolute, tolerance.relative * np.abs(old))
-    return Agreement.TOLERANCE if (away <= allowed).all() else Agreement.CHANGED
+    return Agreement.TOLERANCE if (change <= allowed).all() else Agreement.CHANGED
 
 
 def _rounding(values: AnyArray) -> AnyArray:

@@ -1,4 +1,4 @@
-"""Two recordings of one configuration compared number by number."""
+"""Comparison of two recordings of one configuration, number by number."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,15 +16,15 @@ _Timed = tuple[IntArray, FloatArray]  # frames (F,) and a value for each
 
 
 def same_environment(was: Run, now: Run) -> bool:
-    """Return whether two runs were made in environments in which equal code gives equal bits."""
+    """Return whether two runs' environments are equal, in which equal code gives identical numbers."""
     return bool(was.environment) and not differing(was.environment, now.environment)
 
 
 def demand_on(was: Run, now: Run, tolerances: Mapping[str, Tolerance], exact: bool = False) -> Demand:
-    """Return what may be demanded of two runs of one configuration.
+    """Return the demand on two runs of one configuration.
 
-    In one environment numbers must be equal to rounding; in another they must be within tolerances, as a particle
-    filter takes another course once any bit differs. exact: demand identical numbers whatever the environment.
+    In one environment numbers must be equal to rounding. In another one they must be within tolerances, since a
+    particle filter diverges once any bit differs. exact: demand identical numbers in any environment.
     """
     if exact:
         return Demand(Agreement.IDENTICAL, {})
@@ -34,12 +34,11 @@ def demand_on(was: Run, now: Run, tolerances: Mapping[str, Tolerance], exact: bo
 def compare(was: Run, now: Run, demand: Demand) -> list[MetricChange]:
     """Compare every number of two runs.
 
-    Up to rounding, everything that is recorded in full precision is compared: results, metrics of every frame,
-    expected poses, and the histograms of the marginals, in which every particle's weight counts. Within tolerances,
-    results and figures alone.
-    A number that is not finite, a metric or frame that is missing, and a run that is not complete fail in any case; a
-    metric that is new does not. Where one of the runs continues another from a frame on, everything is compared from
-    that frame on: what is recorded of every frame, but no number of a whole run.
+    Up to rounding all quantities in full precision are compared: results, metrics of every frame, expected poses, and
+    the histograms of the marginals, which depend on every particle's weight. Within tolerances only results and figures
+    are compared. A number that is not finite, a missing metric or frame, and an incomplete run fail in any case; a new
+    metric does not. Where one of the runs continues another one, frames are compared from its first frame on, and
+    numbers of the whole run are not.
     """
     if (broken := _incomplete(was, now)) is not None:
         return [broken]
@@ -48,12 +47,12 @@ def compare(was: Run, now: Run, demand: Demand) -> list[MetricChange]:
     strict = demand.agreement < Agreement.TOLERANCE
     before, after = _quantities(was, since, strict), _quantities(now, since, strict)
     names = sorted(before.keys() | after.keys())
-    judged = [_judge(name, before.get(name), after.get(name), demand, place) for name in names]
-    return judged if was.is_study else [*judged, _frames(was, now, since or 0), _poses(was, now, place, demand)]
+    changes = [_changed(name, before.get(name), after.get(name), demand, place) for name in names]
+    return changes if was.is_study else [*changes, _frames(was, now, since or 0), _poses(was, now, place, demand)]
 
 
 def number_of(name: str, run: Run) -> float | None:
-    """Return the run's number of this name, or the mean over frames of what is recorded of frames alone, or None."""
+    """Return the run's number of this name, or the mean of a metric recorded only over frames, or None."""
     quantity = _quantities(run, None).get(name)
     return None if quantity is None else quantity.number
 
@@ -72,23 +71,26 @@ class _Quantity:
 
 
 def _quantities(run: Run, since: int | None, strict: bool = False) -> dict[str, _Quantity]:
-    """Return what is compared by name; since: the first frame that counts, where no number of the whole run does."""
+    """Return the compared quantities by name; since: first compared frame, without numbers of the whole run."""
     results = {name: float(value) for name, value in run.result.items()} if since is None else {}
     curves = {name: run.metric(name) for name in run.metrics}
     if since is not None:
         late = {name: frames >= since for name, (frames, _) in curves.items()}
-        curves = {name: (curves[name][0][kept], curves[name][1][kept]) for name, kept in late.items() if kept.any()}
-    found = {name: _Quantity(results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
+        curves = {
+            name: (curves[name][0][chosen], curves[name][1][chosen]) for name, chosen in late.items() if chosen.any()
+        }
+    quantities = {name: _Quantity(results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
     if run.is_study:
-        return found | {f"figure {figure.name}": _Quantity(parts=numbers(figure)) for figure in run.figures}
+        return quantities | {f"figure {figure.name}": _Quantity(parts=numbers(figure)) for figure in run.figures}
     if strict and since is None and (marginals := run.marginals) is not None:
         keys = ("names", "low", "high", "log_mass")
-        found["marginals"] = _Quantity(parts={key: getattr(marginals, key) for key in keys})
-    return found
+        quantities["marginals"] = _Quantity(parts={key: getattr(marginals, key) for key in keys})
+    return quantities
 
 
-def _judge(name: str, was: _Quantity | None, now: _Quantity | None, demand: Demand, place: str) -> MetricChange:
-    """Judge a quantity: the run's number, its parts, and unless tolerances are demanded the values of every frame."""
+def _changed(name: str, was: _Quantity | None, now: _Quantity | None, demand: Demand, place: str) -> MetricChange:
+    """Return the change of a quantity: the run's number, its parts, and except within tolerances every frame's
+    value."""
     tolerance, detail, class_ = demand.of(name), "", Agreement.IDENTICAL
     if was is None or now is None:
         number = None if now is None else now.number
@@ -108,14 +110,14 @@ def _judge(name: str, was: _Quantity | None, now: _Quantity | None, demand: Dema
             frames, old, new = _common(was.curve, now.curve)
             whole = len(frames) == len(was.curve[0])
             class_ = max(class_, agreement(old, new, tolerance) if whole else Agreement.CHANGED)
-        detail = _first_odd(was.curve, now.curve, demand, tolerance) if class_ > demand.agreement else ""
+        detail = _first_difference(was.curve, now.curve, demand, tolerance) if class_ > demand.agreement else ""
     return _change(name, was.number, now.number, demand, class_, detail or place)
 
 
 def _change(
     name: str, was: float | None, now: float | None, demand: Demand, class_: Agreement, detail: str
 ) -> MetricChange:
-    """Return a change of this class; detail: of one that fails."""
+    """Return a change of this class; detail: used where it fails."""
     passed = class_ <= demand.agreement
     return MetricChange(name, was, now, demand.words(name), passed, "" if passed else detail, class_)
 
@@ -125,7 +127,7 @@ def _failed(name: str, allowed: str, detail: str) -> MetricChange:
 
 
 def _incomplete(was: Run, now: Run) -> MetricChange | None:
-    for name, run in (("what was recorded", was), ("the new run", now)):
+    for name, run in (("the old run", was), ("the new run", now)):
         if run.status != "complete":
             return _failed("run", "complete", f"{name} is not complete (status: {run.status})")
     if was.is_study != now.is_study:
@@ -134,13 +136,13 @@ def _incomplete(was: Run, now: Run) -> MetricChange | None:
 
 
 def _since(was: Run, now: Run) -> int | None:
-    """Return the frame from which both were run, where one of them continues another run from a frame on; else None."""
-    begun = [run.provenance.get("parent_frame") for run in (was, now)]
-    return None if begun[0] == begun[1] else max(int(frame) for frame in begun if frame is not None)
+    """Return the first frame of both runs where one of them continues another run; else None."""
+    parents = [run.provenance.get("parent_frame") for run in (was, now)]
+    return None if parents[0] == parents[1] else max(int(frame) for frame in parents if frame is not None)
 
 
-def _first_odd(was: _Timed, now: _Timed, demand: Demand, tolerance: Tolerance | None) -> str:
-    """Return in which frame a metric first agrees less than demanded; empty where it does in every frame."""
+def _first_difference(was: _Timed, now: _Timed, demand: Demand, tolerance: Tolerance | None) -> str:
+    """Return the first frame in which a metric agrees less than demanded, in words; "" without one."""
     frames, before, after = _common(was, now)
     if missing := sorted(set(was[0].tolist()) - set(frames.tolist())):
         return f"missing in frame {missing[0]}"
@@ -152,21 +154,22 @@ def _first_odd(was: _Timed, now: _Timed, demand: Demand, tolerance: Tolerance | 
 
 
 def _common(was: _Timed, now: _Timed) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the frames (F,) that both have, and their values."""
+    """Return the common frames (F,), and both values."""
     frames, first, second = np.intersect1d(was[0], now[0], return_indices=True)
     return frames, was[1][first], now[1][second]
 
 
 def _frames(was: Run, now: Run, since: int) -> MetricChange:
     before, after = ({frame for frame in run.poses[0].tolist() if frame >= since} for run in (was, now))
-    odd = sorted(before ^ after)
-    detail = f"frame {odd[0]} is {'missing' if odd[0] in before else 'new'}, {len(odd)} in all" if odd else ""
-    class_ = Agreement.CHANGED if odd else Agreement.IDENTICAL
-    return MetricChange("frame numbers", len(before), len(after), "identical", not odd, detail, class_)
+    different = sorted(before ^ after)
+    kind = "missing" if different and different[0] in before else "new"
+    detail = f"frame {different[0]} is {kind}, {len(different)} in all" if different else ""
+    class_ = Agreement.CHANGED if different else Agreement.IDENTICAL
+    return MetricChange("frame numbers", len(before), len(after), "identical", not different, detail, class_)
 
 
 def _poses(was: Run, now: Run, place: str, demand: Demand) -> MetricChange:
-    """Judge the expected poses; within tolerances they need only be finite, as the errors show how far they moved."""
+    """Return the change of the expected poses; within tolerances they must only be finite, since errors measure it."""
     if not bool(np.isfinite(now.poses[1]).all()):
         return _failed("poses", "finite", "not all numbers are finite")
     _, before, after = _common(was.poses, now.poses)
@@ -177,7 +180,8 @@ def _poses(was: Run, now: Run, place: str, demand: Demand) -> MetricChange:
 
 
 def _first_pose(was: Run, now: Run) -> str:
-    """Return where the expected poses differ first: the frame, the joint that moved most, and by how much."""
+    """Return the first difference of the expected poses in words: the frame, the joint that moved most, and the
+    distance."""
     frames, before, after = _common(was.poses, now.poses)
     if before.shape != after.shape:
         return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"
@@ -186,10 +190,10 @@ def _first_pose(was: Run, now: Run) -> str:
         return ""
     row, frame = differ[0], int(frames[differ[0]])
     old, new = (run.joints.positions[run.joints.frames == frame] for run in (was, now))
-    away = np.linalg.norm(new - old, axis=-1).ravel() if old.shape == new.shape else np.empty(0)
-    if away.max(initial=0.0) > 0.0:
-        moved = f"{was.joints.names[int(np.argmax(away))]} by {1e3 * away.max():.3g} mm"
-    else:  # float32, as joints are recorded, sees no difference
-        far = np.nan_to_num(np.abs(after[row] - before[row]), nan=np.inf)
-        moved = f"{was.properties['body']['pose'][int(np.argmax(far))]} by {far.max():.3g} (m or rad)"
+    distances = np.linalg.norm(new - old, axis=-1).ravel() if old.shape == new.shape else np.empty(0)
+    if distances.max(initial=0.0) > 0.0:
+        moved = f"{was.joints.names[int(np.argmax(distances))]} by {1e3 * distances.max():.3g} mm"
+    else:  # equal in float32, the precision of recorded joints
+        change = np.nan_to_num(np.abs(after[row] - before[row]), nan=np.inf)
+        moved = f"{was.properties['body']['pose'][int(np.argmax(change))]} by {change.max():.3g} (m or rad)"
     return f"poses first differ in frame {frame}: {moved}"

@@ -1,4 +1,4 @@
-"""Outcomes of checks of recordings: tables for a terminal, a file for a build server, an exit code."""
+"""Outcomes of checks: tables for a terminal, a file for a build server, an exit code."""
 
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -14,16 +14,16 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
-_MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
-"""Numbers of which a check says by how much they may change unseen."""
+_MAIN = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
+"""Metrics whose undetectable change a check reports."""
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """One recording's outcome.
+    """The outcome of one recording's check.
 
-    refused: why it was not checked, where it was not. was, now: what was compared, where there are two recordings.
-    demand: what was asked of their numbers, where they were compared one by one.
+    refused: why it was not checked, or None. was, now: the compared recordings, where there are two. demand: on their
+    numbers, where they were compared one by one.
     """
 
     name: str
@@ -35,17 +35,17 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether it was checked and nothing in it failed."""
+        """Whether it was checked without a failure."""
         return self.refused is None and all(finding.passed for finding in self.findings)
 
 
 def has_moved(finding: MetricChange) -> bool:
-    """Whether a number is not what it was, by more than rounding, or is new, or failed."""
+    """Return whether a number changed by more than rounding, is new, or failed."""
     return not finding.passed or finding.agreement is None or finding.agreement > Agreement.ROUNDING
 
 
 def exit_code(checks: Iterable[Check]) -> int:
-    """2 when a recording was refused, else 1 when anything failed, else 0."""
+    """Return 2 if a recording was refused, else 1 if anything failed, else 0."""
     checks = list(checks)
     if any(check.refused is not None for check in checks):
         return 2
@@ -53,18 +53,18 @@ def exit_code(checks: Iterable[Check]) -> int:
 
 
 def table(checks: Sequence[Check], verbose: bool = False) -> str:
-    """A row for every number that failed, and one for every recording that passed; verbose: for every number."""
+    """Return a row for every failed number, and one for every passed recording; verbose: for every number."""
     return text(table_of(_COLUMNS, (row for check in checks for row in _rows(check, verbose))))
 
 
 def moved(checks: Sequence[Check]) -> str:
-    """A row for every number that is not what it was."""
+    """Return a row for every changed number."""
     rows = [(check.name, *_cells(finding)) for check in checks for finding in check.findings if has_moved(finding)]
     return text(table_of(_COLUMNS, rows)) if rows else "nothing moved"
 
 
 def notes(checks: Sequence[Check]) -> list[str]:
-    """Say, of recordings made in other environments, where these differ, and what the comparison cannot see."""
+    """Return notes on recordings of other environments: the differences, and changes that tolerances hide."""
     groups: dict[str, list[Check]] = {}
     for check in checks:
         elsewhere = check.demand is not None and check.demand.agreement is Agreement.TOLERANCE
@@ -73,36 +73,36 @@ def notes(checks: Sequence[Check]) -> list[str]:
     lines = []
     for difference, group in groups.items():
         lines.append(f"{len(group)} of {len(checks)} were recorded in another environment: {difference}.")
-        lines.append(f"There numbers may move by their tolerances; changes that remain unseen: {_unseen(group)}.")
+        lines.append(f"Their numbers may change within tolerances; undetectable changes: {_undetectable(group)}.")
     return [*lines, "--against REV compares two commits on this machine to rounding."] if lines else []
 
 
 def _difference(was: Run, now: Run) -> str:
     if not was.environment:
-        return "not recorded with them"
-    found = differing(was.environment, now.environment)
-    return "; ".join(f"{name} {old} → {new}" for name, (old, new) in found.items())
+        return "no environment was recorded"
+    changes = differing(was.environment, now.environment)
+    return "; ".join(f"{name} {old} → {new}" for name, (old, new) in changes.items())
 
 
-def _unseen(group: Sequence[Check]) -> str:
-    """Say up to what share of itself each of _MAIN may change in these recordings without being seen."""
+def _undetectable(group: Sequence[Check]) -> str:
+    """Return the largest relative changes of the metrics in _MAIN within tolerances, in words."""
     words = []
     for name in _MAIN:
-        shares = []
+        fractions = []
         for check in group:
             tolerance = check.demand.of(name) if check.demand is not None else None
             was = check.was.result.get(name) if check.was is not None else None
             if tolerance is not None and was:
-                shares.append(max(tolerance.absolute / abs(was), tolerance.relative))
-        if shares:
+                fractions.append(max(tolerance.absolute / abs(was), tolerance.relative))
+        if fractions:
             words.append(
-                f"{name} by up to {100 * median(shares):.2g} % in half of them, {100 * max(shares):.2g} % in all"
+                f"{name} by up to {100 * median(fractions):.2g} % in half of them, {100 * max(fractions):.2g} % in all"
             )
     return "; ".join(words) or "those within the tolerance of each number"
 
 
 def write_junit(path: Path, checks: Sequence[Check]) -> None:
-    """A test suite with one test case for every number. Raises InputError when the file cannot be written."""
+    """Write a JUnit test suite with a test case for every number; raises InputError where it cannot be written."""
     cases = [(check, finding) for check in checks for finding in check.findings]
     failures = sum(not finding.passed for _, finding in cases)
     refused = [check for check in checks if check.refused is not None]
@@ -127,9 +127,9 @@ def _rows(check: Check, verbose: bool) -> list[tuple[str, ...]]:
     if check.passed and not verbose:
         allowed = {finding.allowed for finding in check.findings} - {"identical"} or {"identical"}
         counts = Counter(str(each.agreement) for each in check.findings if each.agreement is not None)
-        said = ", ".join(f"{counts[name]} {name}" for name in map(str, Agreement) if counts[name])
+        classes = ", ".join(f"{counts[name]} {name}" for name in map(str, Agreement) if counts[name])
         words = allowed.pop() if len(allowed) == 1 else "by metric"
-        return [(check.name, f"all {len(check.findings)}", "", "", words, f"ok {said}".rstrip())]
+        return [(check.name, f"all {len(check.findings)}", "", "", words, f"ok {classes}".rstrip())]
     return [(check.name, *_cells(finding)) for finding in check.findings if verbose or not finding.passed]
 
 

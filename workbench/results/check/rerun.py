@@ -15,6 +15,7 @@ from tqdm import tqdm
 from workbench.experiment.config.stored import runnable_config
 from workbench.experiment.run import execute
 from workbench.recording.condense import condense, is_condensed
+from workbench.recording.migrations import renamed_metrics
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT
@@ -28,15 +29,18 @@ from workbench.utils.input_limits import parse_json
 from workbench.utils.run_files import RECORDING
 
 TOLERANCES = "tolerances.json"
-"""Next to recordings that are checked: by how much their numbers may move in another environment."""
+"""File next to checked recordings with the tolerances of their numbers in another environment."""
 _REASONS = "reasons.md"
-"""Next to renewed recordings: why they were."""
+"""File next to renewed recordings with the reasons."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """How recordings are to be checked: overrides (key=value), today's top-level configuration, the folder of the new
-    runs, and whether numbers must be identical."""
+    """A request to check recordings.
+
+    overrides: key=value. own: today's top-level configuration. folder: of the new runs. exact: numbers must be
+    identical.
+    """
 
     overrides: Sequence[str]
     own: DictConfig
@@ -44,7 +48,7 @@ class Request:
     exact: bool = False
 
     def config(self, run: Run) -> DictConfig:
-        """Return the configuration of a recording as it is to run; InputError as `runnable_config`."""
+        """Return the configuration of a recording for a new run; InputError as `runnable_config`."""
         return runnable_config(run, self.overrides, self.own)
 
 
@@ -57,30 +61,34 @@ class _RunError(Exception):
 
 
 def read_sound(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
-    """Return the recordings, and those that cannot be read."""
+    """Return the readable recordings, and checks that refuse the others."""
     runs, problems = open_sound_runs(*paths)
     return runs, [Check(str(problem.path), refused=problem.reason) for problem in problems]
 
 
 def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
-    """Return by how much a run's numbers may move in another environment.
+    """Return the tolerances of a run's numbers in another environment.
 
-    Measured ones from `tolerances.json` next to the recording, which `python -m analysis.tolerances` writes; of other
-    numbers those in the recorded configuration, or today's where it has none. Raises InputError for what is no
+    Measured ones are in `tolerances.json` next to the recording, which `python -m analysis.tolerances` writes. Other
+    numbers have those of the recorded configuration, or today's where it has none. Raises InputError for an invalid
     tolerance.
     """
     stored: Any = run.settings.get("check", OmegaConf.to_container(own.check))
     try:
-        usual = {name: Tolerance(**{key: float(value) for key, value in keys.items()}) for name, keys in stored.items()}
+        configured = {
+            name: Tolerance(**{key: float(value) for key, value in keys.items()}) for name, keys in stored.items()
+        }
     except (AttributeError, TypeError, ValueError):
-        raise InputError(f"{run.path}: check: expected absolute and relative for every metric, found others") from None
+        raise InputError(f"{run.path}: check: expected the keys absolute and relative for every metric") from None
     path = run.path.parent / TOLERANCES
     if not path.is_file():
-        return usual
+        return configured
     content: Any = parse_json(path, path.read_text(encoding="utf-8"))
     try:
         measured = content["tolerances"].get(run.path.stem, {})
-        return usual | {str(name): Tolerance(absolute=float(value)) for name, value in measured.items()}
+        return configured | {
+            str(name): Tolerance(absolute=float(value)) for name, value in renamed_metrics(measured).items()
+        }
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(f"{path}: expected numbers by recording and metric under 'tolerances'") from None
 
@@ -95,7 +103,7 @@ def check_two(name: str, was: Run, now: Run, request: Request) -> Check:
 
 
 def check_each(runs: Sequence[Run], request: Request) -> Iterator[Check]:
-    """Run each recording again and compare; run k goes to `folder/00k`."""
+    """Yield the checks of recordings that are run again; run k is recorded in `folder/00k`."""
     for k, was in enumerate(tqdm(runs, unit="recording", disable=None)):
         name = str(was.path)
         try:
@@ -109,14 +117,14 @@ def check_each(runs: Sequence[Run], request: Request) -> Iterator[Check]:
 
 
 def check_groups(runs: Sequence[Run], request: Request, n_seeds: int | None) -> list[Check]:
-    """Run groups of recordings that differ only in their seeds again and compare all numbers at once.
+    """Return the checks of groups of recordings that differ only in their seeds, with all numbers tested jointly.
 
-    n_seeds: runs of other seeds, whose numbers are compared as distributions; None: the complete recordings' own seeds,
-    pair by pair.
+    n_seeds: number of runs of other seeds, whose numbers are compared as distributions; None: the complete recordings'
+    seeds, compared pair by pair.
     """
     checks, made = [], []
-    chosen = runs if n_seeds is not None else [run for run in runs if run.status == "complete"]
-    for k, group in enumerate(_same_but_for_seeds(chosen)):
+    compared = runs if n_seeds is not None else [run for run in runs if run.status == "complete"]
+    for k, group in enumerate(_groups_of_seeds(compared)):
         name = str(group[0].path) + (f" and {len(group) - 1} more" if len(group) > 1 else "")
         try:
             configs = _configs(group, request, n_seeds)
@@ -133,8 +141,10 @@ def check_groups(runs: Sequence[Run], request: Request, n_seeds: int | None) -> 
 
 
 def _configs(group: Sequence[Run], request: Request, n_seeds: int | None) -> list[DictConfig]:
-    """Return the configurations of a group's runs: its own, or with the n smallest seeds that none of it has, as runs
-    of the same seeds are no independent sample."""
+    """Return the configurations of a group's new runs: its own, or with the n smallest seeds that it does not have.
+
+    Runs of the same seeds would be no independent sample.
+    """
     if n_seeds is None:
         if len(group) == 1:
             raise InputError("--paired: expected recordings of two seeds or more, found one")
@@ -144,8 +154,9 @@ def _configs(group: Sequence[Run], request: Request, n_seeds: int | None) -> lis
     return [OmegaConf.merge(config, {"seed": seed}) for seed in seeds]  # type: ignore[misc]
 
 
-def _same_but_for_seeds(runs: Sequence[Run]) -> list[list[Run]]:
-    """Group runs whose configurations differ only in the seed and what affects no number, in order of their first."""
+def _groups_of_seeds(runs: Sequence[Run]) -> list[list[Run]]:
+    """Return groups of runs whose configurations differ only in seeds and keys without effect, in order of the
+    first."""
     groups: dict[str, list[Run]] = {}
     for run in runs:
         same = {key: value for key, value in run.settings.items() if key not in ("seed", *NO_EFFECT)}
@@ -154,25 +165,25 @@ def _same_but_for_seeds(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def rerun(was: Run, config: DictConfig, folder: Path) -> Run:
-    """Run a stored configuration again in `folder` and return its recording; raises _RunError where it crashes."""
+    """Run a stored configuration in `folder` and return the new recording; raises _RunError where it crashes."""
     try:
         execute(config, str(was.provenance.get("experiment", "custom")), folder, quiet=True)
         return read(folder / RECORDING)
-    except Exception as error:  # noqa: BLE001 (whatever ends a run, the check goes on and names it)
+    except Exception as error:  # noqa: BLE001 (the check continues after any error of a run, and names it)
         raise _RunError(" ".join(f"{type(error).__name__}: {error}".split())) from None
 
 
 def renew(checks: Sequence[Check], reason: str | None) -> int:
-    """Replace recordings by their new runs and return the exit code; what was refused or crashed stays.
+    """Replace recordings by their new runs and return the exit code; refused and crashed ones stay.
 
-    What came out the same and has no pictures stays byte for byte, as every version of a recording kept with the code
-    takes room. reason: is kept in the file _REASONS next to the recordings whose numbers moved.
+    Unchanged condensed recordings stay byte for byte, since every version takes space in the repository. reason:
+    written to the file _REASONS next to the recordings whose numbers changed.
     """
     renewed = []
     for check in checks:
         if check.was is None or check.now is None:
             why = check.findings[0].detail if check.refused is None else check.refused
-            print(f"{check.name}: stays as it is: {why}", file=sys.stderr)
+            print(f"{check.name}: is unchanged: {why}", file=sys.stderr)
             continue
         if moved := any(map(has_moved, check.findings)):
             renewed.append(check.was.path)
@@ -180,13 +191,13 @@ def renew(checks: Sequence[Check], reason: str | None) -> int:
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
     if reason is not None:
-        _keep_reason(renewed, reason)
+        _write_reason(renewed, reason)
     if any(check.refused is not None for check in checks):
         return 2
     return 1 if any(check.now is None for check in checks) else 0
 
 
-def _keep_reason(renewed: Sequence[Path], reason: str) -> None:
+def _write_reason(renewed: Sequence[Path], reason: str) -> None:
     """Add a line to _REASONS in every folder of these recordings: the date, their names, and the reason."""
     for folder in sorted({path.parent for path in renewed}):
         file, names = folder / _REASONS, sorted(path.stem for path in renewed if path.parent == folder)

@@ -1,4 +1,4 @@
-"""What a report says: the sentences and tables that the terminal, Markdown and the page all show."""
+"""Contents of a report: the sentences and tables of the terminal, Markdown and HTML."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -18,10 +18,10 @@ _HEADER = {"sd_people": "sd of people", "sd": "sd of runs", "low_95": "95% low",
 
 
 class Contents(NamedTuple):
-    """summary: sentences about what was read. problems: a sentence for each run that does not count.
+    """Contents of a report.
 
-    tables: by title, of the chief metrics, of a protocol's runs, of verdicts, and of best and worst runs. others: of
-    the other metrics.
+    summary: sentences about the recordings. problems: a sentence for each excluded run. tables: by title, of the chief
+    metrics, of a protocol's runs, of verdicts, and of best and worst runs. others: of the other metrics.
     """
 
     summary: tuple[str, ...]
@@ -31,7 +31,7 @@ class Contents(NamedTuple):
 
 
 def contents(grouping: Grouping) -> Contents:
-    """Collect the sentences and tables about the groups."""
+    """Return the sentences and tables about the groups."""
     by_metric = {name: grouping.labelled(rows).drop(columns="metric").rename(columns=_HEADER)
                  for name, rows in grouping.statistics.groupby("metric", sort=False)}  # fmt: skip
     chief = grouping.chief_metrics
@@ -54,14 +54,14 @@ def _summary(grouping: Grouping) -> list[str]:
         sentences.append(f"One group, {grouping.labels['group'][0]}, {repeated}.")
     if following := grouping.variation.following:
         more = f" and {len(following) - _MAX_FOLLOWING} more" if len(following) > _MAX_FOLLOWING else ""
-        sentences.append(f"With them change: {', '.join(following[:_MAX_FOLLOWING])}{more}.")
+        sentences.append(f"They also change: {', '.join(following[:_MAX_FOLLOWING])}{more}.")
     if halves := sorted({half for run in runs if (half := half_of(run.settings)) is not None}):
-        sentences.append(f"They are of these halves of the protocol's clips: {', '.join(halves)}.")
+        sentences.append(f"They are of these splits of the protocol's clips: {', '.join(halves)}.")
     versions = sorted({str(run.provenance.get("workbench", "unknown")) for run in runs})
     if len(versions) > 1:
         sentences.append(f"The runs are of different versions of the workbench: {', '.join(versions)}.")
     if grouping.headline is not None and "seconds" not in grouping.metrics:
-        sentences.append("The recordings do not say what the runs took.")
+        sentences.append("The recordings have no run times.")
     sentences.append(
         f"Means are over people, each with the mean of their runs. Intervals are {LEVEL:.0%} percentile bootstrap "
         f"intervals over people, or over seeds where there is one person ({N_RESAMPLES} resamples); with a handful of "
@@ -71,14 +71,14 @@ def _summary(grouping: Grouping) -> list[str]:
 
 
 def _verdicts(grouping: Grouping) -> dict[str, pd.DataFrame]:
-    """Count the verdicts of every group's runs, with the sentence of the first of each; nothing where there is none."""
+    """Return counts of the verdicts of every group's runs, each with an example; {} without verdicts."""
     rows = []
     for group, runs in grouping.runs.groupby("group")["run"]:
         verdicts = [each for run in runs if "kind" in (each := run.properties.get("verdict") or {})]
         for kind, n in Counter(str(each["kind"]) for each in verdicts).most_common():
-            example = next(str(each["sentence"]) for each in verdicts if each["kind"] == kind)
+            example = next(str(each["message"]) for each in verdicts if each["kind"] == kind)
             rows.append((grouping.labels["group"][group], kind, n, example))
-    return {"verdicts": table_of(("group", "verdict", "runs", "such as"), rows)} if rows else {}
+    return {"verdicts": table_of(("group", "verdict", "runs", "example"), rows)} if rows else {}
 
 
 def _extremes(grouping: Grouping) -> dict[str, pd.DataFrame]:

@@ -1,4 +1,4 @@
-"""Runs that differ in nothing but their seed and whom they show, grouped: what is wrong, and statistics of metrics."""
+"""Groups of runs that differ only in seeds and people: their problems, and statistics of their metrics."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -26,14 +26,14 @@ _STATISTICS = ("n", "people", "mean", "sd_people", "sd", "low_95", "high_95")
 
 
 class Grouping(NamedTuple):
-    """Groups of complete runs with equal settings, in the order of their values; each is known by its number.
+    """Numbered groups of complete runs with equal settings, in the order of their values.
 
-    labels: a row for each group: `group`, how it differs from the others in one line, and the keys that varied, as
-    text. settings: of each group. runs: a row for each run that counts, one for each clip and seed of a group. values:
-    a row for each finite number of those. statistics: a row for each metric and group: numbers of runs and people, mean
-    and standard deviation over the people's means, standard deviation of all runs, and the ends of the interval of the
+    labels: a row for each group: `group`, its differences from the others in one line, and the varying keys, as text.
+    settings: of each group. runs: a row for each included run, one for each clip and seed of a group. values: a row for
+    each finite number of these. statistics: a row for each metric and group: numbers of runs and people, mean and
+    standard deviation over the people's means, standard deviation of all runs, and the ends of the interval of the
     mean, over people where there are several, else over runs. counts: recordings by status. problems: a sentence for
-    each recording that does not count or is missing.
+    each excluded or missing recording.
     """
 
     labels: pd.DataFrame
@@ -47,23 +47,23 @@ class Grouping(NamedTuple):
 
     @property
     def metrics(self) -> list[str]:
-        """The metrics that any of the runs has: those of TITLES first, the others by the alphabet."""
+        """The metrics of any run: those of TITLES first, the others alphabetically."""
         return list(self.statistics["metric"].unique())
 
     @property
     def chief_metrics(self) -> list[str]:
-        """The metrics of TITLES, and all of those that only studies have."""
+        """The metrics of TITLES, and all metrics of studies only."""
         tracked = [not run.is_study for run in self.runs["run"]]
         of_tracked = self.values["recording"].isin(self.runs["recording"][tracked])
         return [name for name in self.metrics if name in TITLES or name not in set(self.values["metric"][of_tracked])]
 
     @property
     def headline(self) -> str | None:
-        """The error that the runs are ranked by; None where there is none, as in studies."""
+        """The error that the runs are ranked by; None without one, as in studies."""
         return next((name for name in ERRORS if name in self.metrics), None)
 
     def labelled(self, table: pd.DataFrame, keys: bool = False) -> pd.DataFrame:
-        """Return a table with labels for the numbers of groups, and with the keys that varied."""
+        """Return a table with labels instead of group numbers; keys: also with the varying keys."""
         labels = self.labels.loc[table["group"], slice(None) if keys else ["group"]]
         return pd.concat([labels.set_index(table.index), table.drop(columns="group")], axis="columns")
 
@@ -73,7 +73,8 @@ class Grouping(NamedTuple):
 
 
 def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
-    """Group the runs by what varied in their configurations; one without a readable one joins the unreadable."""
+    """Return the runs grouped by the varying keys of their configurations; runs without a readable one are
+    unreadable."""
     reasons = [problem.reason for problem in unreadable]
     rows: list[dict[str, Any]] = []
     for run in runs:
@@ -119,7 +120,7 @@ def _seed_of(run: Run) -> int:
 
 
 def _order(settings: Settings, key: str) -> tuple[int, float, str, str]:
-    """Order numbers by size, then other values by the alphabet, then settings without the key."""
+    """Return a sorting key: numbers by size, then other values alphabetically, then settings without the key."""
     if key not in settings:
         return 2, 0.0, "", ""
     value, exactly = settings[key], varied.comparable(settings, key)
@@ -129,18 +130,18 @@ def _order(settings: Settings, key: str) -> tuple[int, float, str, str]:
 
 
 def _problems(table: pd.DataFrame, counted: pd.DataFrame, group: int, label: str) -> Iterator[str]:
-    """Describe a group's runs that failed, were cut off, are repeated or missing, a sentence each."""
+    """Yield a sentence for each of a group's runs that failed, was cut off, is repeated or is missing."""
     members, ours = table[table["group"] == group], counted[counted["group"] == group]
-    there = set(zip(ours["clip"], ours["seed"], strict=True))
+    complete = set(zip(ours["clip"], ours["seed"], strict=True))
     for row in members[members["status"] != "complete"].itertuples():
         stopped = row.run.properties["run"].get("stopped")
         status = STATUS.get(row.status, row.status) + (f", {stopped}" if stopped else "")
-        again = "; a complete one is there" if (row.clip, row.seed) in there else ""
-        yield f"{label}, seed {row.seed}: {status}, not counted{again} ({row.recording})"
+        repeated = "; a complete one exists" if (row.clip, row.seed) in complete else ""
+        yield f"{label}, seed {row.seed}: {status}, excluded{repeated} ({row.recording})"
     for row in members[members["status"] == "complete"].itertuples():
         if row.run not in set(ours["run"]):
-            yield f"{label}, seed {row.seed}: recorded more than once, not counted again ({row.recording})"
-    expected = table[table["half"].isin(members["half"])]  # of a protocol's other half no run is missing
+            yield f"{label}, seed {row.seed}: recorded more than once, excluded ({row.recording})"
+    expected = table[table["half"].isin(members["half"])]  # the protocol's other half is not expected
     pairs = [set(zip(each["clip"], each["seed"], strict=True)) for each in (expected, members)]
     missing = sorted(pairs[0] - pairs[1])
     for clip in dict.fromkeys(clip for clip, _ in missing):
@@ -167,11 +168,11 @@ def _statistics(values: pd.DataFrame) -> pd.DataFrame:
 
 
 def repetitions(sample: pd.DataFrame) -> FloatArray:
-    """Return what an interval is over: people's means where there are several people, else the values of the runs."""
+    """Return the sample of an interval: people's means where there are several people, else the runs' values."""
     people = sample.groupby("person", sort=False)["value"].mean()
     return (people if len(people) > 1 else sample["value"]).to_numpy()
 
 
 def interval(sample: FloatArray) -> FloatArray:
-    """Return the interval (2,) of the mean of a sample (n,), which does not depend on other groups."""
+    """Return the confidence interval (2,) of the mean of a sample (n,)."""
     return bootstrap_interval(sample, np.random.default_rng(0), LEVEL)

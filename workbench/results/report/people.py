@@ -1,4 +1,4 @@
-"""Who is shown in runs, and how the runs of a protocol divide: people repeat an experiment as seeds do."""
+"""People in runs, and the splits of a protocol's runs: people repeat an experiment as seeds do."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,19 +14,19 @@ _DRAWN = (
     "protocol.activity",
     "protocol.occlusion",
 )
-"""Keys that a protocol draws for every clip and seed, so that they do not tell groups of runs apart."""
+"""Keys that a protocol draws for every clip and seed, which do not distinguish groups of runs."""
 
 
 def half_of(settings: Mapping[str, Any]) -> str | None:
-    """Return the half of its protocol's clips that a run belongs to; None where there is no protocol."""
+    """Return the run's split of its protocol's clips; None without a protocol."""
     half = (settings.get("protocol") or {}).get("split")
     return None if half is None else str(half)
 
 
 def person_of(settings: Mapping[str, Any]) -> str:
-    """Return who performed the motion that a configuration shows; of generated people each seed's is another.
+    """Return the performers of a configuration's motion; a generated person is another one for every seed.
 
-    In a protocol that leaves out styles, Bandai's styles are people. Empty without a motion: such a dataset shows one
+    In a protocol that excludes styles, Bandai's styles count as people. "" without a motion: such a dataset shows one
     person.
     """
     dataset = settings.get("dataset") or {}
@@ -41,9 +41,9 @@ def person_of(settings: Mapping[str, Any]) -> str:
 
 
 def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
-    """Return the keys of flat settings that only say who is shown and left out, where recorded people are swept over.
+    """Return the keys of flat settings that select and exclude people, where runs are repeated over people.
 
-    That is where the runs show clips of two known performers or more; otherwise no key.
+    These are runs with clips of two known performers or more; otherwise there is no key.
     """
     motions = {str(row[MOTION]) for row in settings if row.get(MOTION) is not None}
     people = {performer(motion) for motion in motions}

@@ -1,4 +1,4 @@
-"""The report's plots: every run as a dot, means, and 95 % intervals as bands."""
+"""Plots of a report: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -37,9 +37,9 @@ _Colour = tuple[float, float, float]
 
 
 class Series(NamedTuple):
-    """Groups with a metric that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
+    """Groups that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
 
-    label: what the groups have in common. groups: by rising number of particles.
+    label: common settings of the groups. groups: by increasing number of particles.
     """
 
     label: str
@@ -47,13 +47,13 @@ class Series(NamedTuple):
     colour: _Colour
 
     def shade(self, group: int) -> _Colour:
-        """Return the group's own colour: the series' for most particles, lighter for fewer."""
+        """Return the group's colour: the series' for most particles, lighter for fewer."""
         behind = len(self.groups) - 1 - self.groups.index(group)
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
 
 
-class _Shown(NamedTuple):
-    """What the plots show. errors: see `_errors`, of this metric. more: a sentence on series that are not shown."""
+class _PlotData(NamedTuple):
+    """Data of the plots. errors: see `_errors`, of the metric. more: a sentence on series that are not shown."""
 
     grouping: Grouping
     metric: str
@@ -63,20 +63,21 @@ class _Shown(NamedTuple):
 
 
 def plots_of(grouping: Grouping) -> list[Plot]:
-    """Draw the plots that these groups allow: none of studies, which track nobody."""
+    """Return the plots of the groups; [] for studies, which track no person."""
     if (metric := grouping.headline) is None:
         return []
     series, n_left_out = all_series(grouping, metric)
     more = f" Shown are the best; {n_left_out} more are in the tables." if n_left_out else ""
-    shown = _Shown(grouping, metric, _errors(grouping, metric), series, more)
+    data = _PlotData(grouping, metric, _errors(grouping, metric), series, more)
     with context(_STYLE):
         makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
-        plots = [make(shown) for make in makers]
+        plots = [make(data) for make in makers]
     return [plot for plot in plots if plot is not None]
 
 
 def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
-    """Return the series with the least `metric`, one for each colour, in the groups' order; and how many more exist."""
+    """Return the series with the smallest `metric`, one for each colour, in the groups' order; and the number of
+    others."""
     keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
     errors = _errors(grouping, metric).sort_values("particles", kind="stable", na_position="first")
     members: dict[str, list[int]] = {}
@@ -84,16 +85,16 @@ def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
         settings = grouping.settings[group]
         members.setdefault(label(keys, settings) or str(settings[EXPERIMENT]), []).append(group)
     best = sorted(members, key=lambda name: errors["mean"][members[name]].min())[: len(SERIES)]
-    shown = [name for name in members if name in best]
+    best_names = [name for name in members if name in best]
     series = [Series(name, [group for group in errors.index if group in members[name]], to_rgb(colour))
-              for name, colour in zip(shown, SERIES, strict=False)]  # fmt: skip
+              for name, colour in zip(best_names, SERIES, strict=False)]  # fmt: skip
     return series, len(members) - len(series)
 
 
 def joint_errors(run: Run) -> Mapping[str, float]:
-    """Return every joint's mean distance from its true place, mm, over the frames after the first that have truth.
+    """Return every joint's mean error, mm, over the frames with truth after the first, whose pose is given.
 
-    Empty for studies and without truth. The first frame is given, not tracked.
+    {} for studies and without truth.
     """
     if run.is_study:
         return {}
@@ -107,11 +108,11 @@ def joint_errors(run: Run) -> Mapping[str, float]:
     return dict(zip(estimate.names, means.tolist(), strict=True))
 
 
-def _against_particles(shown: _Shown) -> Plot | None:
-    lines = _lines(shown, "particles")
+def _against_particles(data: _PlotData) -> Plot | None:
+    lines = _lines(data, "particles")
     if not any(rows["particles"].nunique() > 1 for _, rows in lines):
         return None
-    figure, axes = _canvas("Error against particles", "particles", TITLES[shown.metric])
+    figure, axes = _canvas("Error against particles", "particles", TITLES[data.metric])
     axes.set_xscale("log")
     ticks = sorted({count for _, rows in lines for count in rows["particles"]})
     axes.set_xticks(ticks, [f"{count:.0f}" for count in ticks])
@@ -122,25 +123,25 @@ def _against_particles(shown: _Shown) -> Plot | None:
         )
         axes.plot(rows["particles"], rows["mean"], color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
         for group, count in rows["particles"].items():
-            sample = shown.grouping.sample(shown.metric, group)["value"]
+            sample = data.grouping.sample(data.metric, group)["value"]
             axes.plot([count] * len(sample), sample, color=line.colour, **_DOTS)
     _finish(axes, lines, "particles")
-    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{shown.more}"
+    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{data.more}"
     return _plot("error_against_particles", caption, figure)
 
 
-def _against_seconds(shown: _Shown) -> Plot | None:
-    lines = _lines(shown, "seconds")
+def _against_seconds(data: _PlotData) -> Plot | None:
+    lines = _lines(data, "seconds")
     if not lines:
         return None
-    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[shown.metric])
+    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[data.metric])
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
     for line, rows in lines:
         axes.plot(rows["seconds"], rows["mean"], color=line.colour, linewidth=1.0, alpha=0.5)
         for group, row in rows.iterrows():
-            both = shown.grouping.sample("seconds", group).merge(
-                shown.grouping.sample(shown.metric, group), on="recording"
+            both = data.grouping.sample("seconds", group).merge(
+                data.grouping.sample(data.metric, group), on="recording"
             )
             axes.plot(both["value_x"], both["value_y"], color=line.colour, **_DOTS)
             axes.plot([row["seconds"]] * 2, row[["low_95", "high_95"]], color=line.colour, linewidth=7.0, **_BAND)
@@ -158,41 +159,43 @@ def _against_seconds(shown: _Shown) -> Plot | None:
     numbered = " Small numbers count particles." if any(len(rows) > 1 for _, rows in lines) else ""
     caption = (
         "Large dots are means over people and seeds, bands the errors' 95 % intervals, small dots single runs. The "
-        f"time is that of the inference alone, on the machine that ran it.{numbered}{shown.more}"
+        f"time is that of the inference alone, on the machine that ran it.{numbered}{data.more}"
     )
     return _plot("error_against_time", caption, figure)
 
 
-def _coverage(shown: _Shown) -> Plot | None:
-    covered = set(shown.grouping.values["group"][shown.grouping.values["metric"] == COVERAGE])
-    rows = [(line, group) for line in shown.series for group in line.groups if group in covered]
+def _coverage(data: _PlotData) -> Plot | None:
+    covered = set(data.grouping.values["group"][data.grouping.values["metric"] == COVERAGE])
+    rows = [(line, group) for line in data.series for group in line.groups if group in covered]
     if not rows:
         return None
-    figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
+    figure, axes = _canvas(
+        "Coverage of the 90 % credible interval", "fraction of true values within the interval", "", len(rows)
+    )
     axes.axvline(0.9, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.annotate(
-        "as it should be", (0.9, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        "calibrated", (0.9, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        sample, colour = repetitions(shown.grouping.sample(COVERAGE, group)), line.shade(group)
+        sample, colour = repetitions(data.grouping.sample(COVERAGE, group)), line.shade(group)
         axes.plot(sample, [y] * len(sample), color=_mixed(colour, 0.0, 0.3), **_DOTS)
         _interval_row(axes, y, sample, colour, 9.0)
-    axes.set_yticks(range(len(rows)), [shown.grouping.labels["group"][group] for _, group in rows])
+    axes.set_yticks(range(len(rows)), [data.grouping.labels["group"][group] for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
-        "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
-        "should be. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
-        f"single runs where there is one person.{shown.more}"
+        "Fraction of true values within the posterior's 90 % credible interval: left of the line the tracker is "
+        "overconfident. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
+        f"single runs where there is one person.{data.more}"
     )
     return _plot("coverage", caption, figure)
 
 
-def _per_joint(shown: _Shown) -> Plot | None:
-    runs = shown.grouping.runs.groupby("group")["run"]
-    every = [(line, group) for line in shown.series for group in line.groups]
-    rows = sorted(every, key=lambda row: shown.errors["mean"][row[1]])[:_MAX_GROUPS]
+def _per_joint(data: _PlotData) -> Plot | None:
+    runs = data.grouping.runs.groupby("group")["run"]
+    every = [(line, group) for line in data.series for group in line.groups]
+    rows = sorted(every, key=lambda row: data.errors["mean"][row[1]])[:_MAX_GROUPS]
     measured = [
         [joint_errors(run) for run in runs.get_group(group)]
         for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)
@@ -200,7 +203,7 @@ def _per_joint(shown: _Shown) -> Plot | None:
     names = list(dict.fromkeys(name for group in measured for run in group for name in run))
     if not names:
         return None
-    figure, axes = _canvas("Error of each joint", "mean distance from the true joint (mm)", "", 1.3 * len(names))
+    figure, axes = _canvas("Error of each joint", "mean joint error (mm)", "", 1.3 * len(names))
     for y in range(0, len(names), 2):
         axes.axhspan(y - 0.5, y + 0.5, color="#F6F6F6", linewidth=0.0, zorder=0)
     for k, ((line, group), distances) in enumerate(zip(rows, measured, strict=True)):
@@ -210,19 +213,19 @@ def _per_joint(shown: _Shown) -> Plot | None:
                 _interval_row(axes, y + offset, np.array(sample), colour, min(7.0, 24.0 / len(rows)))
         height = 0.99 - k * 0.05
         axes.text(1.02, height, "●", transform=axes.transAxes, color=colour, va="top")
-        axes.text(1.05, height, shown.grouping.labels["group"][group], transform=axes.transAxes, va="top")
+        axes.text(1.05, height, data.grouping.labels["group"][group], transform=axes.transAxes, va="top")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axes.tick_params(axis="y", length=0.0)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(left=0.0)
     caption = "Dots are means over frames and runs, bands the 95 % intervals over runs; the best group is on top."
     if len(every) > len(rows):
-        caption += f" The {len(every) - len(rows)} groups with larger errors are left out."
+        caption += f" The {len(every) - len(rows)} groups with larger errors are omitted."
     return _plot("error_per_joint", caption, figure)
 
 
 def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -> tuple[Figure, Axes]:
-    """Return empty axes: 7 × 4.2 inches, or as high as n_rows of text need."""
+    """Return empty axes: 7 × 4.2 inches, or the height of n_rows of text."""
     figure = Figure(figsize=(7.0, 4.2 if n_rows is None else 1.2 + 0.32 * n_rows), dpi=150)
     axes = figure.add_subplot()
     axes.set_title(title, pad=None if n_rows is None else 22.0)
@@ -232,14 +235,14 @@ def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -
     return figure, axes
 
 
-def _lines(shown: _Shown, x: str) -> list[tuple[Series, pd.DataFrame]]:
-    """Return each series with the rows of its groups that have a value of column x."""
-    lines = [(line, shown.errors.loc[line.groups].dropna(subset=[x])) for line in shown.series]
+def _lines(data: _PlotData, x: str) -> list[tuple[Series, pd.DataFrame]]:
+    """Return each series with the rows of its groups with a value in column x."""
+    lines = [(line, data.errors.loc[line.groups].dropna(subset=[x])) for line in data.series]
     return [(line, rows) for line, rows in lines if not rows.empty]
 
 
 def _finish(axes: Axes, lines: Sequence[tuple[Series, pd.DataFrame]], x: str) -> None:
-    """Label the lines' ends, and begin the error's axis at zero, or make it logarithmic where means differ much."""
+    """Label the lines' ends, and start the error's axis at zero, or make it logarithmic for a wide range of means."""
     means = pd.concat([rows["mean"] for _, rows in lines])
     if means.min() > 0.0 and means.max() > _LOGARITHMIC_FROM * means.min():
         axes.set_yscale("log")
@@ -251,20 +254,20 @@ def _finish(axes: Axes, lines: Sequence[tuple[Series, pd.DataFrame]], x: str) ->
 
 
 def _round_ticks(axis: Axis) -> None:
-    """Put numbers at 1, 2, 5, 10, … of a logarithmic axis."""
+    """Set ticks at 1, 2, 5, 10, … of a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: _Colour, width: float) -> None:
-    """Draw mean and interval of a sample on a line of its own."""
+    """Draw mean and interval of a sample in a row."""
     axes.plot(interval(sample), [y, y], color=colour, linewidth=width, **_BAND)
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
 
 
 def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
-    """Return the statistics of a metric, indexed by group, with the groups' number of particles and mean seconds."""
+    """Return the statistics of a metric by group, with the groups' number of particles and mean seconds."""
     by_metric = {name: rows.set_index("group") for name, rows in grouping.statistics.groupby("metric")}
     errors = by_metric[metric]
     particles = [grouping.settings[group].get(_N_PARTICLES) for group in errors.index]
@@ -272,9 +275,9 @@ def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
     return errors.assign(particles=pd.to_numeric(pd.Series(particles, errors.index), errors="coerce"), seconds=seconds)
 
 
-def _mixed(colour: _Colour, other: float, part: float) -> _Colour:
-    """Return a colour with a part of white (other = 1) or black (0)."""
-    red, green, blue = (value + part * (other - value) for value in colour)
+def _mixed(colour: _Colour, other: float, fraction: float) -> _Colour:
+    """Return a colour mixed with a fraction of white (other = 1) or black (0)."""
+    red, green, blue = (value + fraction * (other - value) for value in colour)
     return red, green, blue
 
 

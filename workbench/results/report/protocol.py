@@ -1,4 +1,4 @@
-"""Runs of a protocol by what people do and are shown with, and how well stated doubts predict errors."""
+"""Runs of a protocol by activity, scene and camera, and the prediction of errors by expected errors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from workbench.recording.read.reader import Run
 from workbench.results.report.groups import Grouping
 from workbench.utils.arrays import FloatArray
 
-_METRICS = ["held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "ms_per_frame"]
+_METRICS = ["tracked", "mpjpe_px", "mpjpe_mm", "mpjpe_abs_mm", "coverage_90", "ms_per_frame"]
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
     "occlusion": lambda settings: settings["protocol"].get("occlusion"),
@@ -20,7 +20,7 @@ _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
 
 
 def divided(grouping: Grouping) -> dict[str, pd.DataFrame]:
-    """Return tables of a protocol's runs by what it varied, and of how well their doubts predict large errors."""
+    """Return tables of a protocol's runs by its variables, and of expected against true errors."""
     runs = grouping.runs[grouping.runs["half"] != "None"]
     if runs.empty:
         return {}
@@ -31,26 +31,26 @@ def divided(grouping: Grouping) -> dict[str, pd.DataFrame]:
         rows = by.join(metrics, on="recording").groupby(["group", word])
         means = pd.concat([rows.size().rename("n"), rows[_METRICS].mean()], axis="columns").reset_index()
         tables[f"by {word}: means over runs"] = grouping.labelled(means)
-    title = f"stated doubt against true errors, and against those over {LARGE_MM:g} mm"
-    return tables | {title: grouping.labelled(_trust(runs))}
+    title = f"expected against true errors, and against those over {LARGE_MM:g} mm"
+    return tables | {title: grouping.labelled(_error_prediction(runs))}
 
 
-def _trust(runs: pd.DataFrame) -> pd.DataFrame:
+def _error_prediction(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for group, members in runs.groupby("group")["run"]:
         for joints in GROUPS:
-            stated, errors = _pooled(list(members), joints)
+            expected, errors = _pooled(list(members), joints)
             if len(errors):
                 large = errors > LARGE_MM
-                judged = spearman(stated, errors), area_under_curve(stated, large)
-                rows.append((group, joints, len(errors), stated.mean(), errors.mean(), large.mean(), *judged))
-    header = ("group", "joints", "frames", "stated mm", "true mm", "large", "Spearman", "AUC")
+                scores = spearman(expected, errors), area_under_curve(expected, large)
+                rows.append((group, joints, len(errors), expected.mean(), errors.mean(), large.mean(), *scores))
+    header = ("group", "joints", "frames", "expected mm", "true mm", "large", "Spearman", "AUC")
     return pd.DataFrame(rows, columns=header)
 
 
 def _pooled(runs: Sequence[Run], joints: str) -> tuple[FloatArray, FloatArray]:
-    """Return what all runs stated and missed (n,), mm, of a group of joints, in all frames but the given first ones."""
-    names = f"doubt_{joints}_mm", f"missed_{joints}_mm"
+    """Return all runs' expected and true errors (n,), mm, of a group of joints, in the frames after the first."""
+    names = f"expected_error_{joints}_mm", f"mpjpe_abs_{joints}_mm"
     series = [[run.metric(name)[1][1:] for name in names] for run in runs if set(names) <= set(run.metric_names)]
-    stated, missed = np.concatenate([np.zeros((2, 0)), *map(np.array, series)], axis=1)
-    return stated, missed
+    expected, errors = np.concatenate([np.zeros((2, 0)), *map(np.array, series)], axis=1)
+    return expected, errors

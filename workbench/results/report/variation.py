@@ -1,4 +1,4 @@
-"""What varied between runs: the keys of their configurations that tell them apart."""
+"""Variation between runs: the keys of their configurations that distinguish them."""
 
 import json
 import re
@@ -16,14 +16,14 @@ Settings = Mapping[str, Any]
 
 
 class Variation(NamedTuple):
-    """keys: dotted keys that tell the runs apart, choices first. following: keys that only change with one of them."""
+    """keys: dotted keys that distinguish the runs, choices first. following: keys that only change with one of them."""
 
     keys: tuple[str, ...]
     following: tuple[str, ...]
 
 
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
-    """Return what may have affected a run's numbers, except the seed: {dotted key: value}."""
+    """Return the settings that may affect a run's numbers, except the seed, {dotted key: value}."""
     keys = {key: value for key, value in leaves(settings) if not key.endswith(_PLACES)}
     return {EXPERIMENT: experiment} | {
         key: value for key, value in keys.items() if key.partition(".")[0] not in ("seed", *NO_EFFECT)
@@ -38,45 +38,45 @@ def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[st
 
 
 def what_varied(settings: Sequence[Settings]) -> Variation:
-    """Find the fewest keys that tell different settings apart.
+    """Return a minimal set of keys that distinguish different settings.
 
-    A key that repeats another's value is left out; so is one that only changes with a choice, which is a key whose
-    values are text: the keys of a prior that another prior has not, say, or what an experiment sets.
+    A key that repeats another's value is redundant. So is a key that only changes with a choice, a key whose values are
+    text: for example the keys of one prior that another prior does not have, or the keys that an experiment sets.
     """
     names = list(dict.fromkeys(key for row in settings for key in row))
     columns = {name: [comparable(row, name) for row in settings] for name in names}
     varied = [name for name in names if len(set(columns[name])) > 1]
-    kept: list[str] = []
+    keys: list[str] = []
     following: list[str] = []
     choices = {name for name in varied if all(isinstance(row.get(name, ""), str) for row in settings)}
     for name in sorted(varied, key=lambda name: (name != EXPERIMENT, not name.endswith(TARGET), name not in choices)):
         leaders = []  # keys whose values this one repeats or, where those are choices, follows
-        for known in kept:
-            pairs = set(zip(columns[known], columns[name], strict=True))
-            if columns[known] == columns[name] or (known in choices and len(pairs) == len(set(columns[known]))):
-                leaders.append(known)
+        for key in keys:
+            pairs = set(zip(columns[key], columns[name], strict=True))
+            if columns[key] == columns[name] or (key in choices and len(pairs) == len(set(columns[key]))):
+                leaders.append(key)
         if not leaders:
-            kept.append(name)
-        elif not any(name.startswith(known.removesuffix(TARGET) + ".") for known in leaders):
+            keys.append(name)
+        elif not any(name.startswith(key.removesuffix(TARGET) + ".") for key in leaders):
             following.append(name)
-    return Variation(tuple(kept), tuple(following))
+    return Variation(tuple(keys), tuple(following))
 
 
 def comparable(row: Settings, name: str) -> str:
-    """Return a value as JSON; a list of one item is that item, a key that is not there an empty list."""
+    """Return a value as JSON; a list of one item as that item, a missing key as an empty list."""
     value = row.get(name, [])
     return json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value, sort_keys=True, default=str)
 
 
 def short_names(keys: Sequence[str]) -> dict[str, str]:
-    """Shorten dotted keys to their last part, or for the choice of a component its group, where that is unique."""
+    """Return the last parts of dotted keys where unique; of a component's target the group."""
     parts = {key: key.removesuffix(TARGET).split(".") for key in keys}
     last = [words[-1] for words in parts.values()]
     return {key: words[-1] if last.count(words[-1]) == 1 else ".".join(words) for key, words in parts.items()}
 
 
 def shown(key: str, value: Any) -> str:
-    """Format a value as a user types it; a component's class as the component's name."""
+    """Return a value as a user types it; a component's class as the component's name."""
     if key.endswith(TARGET):
         return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(value).rpartition(".")[2]).lower()
     if isinstance(value, float):
@@ -87,7 +87,7 @@ def shown(key: str, value: Any) -> str:
 
 
 def label(keys: Sequence[str], values: Settings) -> str:
-    """Return the values of those keys that a group has in one line: `walking, n_particles=200`."""
+    """Return a group's values of the keys in one line: `walking, n_particles=200`."""
     texts = {key: shown(key, values[key]) for key in keys if key in values}
     names = short_names(keys)
     bare = (EXPERIMENT, *(key for key in keys if key.endswith(TARGET)))

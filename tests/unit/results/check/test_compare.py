@@ -196,7 +196,7 @@ class TestAlways:
     def test_a_run_that_is_not_complete_fails(self, made, tracked, environment):
         whole = made(environment=environment)
         cut = replace(whole, properties={**whole.properties, "run": {**whole.properties["run"], "status": "running"}})
-        for was, now, which in ((whole, cut, "the new run"), (cut, whole, "what was recorded")):
+        for was, now, which in ((whole, cut, "the new run"), (cut, whole, "the old run")):
             assert failed(was, now)["run"].detail == f"{which} is not complete (status: running)"
 
 
@@ -222,8 +222,8 @@ def test_studies_are_compared_by_metrics_and_figures(made, tmp_path):
 
 
 def test_seeds_are_judged_as_distributions_and_a_missing_number_fails(made):
-    new = [made([], {"error_mm": value, "held": 1.0}) for value in (40.0, 44.0, 42.0, 41.0)]
-    near, far = made([], {"error_mm": 45.0, "held": 1.0}), made([], {"error_mm": 90.0, "held": 1.0, "gone": 2.0})
+    new = [made([], {"error_mm": value, "tracked": 1.0}) for value in (40.0, 44.0, 42.0, 41.0)]
+    near, far = made([], {"error_mm": 45.0, "tracked": 1.0}), made([], {"error_mm": 90.0, "tracked": 1.0, "gone": 2.0})
     assert [finding.passed for finding in compare_seeds([([near], new)])[0]] == [True, True]
     found = {finding.quantity: finding for finding in compare_seeds([([far], new)])[0]}
     assert not found["error_mm"].passed
@@ -260,7 +260,7 @@ def components(path):
 
 
 def finding(agreement, was=1.0, now=1.0, passed=True):
-    return MetricChange("error_abs_mm", was, now, "rounding", passed, "", agreement)
+    return MetricChange("mpjpe_abs_mm", was, now, "rounding", passed, "", agreement)
 
 
 def test_a_passed_recording_counts_its_numbers_by_class():

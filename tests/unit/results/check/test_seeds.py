@@ -87,8 +87,8 @@ def made(tmp_path_factory):
     def make(name, error):
         with Recorder(folder / f"{name}.rrd", BODY, SPACE, run_id=name, config_yaml="", provenance={}) as recording:
             for step in run:
-                recording.log(step, {**errors(step), "error_abs_mm": error})
-            recording.set_result({"error_abs_mm": error, "frames": 6.0})
+                recording.log(step, {**errors(step), "mpjpe_abs_mm": error})
+            recording.set_result({"mpjpe_abs_mm": error, "n_frames": 6.0})
         return read(folder / f"{name}.rrd")
 
     return make
@@ -97,17 +97,17 @@ def made(tmp_path_factory):
 def test_equal_runs_pass_and_moved_ones_fail_with_what_would_have_been_found(made):
     was = [made(f"was{k}", 40.0 + 10.0 * k) for k in range(4)]
     (same,) = compare_paired([(was, was)])
-    assert {finding.quantity for finding in same} == {"error_abs_mm", "frames", "error_abs_mm in frames"}
+    assert {finding.quantity for finding in same} == {"mpjpe_abs_mm", "n_frames", "mpjpe_abs_mm in frames"}
     assert all(finding.passed for finding in same)
     now = [made(f"now{k}", 40.0 + 10.0 * k + 1.0 + 0.01 * k) for k in range(4)]
     found = {finding.quantity: finding for finding in compare_paired([(was, now)])[0]}
-    assert not found["error_abs_mm"].passed  # by 1 mm, a tenth of what seeds differ by
-    assert "by +1.02 ±" in found["error_abs_mm"].detail
-    assert found["frames"].passed
-    assert "4 pairs cannot show a change" in found["error_abs_mm in frames"].detail
+    assert not found["mpjpe_abs_mm"].passed  # by 1 mm, a tenth of what seeds differ by
+    assert "by +1.02 ±" in found["mpjpe_abs_mm"].detail
+    assert found["n_frames"].passed
+    assert "4 pairs cannot show a change" in found["mpjpe_abs_mm in frames"].detail
 
 
 def test_a_number_that_is_gone_or_not_finite_fails(made):
     was, now = [made(f"a{k}", 40.0 + k) for k in range(2)], [made("b0", float("nan")), made("b1", 41.0)]
     found = {finding.quantity: finding for finding in compare_paired([(was, now)])[0]}
-    assert found["error_abs_mm"].detail == "not a finite number in every run"
+    assert found["mpjpe_abs_mm"].detail == "not a finite number in every run"

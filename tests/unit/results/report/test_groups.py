@@ -56,7 +56,7 @@ ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "
 def sweep():
     """Two priors, two numbers of particles, three seeds; paths in another order than the numbers."""
     return [
-        made_up(prior, n, seed, error_abs_mm=float(n + seed + (100 if prior == "smooth" else 0)), zeta=1.0)
+        made_up(prior, n, seed, mpjpe_abs_mm=float(n + seed + (100 if prior == "smooth" else 0)), zeta=1.0)
         for prior in ("walking", "smooth")
         for n in (1000, 200)
         for seed in (2, 0, 1)
@@ -66,7 +66,7 @@ def sweep():
 def people(prior="walking"):
     """Two seeds of clips of three people."""
     return [
-        made_up(prior, seed=seed, motion=motion, error_abs_mm=error)
+        made_up(prior, seed=seed, motion=motion, mpjpe_abs_mm=error)
         for motion, errors in ERRORS.items()
         for seed, error in enumerate(errors)
     ]
@@ -88,23 +88,23 @@ def test_groups_are_ordered_and_their_runs_too():
 
 
 def test_statistics_are_those_of_the_seeds():
-    found = statistic(group_runs(sweep()), "error_abs_mm")  # 300, 301, 302
+    found = statistic(group_runs(sweep()), "mpjpe_abs_mm")  # 300, 301, 302
     assert (found.n, found.mean, found.sd, found.low_95, found.high_95) == (3, 301.0, 1.0, 300.0, 302.0)
-    assert statistic(group_runs(sweep()), "error_px") is None
+    assert statistic(group_runs(sweep()), "mpjpe_px") is None
 
 
 def test_a_value_that_is_not_finite_is_not_counted():
-    runs = [made_up(seed=0, error_px=2.0), made_up(seed=1, error_px=np.nan), made_up(seed=2)]
-    found = statistic(group_runs(runs), "error_px")
+    runs = [made_up(seed=0, mpjpe_px=2.0), made_up(seed=1, mpjpe_px=np.nan), made_up(seed=2)]
+    found = statistic(group_runs(runs), "mpjpe_px")
     assert (found.n, found.mean) == (1, 2.0)
     assert np.isnan([found.sd, found.low_95, found.high_95]).all()
-    assert statistic(group_runs(runs[1:]), "error_px") is None
+    assert statistic(group_runs(runs[1:]), "mpjpe_px") is None
 
 
 def test_clips_of_several_people_are_one_group_whose_mean_is_over_people():
     grouping = group_runs(people())
     assert len(grouping.labels) == 1
-    found = statistic(grouping, "error_abs_mm")
+    found = statistic(grouping, "mpjpe_abs_mm")
     means = np.array([13.0, 41.0, 70.0])
     assert (found.n, found.people, found.mean) == (7, 3, pytest.approx(means.mean()))
     assert found.sd_people == pytest.approx(means.std(ddof=1))
@@ -117,7 +117,7 @@ def test_a_missing_clip_is_named():
     assert grouping.problems == ("smooth: no recording of 39_02, seed 0, which other groups have",)
     assert any("repeated over seeds and 3 people" in line for line in contents(grouping).summary)
     row = grouping.values[(grouping.values["person"] == "38") & (grouping.values["seed"] == 1)].iloc[0]
-    assert (row["metric"], row["value"]) == ("error_abs_mm", 42.0)
+    assert (row["metric"], row["value"]) == ("mpjpe_abs_mm", 42.0)
 
 
 def test_everything_that_does_not_count_is_named():
@@ -125,8 +125,8 @@ def test_everything_that_does_not_count_is_named():
         made_up("walking", seed=0, run_id="1"),
         made_up("walking", seed=1, status="failed"),
         made_up("walking", seed=2, status="running"),
-        made_up("smooth", seed=0, run_id="1", error_px=1.0),
-        made_up("smooth", seed=0, run_id="2", error_px=2.0),
+        made_up("smooth", seed=0, run_id="1", mpjpe_px=1.0),
+        made_up("smooth", seed=0, run_id="2", mpjpe_px=2.0),
         made_up("smooth", seed=0, status="failed"),
         made_up("smooth", seed=3),
         made_up("smooth", seed="one"),
@@ -153,12 +153,12 @@ CLIPS = {
 def run(motion, seed, view_azimuth_deg, error):
     """A run of a protocol whose doubt is 1 + seed mm in every frame."""
     half, activity = CLIPS[motion]
-    made = made_up(seed=seed, motion=motion, error_abs_mm=error, held=float(error < 100.0))
+    made = made_up(seed=seed, motion=motion, mpjpe_abs_mm=error, tracked=float(error < 100.0))
     settings = made.settings
     settings["dataset"] |= {"view_azimuth_deg": view_azimuth_deg, "occluder": seed == 1, "first_frame": seed}
     settings["protocol"] = {"split": half, "activity": activity, "occlusion": "a board" if seed == 1 else "nothing"}
     properties = {**made.properties, "config": {"TextDocument:text": yaml.safe_dump(settings)}}
-    series = {"doubt_arms_mm": [0.0, *[1.0 + seed] * 3], "missed_arms_mm": [500.0, error, error, error]}
+    series = {"expected_error_arms_mm": [0.0, *[1.0 + seed] * 3], "mpjpe_abs_arms_mm": [500.0, error, error, error]}
     curves = {name: Curve(np.arange(4), np.array(values)[:, None]) for name, values in series.items()}
     return Run(made.path, properties, curves)
 
@@ -179,7 +179,7 @@ def test_halves_are_groups_and_what_a_protocol_drew_is_not(protocol_runs):
 
 
 def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
-    title, table = next(each for each in contents(group_runs(protocol_runs)).tables.items() if "doubt" in each[0])
+    title, table = next(each for each in contents(group_runs(protocol_runs)).tables.items() if "expected" in each[0])
     assert title.endswith("those over 50 mm")
     row = table[table["group"] == "split=validation"].iloc[0]
     assert tuple(row[["group", "joints", "frames"]]) == ("split=validation", "arms", 12)
@@ -236,13 +236,13 @@ def test_what_cannot_change_the_numbers_is_no_difference():
         return {
             "paths": paths,
             "n_threads": len(name),
-            "recorder": {"live": name == "a"},
+            "recorder": {"stream": name == "a"},
             "dataset": paths,
             "seed": name,
         }
 
     assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
-    assert flat({"recorder.live": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table
+    assert flat({"recorder.stream": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table
 
 
 def test_a_parts_seed_repeats_only_where_it_is_the_runs_own():
