@@ -72,7 +72,7 @@ def step_errors(
         if pixels is not None:
             errors[f"mpjpe_px{suffix}"] = pixels / image_scale
     if len(poses) == 1:
-        errors |= {f"{name}_map": errors[name] for name in (*_OF_MAX_WEIGHT, "error_px") if name in errors}
+        errors |= {f"{name}_max_weight": errors[name] for name in (*_OF_MAX_WEIGHT, "mpjpe_px") if name in errors}
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
         views = zip(cameras, true_cameras(step.frame), strict=True)

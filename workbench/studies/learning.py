@@ -94,7 +94,7 @@ class LearnWalk(WalkStudy):
     """The cycles, their mean, the eigencurves and the variance that these explain.
 
     variance, n_components, scaling: as for `learn_walking`. Metrics: n_cycles; n_components, d; explained, the fraction
-    of the variance that d components explain; explained_5, that of five, as in the paper.
+    of the variance that d components explain; explained_variance_5, that of five, as in the paper.
     """
 
     variance: float = 0.95

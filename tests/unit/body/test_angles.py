@@ -48,12 +48,15 @@ def test_whole_turns_are_no_flexion_and_no_error():
     pose = bent(PERSON, "left_knee", 0.3)
     turned = bent(PERSON, "left_knee", 0.3 + 2.0 * np.pi)
     assert flexions(PERSON, turned)["left_knee"] == pytest.approx(np.degrees(0.3))
-    assert flexion_errors(PERSON, turned, pose)["knee_deg"] == pytest.approx(0.0, abs=1e-9)
+    assert flexion_errors(PERSON, turned, pose)["knee_flexion_rmse_deg"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_errors_on_a_full_skeleton_are_those_of_both_legs():
     errors = flexion_errors(BANDAI, bent(BANDAI, "right_hip", 0.1), np.zeros(len(BANDAI.dof_names)))
-    assert errors == {"knee_deg": 0.0, "hip_deg": pytest.approx(np.degrees(0.1) / np.sqrt(2.0))}
+    assert errors == {
+        "knee_flexion_rmse_deg": 0.0,
+        "hip_flexion_rmse_deg": pytest.approx(np.degrees(0.1) / np.sqrt(2.0)),
+    }
 
 
 def test_sides_are_exchanged_and_the_root_stays():

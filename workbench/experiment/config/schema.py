@@ -186,7 +186,7 @@ class ComponentSource(ConfigSource):
         if_chosen:
           prior.ar_offsets: {sigma: 0.01}
 
-    This setting applies only if prior=jitter is chosen. The settings under `if_chosen: {paper.literal: …}` reproduce
+    This setting applies only if prior=ar_offsets is chosen. The settings under `if_chosen: {paper.literal: …}` reproduce
     the published experiment.
     """
 
