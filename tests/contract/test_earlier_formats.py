@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 
 from workbench.cli.main import main
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.config.stored import own_defaults, runnable
+from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.recording import migrations
 from workbench.recording.migrations import (
     FORMAT,
@@ -62,14 +62,14 @@ def test_a_check_compares_with_a_recording_of_todays_format(version, path, tmp_p
     old, new = read(path), tmp_path / "new.rrd"
     write_renamed(path, new)
     assert read(new).format == FORMAT
-    own = own_defaults(["paths.data=null", "paths.cache=/some/cache"])
+    own = current_defaults(["paths.data=null", "paths.cache=/some/cache"])
     check = check_two("x", old, read(new), Request([], own, tmp_path))
     assert check.passed
     assert len(check.findings) > 3
     assert {each.agreement for each in check.findings} == {Agreement.IDENTICAL}
     prepare_hydra()
     if version == 2:
-        assert runnable(old, [], own).paths.cache == "/some/cache"
+        assert runnable_config(old, [], own).paths.cache == "/some/cache"
 
 
 def write_renamed(path, new):

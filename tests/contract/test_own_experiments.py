@@ -63,7 +63,7 @@ def test_an_experiment_begins_with_another_of_the_folder_and_options_have_the_ke
 
 
 ERRORS = {
-    "defaults: [override /prior: jiter]": r"prior: there is no option 'jiter'; did you mean prior=ar_offsets",
+    "defaults: [override /prior: ar_ofsets]": r"prior: there is no option 'ar_ofsets'; did you mean prior=ar_offsets",
     "prior: {no_such: 1}": r"the chosen prior \(walking\) has no key prior\.no_such",
     "liklihood: {k: 1}": r"there is no key liklihood; did you mean likelihood",
     "seed: [1]": r"Value '\[1\]' .* could not be converted to Integer",

@@ -48,7 +48,7 @@ def test_what_differs_is_said_and_the_parent_is_kept(run, first):
     assert "inference.n_particles: 40 → 50\n" in told
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["experiment"] == "walk_circle"
-    assert summary["settings"]["likelihood"]["k"] == 0.7
+    assert summary["settings"]["likelihood"]["effective_pixels"] == 0.7
     parent = read(first).properties["run"]["id"]
     assert summary["provenance"]["parent"] == read(folder / "run.rrd").provenance["parent"] == parent
 

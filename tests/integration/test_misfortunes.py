@@ -53,7 +53,7 @@ def test_a_complete_run_is_not_overwritten(run):
     assert read(folder / "run.rrd").settings["seed"] == 1
     code, told, _ = run("out", f"from={folder / 'run.rrd'}@2")
     assert code == 2
-    assert "out: holds the run that is gone on from" in told
+    assert "out: contains the run to resume" in told
 
 
 def test_a_folder_may_have_any_name(run):

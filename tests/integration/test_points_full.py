@@ -49,10 +49,10 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
     ("overrides", "sentence"),
     [
         (("prior.skeleton=person",), "dataset=points requires every joint of a motion file's skeleton of the prior"),
-        (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
+        (("prior.motions=builtin",), "prior: skeleton=full requires recordings"),
         (
             ("dataset.motion=[dataset-2_walk_normal_001,dataset-1_run_active_001]", "prior.exclude=[]"),
-            "shows one motion",
+            "expects one motion",
         ),
         (("dataset.motion=builtin",), "dataset: motion 'builtin'"),
     ],

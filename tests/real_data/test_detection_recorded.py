@@ -7,7 +7,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region
 from workbench.datasets.detection.people_detector import PeopleDetector
 from workbench.datasets.files.decode import decode
-from workbench.datasets.files.joint_annotations import read_marks
+from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 LANDMARKS = {"shoulder": 11, "elbow": 13, "wrist": 15, "hip": 23, "knee": 25, "ankle": 27}
@@ -26,7 +26,7 @@ def test_the_woman_and_the_bystander_are_detected_in_every_frame(people):
 
 
 def test_her_joints_lie_where_they_were_annotated(data, people):
-    annotations = read_marks(data / "sports2d_walk" / "keypoints.csv")
+    annotations = read_annotations(data / "sports2d_walk" / "keypoints.csv")
     joints, _ = annotations.at(100)
     errors = []
     for person in people[FRAMES.index(100)]:

@@ -19,7 +19,7 @@ from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.least_squares.single_frame import MotionDecoder
-from workbench.likelihoods.keypoints import NU, KeypointLikelihood
+from workbench.likelihoods.keypoints import DEGREES_OF_FREEDOM, KeypointLikelihood
 from workbench.motion.models.walking import learn_walking
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
@@ -79,7 +79,7 @@ def filtered(infer, prior, n_frames, n_replicates, seed=0):
             states.append(prior.sample_transition(states[-1], 1.0 / RATE_HZ, rng))
         truth = prior.pose(np.concatenate(states))
         steps = infer(prior, STUDENT).run(
-            simulated_frames(truth, RATE_HZ, NU, rng), pose, streams([seed, replicate, 1])
+            simulated_frames(truth, RATE_HZ, DEGREES_OF_FREEDOM, rng), pose, streams([seed, replicate, 1])
         )
         found.append(ranked(steps, truth, moving))
     return Simulated(np.array(found))

@@ -225,20 +225,20 @@ def _code(package: str) -> str:
 def object_config(component: object) -> dict[str, Any]:
     """Return the configuration of a live object: its class under `_target_` and its keys, nested objects likewise.
 
-    `not_kept` lists keys whose values the object does not store, see `core.keys`. Arrays of learned models are
+    `not_stored` lists keys whose values the object does not store, see `core.keys`. Arrays of learned models are
     included, long ones by their hash.
     """
-    arguments, names, not_kept = constructor_arguments(component), list(config_keys(type(component))), []
+    arguments, names, not_stored = constructor_arguments(component), list(config_keys(type(component))), []
     if is_dataclass(component):
         names += [item.name for item in fields(component) if isinstance(getattr(component, item.name), np.ndarray)]
     config: dict[str, Any] = {"_target_": f"{type(component).__module__}.{type(component).__qualname__}"}
     for name in names:
         value = arguments.get(name, getattr(component, name, _MISSING))
         if value is _MISSING:
-            not_kept.append(name)
+            not_stored.append(name)
         else:
             config[name] = _plain(value)
-    return config | ({"not_kept": not_kept} if not_kept else {})
+    return config | ({"not_stored": not_stored} if not_stored else {})
 
 
 def _plain(value: Any) -> Any:

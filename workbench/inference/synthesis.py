@@ -66,8 +66,8 @@ class _WindowPrior(Prior, Protocol):
         """Return states (N, D) one library frame later, given the sampled entries (N,); noise: (N, P) standard
         normal."""
 
-    def only(self, kept: BoolArray) -> Self:
-        """Return this prior, restricted to the windows selected by `kept` (n,)."""
+    def only(self, mask: BoolArray) -> Self:
+        """Return this prior, restricted to the windows in a mask (n,)."""
 
 
 @records_arguments

@@ -157,7 +157,7 @@ def test_without_a_cache_that_can_be_written_the_images_are_the_same_and_it_is_s
         assert np.array_equal(images(scene(cache=str(tmp_path / "file"))), images(scene()))
     (told,) = caplog.messages
     assert told.startswith(f"{tmp_path}/file/scenes/")
-    assert "cannot be written: Not a directory; the run goes on" in told
+    assert "cannot be written: Not a directory; the run continues" in told
 
 
 def test_keypoints_are_the_true_joints_with_noise_and_some_missing():

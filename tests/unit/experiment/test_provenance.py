@@ -170,13 +170,13 @@ def test_keys_are_those_that_the_object_has_now():
     prior = Smooth(damping=2.0)
     found = object_config(prior)
     assert found["_target_"] == "workbench.priors.smooth.Smooth"
-    assert (found["damping"], found["start_pose"], found["lowest"]) == (2.0, 2.0, None)
-    assert "not_kept" not in found
+    assert (found["damping"], found["initial_pose_scale"], found["lower"]) == (2.0, 2.0, None)
+    assert "not_stored" not in found
 
 
 def test_a_key_that_is_not_kept_is_not_made_up():
     assert object_config(Forgetful(kept=3.0)) == {
-        "_target_": f"{__name__}.Forgetful", "kept": 3.0, "not_kept": ["spent"],
+        "_target_": f"{__name__}.Forgetful", "kept": 3.0, "not_stored": ["spent"],
     }  # fmt: skip
 
 

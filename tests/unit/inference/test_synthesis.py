@@ -118,8 +118,8 @@ def test_without_a_start_or_an_activity_there_is_nothing_to_compare_with(windows
 
 
 def test_a_start_from_the_pose_alone_is_told(windows, motions, monkeypatch):
-    for name in ("POSITION", "ROTATION", "ANGLES"):
-        monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", 0.0)
+    for name in ("POSITION", "ROTATION", "ANGLE"):
+        monkeypatch.setattr(f"workbench.priors.implicit.INITIAL_{name}_STD", 0.0)
     prior = Implicit(windows, **STILL)
     steps = run(prior, motions[0], pose_history=False)
     assert "has 0 of the 11 frames" in steps[0].warnings[0]

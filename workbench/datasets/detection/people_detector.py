@@ -2,7 +2,7 @@
 
 A grid of square regions is searched in the first frame and at the end of every chunk of frames. In between, each person
 is detected in the region that follows from the frame before. People first found at the end of a chunk are followed
-backwards to its start, so that nobody appears late.
+backwards to its start, so that no person appears late.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -186,8 +186,8 @@ class ComponentSource(ConfigSource):
         if_chosen:
           prior.ar_offsets: {sigma: 0.01}
 
-    This setting applies only if prior=ar_offsets is chosen. The settings under `if_chosen: {paper.literal: …}` reproduce
-    the published experiment.
+    This setting applies only if prior=ar_offsets is chosen. The settings under `if_chosen: {paper.literal: …}`
+    reproduce the published experiment.
     """
 
     def __init__(self, provider: str, path: str) -> None:
