@@ -32,6 +32,8 @@ def detect(
       workbench detect walk.mp4
       workbench detect left.mp4 right.mp4 -o keypoints --model heavy.tflite
     """
+    if missing := [str(video) for video in videos if not video.exists()]:
+        raise InputError(f"{', '.join(missing)}: no such video")
     names = [video.stem for video in videos]
     if len(set(names)) < len(names):
         raise InputError("expected videos of different names, as each has a folder of its name")

@@ -9,7 +9,7 @@ import pytest
 
 from workbench.datasets.detection import detection_files
 from workbench.datasets.detection.detection_files import detect_video
-from workbench.datasets.detection.landmark_network import N_LANDMARKS, SIZE_PX, Landmarks, Region, refined
+from workbench.datasets.detection.landmark_network import N_LANDMARKS, SIZE_PX, PersonLandmarks, Region, refined
 from workbench.datasets.detection.people_detector import PeopleDetector, grid
 from workbench.utils.errors import InputError
 
@@ -30,11 +30,13 @@ def network(pixels, region):
     crop = cv2.warpAffine(pixels, region.to_image, (SIZE_PX, SIZE_PX), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     n, _, sizes, centres = cv2.connectedComponentsWithStats((crop[..., 0] > 50).astype(np.uint8))
     if n < 2:
-        return Landmarks(np.zeros((N_LANDMARKS, 2)), np.zeros(N_LANDMARKS), np.zeros((N_LANDMARKS, 3)), 0.0, region)
+        return PersonLandmarks(
+            np.zeros((N_LANDMARKS, 2)), np.zeros(N_LANDMARKS), np.zeros((N_LANDMARKS, 3)), 0.0, region
+        )
     centre = region.to_image[:, :2] @ centres[1 + sizes[1:, cv2.CC_STAT_AREA].argmax()] + region.to_image[:, 2]
     presence = float(np.exp(-(np.log(region.side / (5.0 * RADIUS)) ** 2)))
     around = Region(float(centre[0]), float(centre[1]), 5.0 * RADIUS)
-    return Landmarks(centre + RADIUS * SHAPE, np.ones(N_LANDMARKS), np.zeros((N_LANDMARKS, 3)), presence, around)
+    return PersonLandmarks(centre + RADIUS * SHAPE, np.ones(N_LANDMARKS), np.zeros((N_LANDMARKS, 3)), presence, around)
 
 
 def centres(people):

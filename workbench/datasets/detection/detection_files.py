@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.datasets.detection.landmark_network import N_LANDMARKS, LandmarkNetwork, Landmarks, Region
+from workbench.datasets.detection.landmark_network import N_LANDMARKS, LandmarkNetwork, PersonLandmarks, Region
 from workbench.datasets.detection.people_detector import PeopleDetector, Person
 from workbench.datasets.files.decode import decode, frame_rate, image_files
 from workbench.utils.atomic_write import whole_file
@@ -39,10 +39,10 @@ def detect_video(video: Path, folder: Path, model: Path) -> int:
     InputError
         For what cannot be read or written, a video without a frame, and files of another video or model in the folder.
     """
-    source = {"video": _sha256(video), "model": _sha256(model)}
     image = next(decode(video, 0, 0), None)
     if image is None:
         raise InputError(f"{video}: expected at least one frame, found none")
+    source = {"video": _sha256(video), "model": _sha256(model)}
     rate_hz = frame_rate(video) or _DEFAULT_RATE_HZ
     chunk = max(min(round(_CHUNK_S * rate_hz), _CHUNK_BYTES // image.nbytes), 1)
     detector = PeopleDetector(LandmarkNetwork(model), chunk)
@@ -128,7 +128,7 @@ def _of_json(person: Mapping[str, Any]) -> Person:
     keypoints = np.array(person["pose_keypoints_2d"], dtype=np.float64).reshape(N_LANDMARKS, 3)
     world = np.array(person["world_landmarks"], dtype=np.float64).reshape(N_LANDMARKS, 3)
     region = Region(*(float(number) for number in person["region"]))
-    landmarks = Landmarks(keypoints[:, :2], keypoints[:, 2], world, float(person["presence"]), region)
+    landmarks = PersonLandmarks(keypoints[:, :2], keypoints[:, 2], world, float(person["presence"]), region)
     return Person(int(person["person_id"][0]), landmarks)
 
 

@@ -40,7 +40,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Landmarks:
+class PersonLandmarks:
     """One person's landmarks.
 
     pixels: (33, 2), px of the image. confidence: (33,), the probability that each is visible. world: (33, 3), m, about
@@ -78,7 +78,7 @@ class LandmarkNetwork:
         if not set(_OUTPUTS.values()) <= names:
             raise InputError(f"{path}: expected a BlazePose landmark model, found outputs {', '.join(sorted(names))}")
 
-    def __call__(self, image: ByteArray, region: Region) -> Landmarks:
+    def __call__(self, image: ByteArray, region: Region) -> PersonLandmarks:
         """Return the landmarks of the person in a region of an image (height, width, 3), RGB."""
         crop = cv2.warpAffine(image, region.to_image, (SIZE_PX, SIZE_PX), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         self._network.setInput(cv2.dnn.blobFromImage(crop, 1.0 / 255.0))
@@ -92,7 +92,7 @@ class LandmarkNetwork:
         world[:, :2] = world[:, :2] @ rotation(region.angle).T
         confidence = _logistic(raw[:N_LANDMARKS, 3:]).min(axis=1)
         around = _region(in_image[_HIP_CENTRE], in_image[_CIRCLE])
-        return Landmarks(in_image[:N_LANDMARKS], confidence, world, float(arrays["presence"].item()), around)
+        return PersonLandmarks(in_image[:N_LANDMARKS], confidence, world, float(arrays["presence"].item()), around)
 
 
 def rotation(angle: float) -> FloatArray:

@@ -11,10 +11,10 @@ from itertools import islice
 
 import numpy as np
 
-from workbench.datasets.detection.landmark_network import Landmarks, Region
+from workbench.datasets.detection.landmark_network import PersonLandmarks, Region
 from workbench.utils.arrays import ByteArray
 
-Network = Callable[[ByteArray, Region], Landmarks]
+Network = Callable[[ByteArray, Region], PersonLandmarks]
 
 MIN_PRESENCE = 0.5
 """Smallest probability that a region shows a person."""
@@ -32,7 +32,7 @@ class Person:
     """A detected person. number: the same in all frames in which the person is followed without a gap."""
 
     number: int
-    landmarks: Landmarks
+    landmarks: PersonLandmarks
 
 
 class PeopleDetector:
@@ -110,7 +110,7 @@ def _centres(side: float, size: int) -> Sequence[float]:
     ]
 
 
-def _known(landmarks: Landmarks, people: Iterable[Person]) -> bool:
+def _known(landmarks: PersonLandmarks, people: Iterable[Person]) -> bool:
     """Return whether the landmarks are those of one of the people."""
     for person in people:
         distances = np.linalg.norm(landmarks.pixels - person.landmarks.pixels, axis=1)
