@@ -9,8 +9,10 @@ sizes.
 """
 
 import argparse
+import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,9 +26,9 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from analysis.benchmarks import tracking
+from analysis.benchmarks import tracking, video_fit
 from analysis.benchmarks.likelihood import N_SAMPLES, people, scene
-from analysis.benchmarks.measuring import fastest_s, machine
+from analysis.benchmarks.measuring import fastest_s, machine, peak_gb
 from analysis.benchmarks.processes import FEW, peaks_gb
 from analysis.figures.style import canvas
 from workbench.recording.study.drawing import DASHES, GREY, HALO, SERIES, STYLE, label_ends
@@ -39,6 +41,7 @@ PARTICLES = (100, 1_000, 10_000, 100_000, 1_000_000)
 STEP_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
 CUES_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000)
 LENGTHS = (50, 150, 500, 1_500, 5_000)
+FITTED = (100, 300, 1_000, 3_000, 9_000)
 MEMORY_PARTICLES = (100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 VIDEO_MS = 1e3 / 30.0
 _FAR = 1000.0  # sizes that differ by more get a mark at each power of ten, others one at each size
@@ -114,10 +117,39 @@ def clip_length(sizes: Sequence[int] = LENGTHS) -> list[Curve]:
     return [Curve("whole step", "frames of the clip", "ms a frame", tuple(sizes), tuple(times))]
 
 
+def fit_time(sizes: Sequence[int] = FITTED) -> list[Curve]:
+    """Measure the fit of a video to 2-D joints over the frames of its clip, by processor time."""
+    curves = []
+    for n_cameras in (1, 4):
+        times = []
+        for size in tqdm(sizes, disable=None):
+            observations, times_s, _ = video_fit.scene(size, n_cameras)
+            (seconds,) = fastest_s([partial(video_fit.fit, observations, times_s)], 1, clock=time.thread_time)
+            times.append(1e3 * seconds / size)
+        curves.append(Curve(_cameras(n_cameras), "frames of the clip", "ms a frame", tuple(sizes), tuple(times)))
+    return curves
+
+
+def fit_memory(sizes: Sequence[int] = FITTED) -> list[Curve]:
+    """Measure the peak memory of the fit of a video over the frames of its clip."""
+    curves, environment = [], dict(os.environ, OPENBLAS_NUM_THREADS="1")
+    for n_cameras in (1, 4):
+        commands = [["-m", "analysis.benchmarks.video_fit", str(size), str(n_cameras)] for size in sizes]
+        peaks = tuple(peak_gb(command, environment) for command in tqdm(commands, disable=None))
+        curves.append(Curve(_cameras(n_cameras), "frames of the clip", "GB", tuple(sizes), peaks))
+    return curves
+
+
+def _cameras(n: int) -> str:
+    return "1 camera" if n == 1 else f"{n} cameras"
+
+
 MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
     "time_against_particles": particles,
     "memory_against_particles": memory_of_particles,
     "time_against_length": clip_length,
+    "fit_time_against_length": fit_time,
+    "fit_memory_against_length": fit_memory,
 }
 """What measures each NAME."""
 
