@@ -15,6 +15,7 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import records_arguments
 from workbench.datasets.association.target_selection import select_target
+from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_detections, target_annotations
 from workbench.datasets.video import Video
 from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres, read_markers
@@ -38,12 +39,14 @@ class MultiView:
     calibration_file : camera file of the Pose2Sim and Sports2D form.
     cameras : names of the cameras used, in this order; None: all.
     first_frame, n_frames, scale, rate_hz : as for `Video`, the same for all.
-    keypoints : annotation file or folder of OpenPose's JSON by camera, for some or all of them.
+    keypoints : annotation file or folder of OpenPose's JSON by camera, for some or all of them; "detect", for a camera
+        or for all, to detect people by `detector`.
     person : target in the folders: an index in the first frame, of those used, in which the first of their cameras has
         a detection, or {camera: index}; None: the largest and most confident one, see `select_target`.
     truth : TRC or C3D file with markers; axes, unit and gaps: see `markers.in_world`.
     truth_first_frame : frame of the sources that corresponds to the truth's first.
     joint_markers : markers whose mean is a joint, by joint, where their names do not identify them.
+    detector, cache : as for `Video`.
     """
 
     @staticmethod
@@ -55,21 +58,28 @@ class MultiView:
 
     def __init__(
         self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,
-        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = _NO_FILES,
-        person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first_frame: int = 0,
-        joint_markers: MarkersOf = NO_MARKERS,
+        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None,
+        keypoints: Files | str = _NO_FILES, person: int | Mapping[str, int] | None = None, truth: str | None = None,
+        truth_first_frame: int = 0,
+        joint_markers: MarkersOf = NO_MARKERS, detector: str = "full", cache: str = "~/.cache/workbench",
     ) -> None:  # fmt: skip
         names = list(sources) if cameras is None else list(cameras)
+        if isinstance(keypoints, str):
+            if keypoints != DETECT:
+                raise InputError(f"multi_view: keypoints: expected files by camera or {DETECT!r}, found {keypoints!r}")
+            keypoints = dict.fromkeys(names, DETECT)
         if unknown := [name for name in (*names, *keypoints) if name not in sources]:
             raise InputError(f"multi_view: no source for camera {unknown[0]!r}, expected one of {', '.join(sources)}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"multi_view: expected one camera or more, each once, found {', '.join(names) or 'none'}")
         common = (first_frame, n_frames, scale, rate_hz)
-        folders = {name: keypoints[name] for name in names if name in keypoints and Path(keypoints[name]).is_dir()}
+        chosen = {name: keypoints[name] for name in names if name in keypoints}
+        folders = {name: place for name, place in chosen.items() if place == DETECT or Path(place).is_dir()}
         annotation_files = {name: file for name, file in keypoints.items() if name not in folders}
         files = [(sources[name], name, annotation_files.get(name)) for name in names]
         self._videos = [Video(source, calibration_file, name, *common, keypoints=file) for source, name, file in files]
         self._names, self._folders, self._person = names, folders, person
+        self._detector, self._cache = detector, Path(cache)
         self._truth, self._truth_first_frame, self._joint_markers = truth, truth_first_frame, joint_markers
 
     @cached_property
@@ -111,7 +121,11 @@ class MultiView:
             return {}
         videos = dict(zip(self._names, self._videos, strict=True))
         cameras = {name: videos[name].source_camera for name in self._folders}
-        detections = {name: read_detections(folder) for name, folder in self._folders.items()}
+        folders = {
+            name: cached_detections(videos[name].path, self._detector, self._cache) if folder == DETECT else folder
+            for name, folder in self._folders.items()
+        }
+        detections = {name: read_detections(folder) for name, folder in folders.items()}
         first = self._videos[0].first_frame
         within = (first, first + self._n_frames - 1)
         target = select_target(detections, cameras, self._videos[0].true_rate_hz, self._person, within)

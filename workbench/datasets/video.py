@@ -16,6 +16,7 @@ from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import INITIAL_ANNOTATIONS
+from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_annotations
 from workbench.utils.arrays import ByteArray, FloatArray
@@ -47,13 +48,16 @@ class Video:
     rate_hz : frame rate, where the source's is missing or wrong.
     initial_annotations : annotation file for the initialization, from first_frame and later frames up to
         initial_last_frame; None: first_frame alone.
-    keypoints : annotation file, or folder of a detector's output (OpenPose's JSON), with the observed joints.
+    keypoints : annotation file, or folder of a detector's output (OpenPose's JSON), with the observed joints; "detect"
+        to detect them by `detector`, once: the result is cached.
     eval_annotations : the same, with the ground truth of the evaluation.
     eval_frames : frames excluded from the keypoints; if any, eval_annotations is used in these frames alone.
     occluded_weight : weight of an annotation of an occluded joint relative to a visible one. It is 0.35 because
         occluded joints are annotated to 6–10 px, visible ones to 4. A detection's weight is its confidence.
     person : index of the target among those detected in the first frame with a detection; None: the largest and most
         confident one.
+    detector : "full", BlazePose's model, which is downloaded once, or the path of another landmark model.
+    cache : folder for detections and the model.
     """
 
     @staticmethod
@@ -77,6 +81,8 @@ class Video:
     eval_frames: Sequence[int] = ()
     occluded_weight: float = 0.35
     person: int | None = None
+    detector: str = "full"
+    cache: str = "~/.cache/workbench"
 
     def __post_init__(self) -> None:
         check("video", self, scale=UP_TO_1, occluded_weight=UNIT)
@@ -89,7 +95,7 @@ class Video:
     def info(self) -> SequenceInfo:
         """The camera of the resized images, and the annotations."""
         n_frames = self.last - self.first_frame + 1
-        first, camera = next(decode(self._path)), self.source_camera
+        first, camera = next(decode(self.path)), self.source_camera
         self._check_size(first)
         if first.shape[:2] != (camera.height, camera.width):
             size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
@@ -101,8 +107,8 @@ class Video:
         annotated = np.empty(0) if self._keypoints is None else self._keypoints.frames
         input_counts = {} if self._keypoints is None else self._keypoints.counts
         return SequenceInfo(
-            name=self._path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
-            source_rate_hz=None if self.rate_hz is None else frame_rate(self._path),
+            name=self.path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
+            source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(((annotated >= self.first_frame) & (annotated <= self.last)).any()),
             input_counts=input_counts,
@@ -112,7 +118,7 @@ class Video:
         """Yield the frames in order, decoded one by one, because seeking in a video file is unreliable."""
         (camera,) = self.info.cameras
         index = self.first_frame - 1
-        for index, image in enumerate(decode(self._path, self.first_frame, self.last), self.first_frame):
+        for index, image in enumerate(decode(self.path, self.first_frame, self.last), self.first_frame):
             self._check_size(image)
             view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index))
             annotated = None if self._truth is None else self._truth.at(index)
@@ -124,7 +130,7 @@ class Video:
     @cached_property
     def true_rate_hz(self) -> float:
         """Frames per second: rate_hz, or else the source's."""
-        rate = frame_rate(self._path) if self.rate_hz is None else self.rate_hz
+        rate = frame_rate(self.path) if self.rate_hz is None else self.rate_hz
         if rate is None:
             raise InputError(f"{self.source}: has no frame rate; set rate_hz")
         if not 0.0 < rate < np.inf:
@@ -132,7 +138,8 @@ class Video:
         return check_rate(f"{self.source}: rate_hz", rate)
 
     @cached_property
-    def _path(self) -> Path:
+    def path(self) -> Path:
+        """The file or folder of the source."""
         return Path(self.source).expanduser()
 
     @cached_property
@@ -149,7 +156,7 @@ class Video:
     def last(self) -> int:
         """Number of the last frame used."""
         last = None if self.n_frames is None else self.first_frame + self.n_frames - 1
-        n = count_frames(self._path, None if last is None else last + 1)
+        n = count_frames(self.path, None if last is None else last + 1)
         last_needed = self.first_frame if last is None else last
         if n == 0:
             raise InputError(f"{self.source}: expected frames, found none that can be decoded")
@@ -169,6 +176,8 @@ class Video:
         return _select_frames(self._read(self.eval_annotations), self.eval_frames, bool(self.eval_frames))
 
     def _read(self, path: str) -> JointAnnotations:
+        if path == DETECT:
+            path = str(cached_detections(self.path, self.detector, Path(self.cache)))
         return read_annotations(path, self.person, self.true_rate_hz, (self.first_frame, self.last))
 
     def _scaled(self, image: ByteArray) -> ByteArray:

@@ -1,16 +1,20 @@
 """People are detected in every frame by a network that is stood in for by discs painted into images."""
 
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from workbench.body.camera import plain_camera
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.camera_calibration.camera_file import write_cameras
 from workbench.datasets.detection import detection_files
 from workbench.datasets.detection.detection_files import detect_video
 from workbench.datasets.detection.landmark_network import N_LANDMARKS, SIZE_PX, PersonLandmarks, Region, refined
 from workbench.datasets.detection.people_detector import PeopleDetector, grid
+from workbench.datasets.multi_view import MultiView
+from workbench.datasets.video import Video
 from workbench.utils.errors import InputError
 
 WIDTH, HEIGHT, RADIUS = 320, 180, 12
@@ -108,7 +112,7 @@ def test_detections_that_were_cut_off_are_resumed_with_the_same_result(video, tm
     whole, part = tmp_path / "whole", tmp_path / "part"
     assert detect_video(video, whole, tmp_path / "model") == 11
     detect_video(video, part, tmp_path / "model")
-    for path in sorted(part.iterdir())[6:]:
+    for path in sorted(part.glob("*.json"))[6:]:
         path.unlink()
     assert detect_video(video, part, tmp_path / "model") == 11
     assert contents(part) == contents(whole)
@@ -127,10 +131,36 @@ def test_files_of_another_model_are_not_mixed_with_new_ones(video, tmp_path):
 
 def test_a_damaged_file_is_refused(video, tmp_path):
     detect_video(video, tmp_path / "out", tmp_path / "model")
-    path = sorted(Path(tmp_path / "out").iterdir())[7]
+    path = sorted((tmp_path / "out").glob("*.json"))[7]
     source = json.loads(path.read_text())["source"]
-    for later in sorted(Path(tmp_path / "out").iterdir())[8:]:
+    for later in sorted((tmp_path / "out").glob("*.json"))[8:]:
         later.unlink()
     path.write_text(json.dumps({"source": source, "people": [{"person_id": [0]}]}))
     with pytest.raises(InputError, match="expected detections"):
         detect_video(video, tmp_path / "out", tmp_path / "model")
+
+
+@pytest.fixture
+def camera_file(tmp_path):
+    camera = plain_camera(WIDTH, HEIGHT, 300.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0), "walk")
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
+    return str(tmp_path / "camera.toml")
+
+
+def test_a_dataset_detects_once_and_shows_the_joints(video, camera_file, tmp_path, monkeypatch):
+    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
+    dataset = Video(str(video), camera_file, keypoints="detect", **options)
+    assert dataset.info.has_keypoints
+    keypoints = next(iter(dataset.frames())).views[0].keypoints
+    left_hip = [40.0, 90.0] + RADIUS * SHAPE[23]
+    np.testing.assert_allclose(keypoints[JOINT_NAMES.index("left_hip"), :2], left_hip, atol=1.0)
+    monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: pytest.fail("detects again"))
+    assert Video(str(video), camera_file, keypoints="detect", **options).info.has_keypoints
+
+
+def test_several_views_detect_each_in_its_video(video, camera_file, tmp_path):
+    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
+    dataset = MultiView({"walk": str(video)}, camera_file, keypoints="detect", **options)
+    assert np.isfinite(next(iter(dataset.frames())).views[0].keypoints).any()
+    with pytest.raises(InputError, match="expected files by camera or 'detect'"):
+        MultiView({"walk": str(video)}, camera_file, keypoints="found", **options)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,20 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.datasets.detection.landmark_network import N_LANDMARKS, LandmarkNetwork, PersonLandmarks, Region
+from workbench.datasets.detection.model_file import model_file
 from workbench.datasets.detection.people_detector import PeopleDetector, Person
 from workbench.datasets.files.decode import decode, frame_rate, image_files
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_json
 
+log = logging.getLogger(__name__)
+
 LAYOUT = "BLAZEPOSE_33"
+DETECT = "detect"
+"""The value of a dataset's key `keypoints` that detects them."""
+_COMPLETE = "complete"
+"""Name of the file that holds the number of frames of a complete detection."""
 _CHUNK_S, _CHUNK_BYTES = 2.0, 500_000_000
 """Time between two searches of the whole image, and the largest size of the images in between."""
 _DEFAULT_RATE_HZ = 30.0
@@ -43,10 +51,12 @@ def detect_video(video: Path, folder: Path, model: Path) -> int:
     if image is None:
         raise InputError(f"{video}: expected at least one frame, found none")
     source = {"video": _sha256(video), "model": _sha256(model)}
+    files = _Files(folder, video.stem, source)
+    if (n_frames := files.n_complete()) is not None:
+        return n_frames
     rate_hz = frame_rate(video) or _DEFAULT_RATE_HZ
     chunk = max(min(round(_CHUNK_S * rate_hz), _CHUNK_BYTES // image.nbytes), 1)
     detector = PeopleDetector(LandmarkNetwork(model), chunk)
-    files = _Files(folder, video.stem, source)
     first = files.n_written() // chunk * chunk
     previous = files.read(first - 1) if first else []
     index = first - 1
@@ -54,7 +64,31 @@ def detect_video(video: Path, folder: Path, model: Path) -> int:
         for index, people in enumerate(detector.detect(decode(video, first), previous), first):
             files.write(index, index / rate_hz, people)
             progress.update()
+    files.complete(index + 1)
     return index + 1
+
+
+def cached_detections(video: Path, model: str, cache: Path) -> Path:
+    """Return the folder in a cache with a video's detections, which are made where they are missing.
+
+    Parameters
+    ----------
+    video : a file, or a folder of images.
+    model : "full", or the path of a landmark model, see `model_file`.
+    cache : folder for what can be made again.
+
+    Raises
+    ------
+    InputError
+        As `model_file` and `detect_video`.
+    """
+    if next(decode(video, 0, 0), None) is None:  # before anything is downloaded
+        raise InputError(f"{video}: expected at least one frame, found none")
+    path = model_file(model, cache)
+    folder = cache.expanduser() / "detections" / f"{video.stem}_{_sha256(video)[:16]}_{_sha256(path)[:8]}"
+    log.info("people detected in %s: %s", video, folder)
+    detect_video(video, folder, path)
+    return folder
 
 
 class _Files:
@@ -88,6 +122,23 @@ class _Files:
         if n and self._parsed(n - 1).get("source") != self._source:
             raise InputError(f"{self._folder}: has detections of another video or model; choose another folder by -o")
         return n
+
+    def n_complete(self) -> int | None:
+        """Return the number of frames of a complete detection; None for any other.
+
+        Raises
+        ------
+        InputError
+            As `n_written`.
+        """
+        marker = self._folder / _COMPLETE
+        n = self.n_written() if marker.is_file() else 0
+        return n if n and marker.read_text(encoding="ascii") == str(n) else None
+
+    def complete(self, n_frames: int) -> None:
+        """Mark the detection as complete."""
+        with whole_file(self._folder / _COMPLETE) as part:
+            part.write_text(str(n_frames), encoding="ascii")
 
     def write(self, index: int, time_s: float, people: Sequence[Person]) -> None:
         """Write the people of a frame."""
