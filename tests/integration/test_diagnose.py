@@ -16,7 +16,7 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
     path = str(folder / "run.rrd")
     assert main(["diagnose", path, "--frame", "18", "--seeds", "2", "--jobs", "2", "-o", str(tmp_path / "kept")]) == 0
     out = capfd.readouterr().out
-    assert "most likely: the true body, which keeps the track in 2 of 2" in out
+    assert "most likely: the true body, with which 2 of 2 runs keep the track" in out
     place = tmp_path / "kept" / "frame_18"
     whole, continued = (read(place / f"another_seed_alone{end}" / "1001" / "run.rrd") for end in ("_whole", ""))
     assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
@@ -29,6 +29,6 @@ def test_a_track_that_was_kept_needs_no_cause(run, capfd):
     code, printed, folder = run("held", "experiment=walk_circle", *SMALL)
     assert code == 0, printed
     assert main(["diagnose", str(folder / "run.rrd")]) == 0
-    assert "never lost" in capfd.readouterr().out
+    assert "no track loss" in capfd.readouterr().out
     assert main(["diagnose", str(folder / "nothing.rrd")]) == 2
     assert "no such recording" in capfd.readouterr().err

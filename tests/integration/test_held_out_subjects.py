@@ -37,6 +37,6 @@ def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capf
     assert code == 0, told
     assert main(["report", str(tmp_path / "jobs")]) == 0
     said = capfd.readouterr().out
-    assert "half=choose" in said
-    assert "half=report" in said
+    assert "split=validation" in said
+    assert "split=test" in said
     assert "Spearman" in said

@@ -75,7 +75,7 @@ def said(dataset, height_m=1.69, **told):
         collector.add(step, {})
     known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **told)
     found = verdict(collector.measurements(), known)
-    print(found.sentence)
+    print(found.message)
     return found
 
 
@@ -89,31 +89,31 @@ def folder(data):
 
 def test_an_undisturbed_run_is_accused_of_nothing(folder):
     found = said(Detections(folder))
-    assert (found.kind, found.findings) == ("no truth", ())
+    assert (found.kind, found.findings) == ("no ground truth", ())
     assert set(found.states) == {"tracked"}
 
 
 def test_two_cameras_exchanged(folder):
-    assert said(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "cameras disagree"
+    assert said(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "inconsistent cameras"
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.15])
 def test_a_wrong_height(folder, factor):
-    assert said(Detections(folder), height_m=1.69 * factor).kind == "height"
+    assert said(Detections(folder), height_m=1.69 * factor).kind == "height mismatch"
 
 
 def test_left_and_right_exchanged(folder):
-    assert said(Detections(folder, mirrored=True)).kind == "left and right"
+    assert said(Detections(folder, mirrored=True)).kind == "left–right swap"
 
 
 def test_half_a_second_of_frames_missing(folder):
     found = said(Detections(folder, kept=[*range(12), *range(42, 54)]))
-    assert found.kind == "frames missing"
-    assert "from frame 11 to 12" in found.sentence
+    assert found.kind == "missing frames or jumps"
+    assert "from frame 11 to 12" in found.message
 
 
 def test_a_wrong_rate(folder):
-    assert said(Detections(folder, rate_hz=30.0), source_rate_hz=60.0).kind == "rate"
+    assert said(Detections(folder, rate_hz=30.0), source_rate_hz=60.0).kind == "frame-rate mismatch"
 
 
 def test_a_calibration_of_another_size_is_refused_or_told(folder, tmp_path):
@@ -126,5 +126,5 @@ def test_a_calibration_of_another_size_is_refused_or_told(folder, tmp_path):
 
     path = tmp_path / "half.toml"
     path.write_text(re.sub(r"matrix = (\[.*\])", half, (folder / "Calib_qualisys.toml").read_text()))
-    with pytest.raises(InputError, match="is the calibration theirs"):
+    with pytest.raises(InputError, match="match the calibration"):
         Detections(folder, path)

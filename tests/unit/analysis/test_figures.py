@@ -39,7 +39,7 @@ ARM_ANGLES = ("shoulder_flexion", "shoulder_abduction", "shoulder_twist", "elbow
 ARM = StateSpace.of({"arm": (tuple(f"right_{angle}" for angle in ARM_ANGLES), "rad")})
 CONFIG = """
 dataset: {motion: builtin, rate_hz: 30.0, person_px: 175.0}
-prior: {beta: 0.05, missing: 0.2}
+prior: {beta: 0.05, missing_fraction: 0.2}
 inference: {n_particles: 40}
 """
 X = np.linspace(0.0, 1.0, 9)

@@ -107,8 +107,8 @@ def report(name, *values):
 rng = np.random.default_rng(0)
 frames = contract.frames(rng, contract.LEFT, contract.RIGHT, n=3)
 for name, build in contract.BUILDERS.items():
-    likelihood = build().look(None, frames[0]).remember(np.zeros(25))
-    report(name, likelihood.look(*frames[:2]).evaluate(contract.poses(500), contract.poses(500, 2)).log_prob)
+    likelihood = build().prepare(None, frames[0]).update(np.zeros(25))
+    report(name, likelihood.prepare(*frames[:2]).evaluate(contract.poses(500), contract.poses(500, 2)).log_prob)
 rows, probes = rng.normal(size=(3000, 8)).astype(np.float32), rng.normal(size=(300, 8))
 found = search(kd_tree(rows), probes, np.ones(300, dtype=np.int64), 0.5, rng.random(300))
 report("search", found.entries, found.log_mass, nearest_entries(kd_tree(rows), probes, 0.5))
