@@ -154,8 +154,10 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
         groups = [
             f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
         ]
-        thin = ", thin the true one" if any(each.startswith("mpjpe_") for each in expected) else ""
-        name = f"expected error (mm){thin}; {', '.join(groups)}"
+        kinds = (
+            "expected (thick) and true (thin)" if any(each.startswith("mpjpe_") for each in expected) else "expected"
+        )
+        name = f"{kinds} error (mm): {', '.join(groups)}"
         rows.append((0.8, _metrics(name, expected, data, legend=False)))
     return [*rows, (2.0, rrb.Tabs(*_details(data)))]
 
