@@ -21,6 +21,8 @@ SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
     "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
     "time_against_length": lambda: scaling.clip_length((2, 4)),
+    "fit_time_against_length": lambda: scaling.fit_time((20, 30)),
+    "fit_memory_against_length": lambda: scaling.fit_memory((20, 30)),
 }
 
 
