@@ -16,5 +16,5 @@ READINGS = BOTH
 
 def draw(readings: Mapping[str, Reading]) -> Figure:
     """Draw images above, the expected pose in space below."""
-    paper = "The paper: 5000 particles, 50 frames, held; arms often poorly estimated; no errors given."
+    paper = "The paper: 5000 particles, 50 frames, tracked; arms often poorly estimated; no errors given."
     return tracked("Paper A, fig. 5: a walk in a straight line", readings["walk_straight"], paper)

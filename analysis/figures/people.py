@@ -69,7 +69,7 @@ class OverPeople:
     runs: Mapping[Clips, Sequence[Run]]
 
     @property
-    def held(self) -> tuple[int, int]:
+    def tracked_counts(self) -> tuple[int, int]:
         """Return the number of runs that tracked the person to the end, and of all."""
         every = [run["tracked"] for runs in self.runs.values() for run in runs]
         return round(sum(every)), len(every)
@@ -92,9 +92,9 @@ class OverPeople:
 def table(results: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:
     """Yield the lines of a Markdown table: experiment and paper, number of people, tracked runs, means and
     deviations."""
-    yield f"| experiment | | people | held | {' | '.join(METRICS)} |"
+    yield f"| experiment | | people | tracked | {' | '.join(METRICS)} |"
     yield f"| --- | --- | --- | --- |{' --- |' * len(METRICS)}"
     for (experiment, paper), each in results.items():
-        held, n = each.held
+        n_tracked, n = each.tracked_counts
         cells = " | ".join(each.described(metric) for metric in METRICS)
-        yield f"| {experiment} | {paper} | {len(each.runs)} | {held} of {n} | {cells} |"
+        yield f"| {experiment} | {paper} | {len(each.runs)} | {n_tracked} of {n} | {cells} |"

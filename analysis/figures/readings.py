@@ -63,6 +63,6 @@ class Reading:
         available = [(metric, unit) for metric, unit in ERRORS[of].items() if metric in numbers.runs[0]]
         if not available:  # no person is tracked
             return ""
-        n_tracked, n = numbers.held
+        n_tracked, n = numbers.tracked_counts
         errors = ", ".join(numbers.described(metric, unit) for metric, unit in available)
         return f"{n_tracked} of {n} seeds tracked; {errors}"

@@ -46,7 +46,7 @@ class Replicates:
     runs: tuple[Mapping[str, float], ...]
 
     @property
-    def held(self) -> tuple[int, int]:
+    def tracked_counts(self) -> tuple[int, int]:
         """Return the number of runs that tracked the person to the end, and of all."""
         return round(sum(run["tracked"] for run in self.runs)), len(self.runs)
 
@@ -111,7 +111,7 @@ def _file(experiment: str, paper: str, config: DictConfig, folder: Path) -> Path
 
 
 def _run(config: DictConfig, experiment: str) -> dict[str, float]:
-    """Return one run's metrics; without images `held` is determined by the last frames' errors in space."""
+    """Return one run's metrics; without images `tracked` is determined by the last frames' errors in space."""
     if config.study is not None:
         raise InputError(f"{experiment}: a study has no replicates")
     summary = finished(config, experiment)
@@ -120,15 +120,15 @@ def _run(config: DictConfig, experiment: str) -> dict[str, float]:
 
 
 def table(results: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
-    """Yield lines of a table in Markdown: experiment and paper, runs held, errors with intervals."""
-    yield "| experiment | | held | joints in space | in the image | knees |"
+    """Yield lines of a table in Markdown: experiment and paper, tracked runs, errors with intervals."""
+    yield "| experiment | | tracked | joints in space | in the image | knees |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for (experiment, paper), each in results.items():
-        held, n = each.held
+        n_tracked, n = each.tracked_counts
         metrics = [("mpjpe_abs_mm", "mm"), *([("mpjpe_px", "px")] if "mpjpe_px" in each.runs[0] else KNEES)]
         cells = {metric: each.described(metric, unit) for metric, unit in metrics if metric in each.runs[0]}
         row = [cells.get(metric, "") for metric in ("mpjpe_abs_mm", "mpjpe_px", "knee_flexion_rmse_deg")]
-        yield f"| {experiment} | {paper} | {held} of {n} | {' | '.join(row)} |"
+        yield f"| {experiment} | {paper} | {n_tracked} of {n} | {' | '.join(row)} |"
 
 
 def _short(value: float) -> str:

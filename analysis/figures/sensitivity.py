@@ -41,8 +41,8 @@ def table(numbers_by_run: Mapping[Run, Numbers]) -> str:
     for row in dict.fromkeys(run.row for run in numbers_by_run):
         runs = {run: numbers for run, numbers in numbers_by_run.items() if run.row == row}
         cells = [spread(runs, "mpjpe_abs_mm", ".0f"), spread(runs, "mpjpe_px", ".1f")]
-        held = sum(numbers["tracked"] for numbers in runs.values())
-        lines.append(f"| {row} | {' | '.join(cells)} | {held:.0f}/{len(runs)} |")
+        n_tracked = sum(numbers["tracked"] for numbers in runs.values())
+        lines.append(f"| {row} | {' | '.join(cells)} | {n_tracked:.0f}/{len(runs)} |")
     return "\n".join(lines)
 
 

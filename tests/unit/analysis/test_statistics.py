@@ -25,17 +25,17 @@ def test_the_mean_over_seeds_and_its_interval():
     half = 1.96 * 10.0 / np.sqrt(400)  # of the normal distribution's mean
     assert mean == pytest.approx(50.0, abs=2 * half)
     assert (mean - low, high - mean) == (pytest.approx(half, rel=0.1), pytest.approx(half, rel=0.1))
-    assert of(10.0, 20.0, 90.0, held=(0, 1)).held == (2, 3)
+    assert of(10.0, 20.0, 90.0, held=(0, 1)).tracked_counts == (2, 3)
 
 
 def test_means_over_people_weigh_every_person_alike():
     runs = {("a",): [{"mpjpe_abs_mm": 10.0, "tracked": 1.0}, {"mpjpe_abs_mm": 30.0, "tracked": 0.0}]}
     alone = people.OverPeople(runs)
-    assert (alone.spread("mpjpe_abs_mm")[0], alone.held) == (20.0, (1, 2))
+    assert (alone.spread("mpjpe_abs_mm")[0], alone.tracked_counts) == (20.0, (1, 2))
     assert np.isnan(alone.spread("mpjpe_abs_mm")[1])
     both = people.OverPeople(runs | {("b",): [{"mpjpe_abs_mm": 50.0, "tracked": 1.0}]})
     assert both.spread("mpjpe_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
-    assert both.held == (2, 3)
+    assert both.tracked_counts == (2, 3)
 
 
 def test_as_many_pairs_and_seeds_as_computed_find_the_change():
@@ -78,7 +78,7 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
     monkeypatch.setattr(replicates, "_run", run)
     source = Source(tmp_path, None, quick=True)
     for paper in replicates.PAPERS:
-        assert replicates.replicates("walk_straight", paper, source).held == (2, 2)
+        assert replicates.replicates("walk_straight", paper, source).tracked_counts == (2, 2)
     assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
     replicates.replicates("walk_straight", "ours", source, n_seeds=3)
     assert seen[4:] == [("ours", 2, 1002)]

@@ -53,7 +53,7 @@ class Posterior:
     def __init__(self, space: StateSpace, skeleton: Skeleton, n_bins: int) -> None:
         angles = [name for name in _SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
         slices = [each for group, each in space.slices.items() if group.rpartition(".")[2] in HIDDEN_SLICES]
-        hidden = {i for each in slices for i in range(len(space))[each]}  # also of a mixture's "<prior>.held"
+        hidden = {i for each in slices for i in range(len(space))[each]}
         self._columns = [i for i in range(len(space)) if i not in hidden]
         self.names = (*(space.names[i] for i in self._columns), *angles)
         self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
