@@ -12,6 +12,9 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, check_places, parse_toml
 
+TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""From a world with x ahead and z up to a level camera."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:

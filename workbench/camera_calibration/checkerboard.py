@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.camera import Camera
+from workbench.body.camera import TO_LEVEL, Camera
 from workbench.datasets.files.decode import count_frames, decode
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
@@ -19,8 +19,6 @@ _MAX_IMAGES = 60
 _MIN_IMAGES, _MIN_COMMON_IMAGES = 5, 3
 _OUTLIER_RATIO = 3.0
 """Images whose error exceeds 1 px and this multiple of the median are omitted, as of a bent or blurred one."""
-TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""From a world with x ahead and z up to a level camera."""
 TO_CHECKERBOARD = np.diag([1.0, -1.0, -1.0])
 """From a world with z up to a checkerboard on its floor, whose own z axis points away from the camera."""
 

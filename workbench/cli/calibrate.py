@@ -8,8 +8,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from workbench.camera_calibration import checkerboard, person_height
+from workbench.camera_calibration import checkerboard
 from workbench.camera_calibration.camera_file import check_name, write_cameras
+from workbench.datasets import person_height
 from workbench.datasets.files.decode import decode
 from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError

@@ -126,7 +126,7 @@ class MultiView:
             for name, folder in self._folders.items()
         }
         detections = {name: read_detections(folder) for name, folder in folders.items()}
-        first = self._videos[0].first_frame
+        first = self._videos[0].first
         within = (first, first + self._n_frames - 1)
         target = select_target(detections, cameras, self._videos[0].true_rate_hz, self._person, within)
         return {name: target_annotations(detections[name], target, view) for view, name in enumerate(detections)}

@@ -1,5 +1,6 @@
 """Dataset of a video file or image folder of a calibrated camera, with annotated or detected joints."""
 
+import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,10 +20,17 @@ from workbench.core.side_information import INITIAL_ANNOTATIONS
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_annotations
+from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
 
+log = logging.getLogger(__name__)
+
+ADULT_M = 1.7
+"""Assumed height of a person; adults' have a standard deviation of 0.1 m, which scales all distances."""
+_GAIT, _STEP_S = 0.04, 0.5
+"""See `Measurements.gait`, and the duration of a step."""
 _MIN_SIZE_PX = 16
 _MAX_STRETCH = 0.01
 """Maximum relative difference of image and camera size: encoders cut or pad to multiples of their blocks."""
@@ -40,7 +48,8 @@ class Video:
     Parameters
     ----------
     source : a video file that OpenCV reads, or a folder of images in natural order (frame_9 before frame_10).
-    calibration_file : camera file of the Pose2Sim and Sports2D form.
+    calibration_file : camera file of the Pose2Sim and Sports2D form; None: focal length, tilt and height of the camera
+        are estimated from the heads and feet of the person in the keypoints, see `person_height`.
     camera_name : name of a camera in it; None: the first.
     first_frame : number of the first frame used, counted from 0 in the source.
     n_frames : number of frames used; None: to the end.
@@ -55,7 +64,9 @@ class Video:
     occluded_weight : weight of an annotation of an occluded joint relative to a visible one. It is 0.35 because
         occluded joints are annotated to 6–10 px, visible ones to 4. A detection's weight is its confidence.
     person : index of the target among those detected in the first frame with a detection; None: the largest and most
-        confident one.
+        confident one; "moving": of all in any frame the most prominent one who moves.
+    height_m : of the person, for a camera that is estimated; None: an adult's, ADULT_M.
+    only_visible : restrict the frames to those from the first to the last in which the person is detected.
     detector : "full", BlazePose's model, which is downloaded once, or the path of another landmark model.
     cache : folder for detections and the model.
     """
@@ -68,7 +79,7 @@ class Video:
         return component_traits(IMAGES, ONE_CAMERA, *keypoints, *annotations)
 
     source: str
-    calibration_file: str
+    calibration_file: str | None
     camera_name: str | None = None
     first_frame: int = 0
     n_frames: int | None = None
@@ -80,7 +91,9 @@ class Video:
     eval_annotations: str | None = None
     eval_frames: Sequence[int] = ()
     occluded_weight: float = 0.35
-    person: int | None = None
+    person: int | str | None = None
+    height_m: float | None = None
+    only_visible: bool = False
     detector: str = "full"
     cache: str = "~/.cache/workbench"
 
@@ -94,7 +107,7 @@ class Video:
     @cached_property
     def info(self) -> SequenceInfo:
         """The camera of the resized images, and the annotations."""
-        n_frames = self.last - self.first_frame + 1
+        n_frames = self.last - self.first + 1
         first, camera = next(decode(self.path)), self.source_camera
         self._check_size(first)
         if first.shape[:2] != (camera.height, camera.width):
@@ -110,15 +123,15 @@ class Video:
             name=self.path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
-            has_keypoints=bool(((annotated >= self.first_frame) & (annotated <= self.last)).any()),
+            has_keypoints=bool(((annotated >= self.first) & (annotated <= self.last)).any()),
             input_counts=input_counts,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, because seeking in a video file is unreliable."""
         (camera,) = self.info.cameras
-        index = self.first_frame - 1
-        for index, image in enumerate(decode(self.path, self.first_frame, self.last), self.first_frame):
+        index = self.first - 1
+        for index, image in enumerate(decode(self.path, self.first, self.last), self.first):
             self._check_size(image)
             view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index))
             annotated = None if self._truth is None else self._truth.at(index)
@@ -145,6 +158,8 @@ class Video:
     @cached_property
     def source_camera(self) -> Camera:
         """The camera of the source's images."""
+        if self.calibration_file is None:
+            return self._estimated_camera()
         cameras = {camera.name: camera for camera in load_cameras(Path(self.calibration_file).expanduser())}
         if self.camera_name is not None and self.camera_name not in cameras:
             raise InputError(
@@ -152,9 +167,34 @@ class Video:
             )
         return next(iter(cameras.values())) if self.camera_name is None else cameras[self.camera_name]
 
-    @cached_property
+    @property
+    def first(self) -> int:
+        """Number of the first frame used."""
+        return self._visible[0]
+
+    @property
     def last(self) -> int:
         """Number of the last frame used."""
+        return self._visible[1]
+
+    @cached_property
+    def _visible(self) -> tuple[int, int]:
+        """Numbers of the first frame and the last, of those in which the person is detected if only these are used."""
+        first, last = self.first_frame, self._last
+        if not self.only_visible or self.keypoints is None:
+            return first, last
+        detected = self._read(self.keypoints, (first, last))
+        frames = detected.frames[np.isfinite(detected.pixels[..., 0]).any(axis=1)]
+        if not len(frames):
+            raise InputError(f"{self.source}: expected a person in frames {first} to {last}, found none")
+        visible = int(frames[0]), int(frames[-1])
+        if visible != (first, last):
+            log.info("%s: a person is detected in frames %d to %d, which are used", self.path.name, *visible)
+        return visible
+
+    @cached_property
+    def _last(self) -> int:
+        """Number of the last frame of those that are set."""
         last = None if self.n_frames is None else self.first_frame + self.n_frames - 1
         n = count_frames(self.path, None if last is None else last + 1)
         last_needed = self.first_frame if last is None else last
@@ -175,10 +215,34 @@ class Video:
             return None
         return _select_frames(self._read(self.eval_annotations), self.eval_frames, bool(self.eval_frames))
 
-    def _read(self, path: str) -> JointAnnotations:
+    def _read(self, path: str, within: tuple[int, int] | None = None) -> JointAnnotations:
         if path == DETECT:
             path = str(cached_detections(self.path, self.detector, Path(self.cache)))
-        return read_annotations(path, self.person, self.true_rate_hz, (self.first_frame, self.last))
+        return read_annotations(path, self.person, self.true_rate_hz, within or (self.first, self.last))
+
+    def _estimated_camera(self) -> Camera:
+        """Return the camera estimated from the heads and feet of the person in the keypoints."""
+        if self._keypoints is None:
+            raise InputError(
+                f"{self.source}: expected dataset.calibration_file, or dataset.keypoints to estimate the camera from"
+            )
+        image = next(decode(self.path))
+        height_m = ADULT_M if self.height_m is None else self.height_m
+        assumed = " of an adult, which is assumed" if self.height_m is None else ""
+        segments = head_foot_segments(self._keypoints)
+        estimate = calibrate_by_height(
+            "camera",
+            (image.shape[1], image.shape[0]),
+            *segments,
+            Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.true_rate_hz),
+        )
+        value, sigma = estimate.values, estimate.sigma
+        log.info(
+            "camera estimated from the person's height, %.2f m%s: focal length %.0f ± %.0f px, tilt %.1f ± %.1f°, "
+            "%.2f ± %.2f m above the floor", height_m, assumed, value["focal_px"], sigma["focal_px"],
+            value["tilt_deg"], sigma["tilt_deg"], value["height_m"], sigma["height_m"],
+        )  # fmt: skip
+        return estimate.camera
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
@@ -192,7 +256,7 @@ class Video:
         """Return the annotations from first_frame to initial_last_frame in the resized image."""
         if self.initial_annotations is None:
             return None
-        annotations, first = read_annotations(self.initial_annotations), self.first_frame
+        annotations, first = read_annotations(self.initial_annotations), self.first
         last = first if self.initial_last_frame is None else self.initial_last_frame
         if last < first:
             raise InputError(f"video: expected initial_last_frame of at least first_frame={first}, found {last}")

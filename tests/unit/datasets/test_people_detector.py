@@ -164,3 +164,21 @@ def test_several_views_detect_each_in_its_video(video, camera_file, tmp_path):
     assert np.isfinite(next(iter(dataset.frames())).views[0].keypoints).any()
     with pytest.raises(InputError, match="expected files by camera or 'detect'"):
         MultiView({"walk": str(video)}, camera_file, keypoints="found", **options)
+
+
+def test_only_frames_with_the_person_are_used_where_that_is_chosen(video, camera_file, tmp_path):
+    for t in (0, 1, 10):
+        cv2.imwrite(str(video / f"{t:03d}.png"), image())
+    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
+    dataset = Video(str(video), camera_file, keypoints="detect", only_visible=True, **options)
+    assert [frame.index for frame in dataset.frames()] == list(range(2, 10))
+    assert Video(str(video), camera_file, keypoints="detect", **options).info.n_frames == 11
+
+
+def test_the_one_who_moves_is_followed_where_that_is_chosen(video, camera_file, tmp_path):
+    for t in range(11):
+        cv2.imwrite(str(video / f"{t:03d}.png"), image((40.0, 50.0), (280.0 - 3.0 * t, 130.0)))
+    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
+    dataset = Video(str(video), camera_file, keypoints="detect", person="moving", **options)
+    hips = [frame.views[0].keypoints[JOINT_NAMES.index("left_hip")] for frame in dataset.frames()]
+    assert hips[-1][0] - hips[0][0] == pytest.approx(-30.0, abs=2.0)

@@ -4,13 +4,14 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association.assignment import Assignment, track
-from workbench.datasets.association.detections import detector_view
+from workbench.datasets.association.detections import detector_view, median_height
 from workbench.datasets.association.left_right import PARTS, exchanged_labels, with_corrected_labels
 from workbench.datasets.association.track_stitching import extended_backwards, stitched, without_short
 from workbench.motion.formats.openpose import LAYOUTS, People
@@ -19,7 +20,9 @@ from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-Choice = int | Mapping[str, int] | None
+MOVING = "moving"
+"""The person who is prominent and moves most in the image."""
+Choice = int | str | Mapping[str, int] | None
 """Target: an index in the first camera's first frame with a detection, or indices in those of the cameras named."""
 
 _LONG_GAP_S = 0.5
@@ -127,9 +130,12 @@ def _selected(tracked: _TrackedPeople, person: Choice) -> int:
         several = "two cameras at once; check that the videos are synchronized and match the calibration"
         expected = several if len(tracked.names) > 1 else "the frames used"
         raise InputError(f"{', '.join(tracked.names)}: expected a person in {expected}")
+    if person == MOVING:
+        everyone = sorted({number for frame in tracked.assigned for number in frame.values()})
+        return max(everyone, key=lambda number: _presence(tracked.of(number)) * (1.0 + _way(tracked.of(number))))
     if person is None:
         return max(sorted(set(first.values())), key=lambda number: _presence(tracked.of(number)))
-    indices = dict(person) if isinstance(person, Mapping) else {tracked.names[0]: person}
+    indices: dict[str, Any] = dict(person) if isinstance(person, Mapping) else {tracked.names[0]: person}
     is_valid = all(isinstance(row, int) and not isinstance(row, bool) for row in indices.values())
     if not is_valid or not indices or not set(indices) <= set(tracked.names):
         raise InputError(
@@ -158,6 +164,18 @@ def _track_number(tracked: _TrackedPeople, name: str, row: int) -> int:
             "too few joints are detected; use the index in another camera, or another first_frame"
         )
     return tracked.assigned[t][view, row]
+
+
+def _way(joints: FloatArray) -> float:
+    """Return the largest distance of one person's joints (V, T, J, 3) from their first place, in heights."""
+    largest = 0.0
+    for view in joints[..., :2]:
+        detected = view[np.isfinite(view[..., 0]).any(axis=1)]
+        if len(detected):
+            centres = np.nanmean(detected, axis=1)
+            height = max(median_height(detected), 1.0)
+            largest = max(largest, float(np.linalg.norm(centres - centres[0], axis=1).max()) / height)
+    return largest
 
 
 def _presence(joints: FloatArray) -> float:

@@ -67,7 +67,7 @@ class JointAnnotations:
 
 
 def read_annotations(
-    path: str | Path, person: int | None = None, rate_hz: float = 30.0, within: tuple[int, int | None] = (0, None)
+    path: str | Path, person: int | str | None = None, rate_hz: float = 30.0, within: tuple[int, int | None] = (0, None)
 ) -> JointAnnotations:
     """Read a CSV file of annotations, or one person's detections in a folder of OpenPose's files.
 

@@ -7,8 +7,8 @@ from seen_walkers import HEIGHT_M
 from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.person_height import Measurements, calibrate_by_height, head_foot_segments
 from workbench.datasets.files.joint_annotations import JointAnnotations
+from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)
@@ -98,3 +98,14 @@ def test_bad_input_is_one_sentence():
     feet, heads = standing()
     with pytest.raises(InputError, match="head above the ankles"):
         calibrate_by_height("one", SIZE, FRAMES, heads, feet, Measurements(HEIGHT_M))
+
+
+def test_a_gait_makes_the_estimate_less_certain_and_closer_to_the_usual_camera():
+    """Its errors are the same within a step, so that more frames of the same steps add nothing."""
+    feet, heads = standing(near_m=6.0, far_m=6.5, sigma_px=8.0)
+    plain, gait, slow = (
+        calibrate_by_height("one", SIZE, FRAMES, feet, heads, Measurements(HEIGHT_M, gait=gait, step_frames=step))
+        for gait, step in ((0.0, 1.0), (0.05, 1.0), (0.05, 6.0))
+    )
+    assert plain.sigma["tilt_deg"] < gait.sigma["tilt_deg"] < slow.sigma["tilt_deg"]
+    assert abs(slow.values["focal_px"] - SIZE[0]) <= abs(plain.values["focal_px"] - SIZE[0])

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from workbench.body.camera import Camera
+from workbench.body.camera import TO_LEVEL, Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.checkerboard import TO_LEVEL
 from workbench.datasets.files.joint_annotations import JointAnnotations
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -40,12 +39,16 @@ _TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
 @dataclass(frozen=True)
 class Measurements:
     """Measured quantities; None: not measured. height_m: of the person. focal_px: of the lens. distance_m: from the
-    camera to the person in the first frame. camera_height_m: above the floor."""
+    camera to the person in the first frame. camera_height_m: above the floor. gait: standard deviation of the heads and
+    feet of a walking person about those of an upright one, over the length in between; it is the same within about
+    step_frames frames."""
 
     height_m: float
     focal_px: float | None = None
     distance_m: float | None = None
     camera_height_m: float | None = None
+    gait: float = 0.0
+    step_frames: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.height_m <= 2.5:
@@ -111,7 +114,10 @@ def calibrate_by_height(
     problem = _Problem(size, feet, heads, data)
     first = least_squares(problem.residuals, problem.initial(), x_scale="jac", args=(SIGMA_PX,), max_nfev=2000)
     # two of the four numbers of a segment determine its place, hence the factor
-    sigma_px = max(float(np.sqrt(2.0 * np.mean(problem.errors(first.x) ** 2))), 1.0)
+    rms_px = float(np.sqrt(2.0 * np.mean(problem.errors(first.x) ** 2)))
+    n_steps = min(max((frames[-1] - frames[0]) / data.step_frames, 1.0), len(frames))
+    gait_px = data.gait * float(np.median(np.linalg.norm(heads - feet, axis=1))) * np.sqrt(len(frames) / n_steps)
+    sigma_px = max(rms_px, float(gait_px), 1.0)
     solution = least_squares(problem.residuals, first.x, x_scale="jac", args=(sigma_px,), max_nfev=2000)
     errors = problem.errors(solution.x)
     if not solution.success or np.abs(errors).max() > 0.25 * max(size):

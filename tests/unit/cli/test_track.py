@@ -1,0 +1,50 @@
+"""`workbench track` leads from a video to a recording and its exports, or says in one message what is missing."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from openpose_scenes import points, write
+from seen_walkers import around, walked
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.camera_calibration.camera_file import write_cameras
+from workbench.cli.main import main
+from workbench.recording.read.reader import read
+
+
+@pytest.fixture
+def video(tmp_path):
+    """A folder of grey images, and the detections of a walker in them, with the camera's file."""
+    (camera,) = (each.scaled(0.25) for each in around(1))
+    (tmp_path / "walk").mkdir()
+    for t in range(8):
+        cv2.imwrite(str(tmp_path / "walk" / f"{t:03d}.png"), np.full((camera.height, camera.width, 3), 90, np.uint8))
+    pixels = camera.project(walked()[:8]).tolist()
+    people = [[points("BODY_25B", dict(zip(JOINT_NAMES, frame, strict=True)))] for frame in pixels]
+    write(tmp_path / "keypoints", dict(enumerate(people)))
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
+    return tmp_path / "walk"
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["camera given", "camera estimated"])
+def test_a_video_becomes_a_recording_and_exports(given, video, tmp_path, capsys):
+    camera = ["--camera", str(tmp_path / "camera.toml")] if given else []
+    overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
+    assert main(["track", str(video), "--height", "1.75", *camera, "-o", str(tmp_path / "out"), *overrides]) == 0
+    printed = capsys.readouterr().out
+    assert ("camera estimated" in printed) != given
+    run = read(tmp_path / "out" / "run.rrd")
+    assert len(run.poses[0]) == 8
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv"}
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+
+
+@pytest.mark.parametrize("arguments", [["none.mp4"], ["dataset.rate_hz=30"], ["one.mp4", "two.mp4"]])
+def test_what_is_missing_is_one_message(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("one.mp4", "two.mp4"):
+        (tmp_path / name).write_bytes(b"")
+    assert main(["track", *arguments]) == 2
+    assert "Traceback" not in capsys.readouterr().err
