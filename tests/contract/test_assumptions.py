@@ -33,6 +33,8 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
         ),
         (["experiment=points_walk_steady", "inference=particle_filter"], {"first_frames"}, set()),
         (["experiment=balance_4cam", "body.height_m=1.8"], {"height"}, set()),
+        (["experiment=video", "dataset.calibration_file=camera.toml"], {"camera_calibration"}, set()),
+        (["experiment=video", "dataset.height_m=1.8"], {"height"}, set()),
     ],
 )
 def test_what_a_run_is_given_follows_its_parts(overrides, more, less):

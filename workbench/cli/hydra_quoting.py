@@ -27,7 +27,13 @@ def quoted(argument: str) -> str:
     argument = f"{key}={value}"
     if _is_parsed(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):
         return argument
-    return f"{key}='{value.replace(chr(39), chr(92) + chr(39))}'"
+    return f"{key}={literal(value)}"
+
+
+def literal(value: str) -> str:
+    """Return a value in quotes, which Hydra's grammar takes as it stands, with any symbols in it."""
+    escaped = value.replace("'", r"\'").replace("${", r"\${")
+    return f"'{escaped}'"
 
 
 def _is_parsed(argument: str) -> bool:

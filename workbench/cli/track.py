@@ -1,5 +1,6 @@
 """`workbench track`: track a person in a video, from the file alone."""
 
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -7,12 +8,15 @@ from typing import Annotated
 from typer import Argument, Exit, Option
 
 from workbench.cli.export import estimated_track
+from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
 from workbench.motion.formats.motion_export import export
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.errors import InputError
+from workbench.utils.run_files import RECORDING, read_summary
 
 _EXPORTS = ("person.trc", "person.bvh", "person.csv")
+_RESUME = "sweep.resume="
 
 
 def track(
@@ -27,6 +31,7 @@ def track(
         Option(metavar="FILE.toml", help="Calibration; default: one camera, estimated from the person's height."),
     ] = None,
     model: Annotated[str, Option(metavar="full|PATH", help="Model of the detector, see workbench detect.")] = "full",
+    each: Annotated[bool, Option("--each", help="Track every video by itself, as the jobs of a sweep.")] = False,
     output: Annotated[
         Path | None,
         Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one."),
@@ -35,35 +40,57 @@ def track(
     """Detect a person's joints in a video, fit the motion in 3-D, record it and export it.
 
     Several videos with one calibration file are one scene; its cameras have
-    the names of the videos.
+    the names of the videos. With --each, every video is a scene of its own,
+    in a numbered folder; sweep.resume=DIR resumes such a sweep.
 
     \b
     Examples:
       workbench track walk.mp4 --height 1.72
       workbench track left.mp4 right.mp4 --camera rig.toml -o trial
+      workbench track trials/*.mp4 --each -o trials hydra/launcher=joblib
     """
-    videos = [Path(word) for word in arguments if "=" not in word]
-    overrides = [word for word in arguments if "=" in word]
-    if not videos:
-        raise InputError("expected a video")
-    if missing := [str(video) for video in videos if not video.exists()]:
-        raise InputError(f"{', '.join(missing)}: no such video")
-    if len(videos) > 1 and camera is None:
-        raise InputError("several videos are one scene: expected their calibration, --camera FILE.toml")
-    if output is None:
-        output = Path("recordings", "runs", "video", f"{videos[0].stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
-    words = ["experiment=video", f"dataset.detector={model}", f"hydra.run.dir={output}"]
-    if len(videos) == 1:
-        words.append(f"dataset.source={videos[0]}")
+    videos = [word for word in arguments if "=" not in word or os.path.exists(word)]
+    overrides = [word for word in arguments if word not in videos]
+    _check_videos(videos, one_scene=not each, calibrated=camera is not None)
+    resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
+    folder = resumed or output or _new_folder(videos[0], "sweeps" if each else "runs")
+    words = ["experiment=video", f"dataset.detector={literal(model)}"]
+    words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
+    if each or len(videos) == 1:
+        words.append(f"dataset.source={','.join(map(literal, videos))}")
         words += [] if height is None else [f"dataset.height_m={height}"]
     else:
-        sources = ",".join(f"{video.stem}:{video}" for video in videos)
+        sources = ",".join(f"{Path(video).stem}:{literal(video)}" for video in videos)
         words += ["dataset=multi_view", f"dataset.sources={{{sources}}}"]
         words += [] if height is None else [f"body.height_m={height}"]
-    words += [] if camera is None else [f"dataset.calibration_file={camera}"]
-    if code := run([*words, *overrides]):
+    options = ["-m", f"hydra.sweep.dir={folder}"] if each else [f"hydra.run.dir={folder}"]
+    code = run([*options, *words, *overrides])
+    runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
+    for complete in [place for place in runs if (read_summary(place) or {}).get("status") == "complete"]:
+        _export(complete)
+    if code:
         raise Exit(code)
-    recorded = estimated_track(read_sound_run(output / "run.rrd"))
+
+
+def _check_videos(videos: list[str], one_scene: bool, calibrated: bool) -> None:
+    """Raise InputError unless there are videos, and a calibration for several of one scene."""
+    if not videos:
+        raise InputError("expected a video")
+    if missing := [video for video in videos if not Path(video).exists()]:
+        raise InputError(f"{', '.join(missing)}: no such video")
+    if one_scene and len(videos) > 1 and not calibrated:
+        raise InputError(
+            "several videos are one scene: expected their calibration, --camera FILE.toml, or --each for a run of each"
+        )
+
+
+def _new_folder(video: str, kind: str) -> Path:
+    return Path("recordings", kind, "video", f"{Path(video).stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
+
+
+def _export(folder: Path) -> None:
+    """Write the estimated motion of a run beside its recording."""
+    motion = estimated_track(read_sound_run(folder / RECORDING))
     for name in _EXPORTS:
-        export(output / name, recorded, metres=False)
-    print(f"exported: {', '.join(str(output / name) for name in _EXPORTS)}")
+        export(folder / name, motion, metres=False)
+    print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")

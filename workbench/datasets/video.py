@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from workbench.body.camera import Camera, load_cameras
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
-from workbench.core.side_information import INITIAL_ANNOTATIONS
+from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_annotations
@@ -73,10 +73,13 @@ class Video:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare images of one camera, and the keypoints and initial annotations that are set."""
+        """Declare images of one camera, the keypoints and annotations that are set, and how the camera is known."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
         annotations = () if keys.get("initial_annotations") is None else (START, INITIAL_ANNOTATIONS)
-        return component_traits(IMAGES, ONE_CAMERA, *keypoints, *annotations)
+        if keys.get("calibration_file") is not None:
+            return component_traits(IMAGES, ONE_CAMERA, *keypoints, *annotations)
+        height = () if keys.get("height_m") is None else (HEIGHT,)
+        return component_traits(IMAGES, ONE_CAMERA, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
 
     source: str
     calibration_file: str | None

@@ -1,6 +1,7 @@
 """`workbench track` leads from a video to a recording and its exports, or says in one message what is missing."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
@@ -39,6 +40,21 @@ def test_a_video_becomes_a_recording_and_exports(given, video, tmp_path, capsys)
     assert len(run.poses[0]) == 8
     assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv"}
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+
+
+def test_each_video_becomes_a_run_of_its_own_which_resumes(video, tmp_path, capsys):
+    second = tmp_path / "walk, 2=b"
+    video.with_name("walk").rename(second)
+    shutil.copytree(second, video)
+    words = [str(video), str(second), "--each", "--camera", str(tmp_path / "camera.toml"), "-o", str(tmp_path / "out")]
+    keys = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
+    assert main(["track", *words, *keys, "dataset.n_frames=4"]) == 0
+    runs = [read(tmp_path / "out" / job / "run.rrd") for job in ("0", "1")]
+    assert [run.settings["dataset"]["source"] for run in runs] == [str(video), str(second)]
+    assert all((tmp_path / "out" / job / "person.bvh").is_file() for job in ("0", "1"))
+    before = (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns
+    assert main(["track", *words, *keys, "dataset.n_frames=4", f"sweep.resume={tmp_path / 'out'}"]) == 0
+    assert (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize("arguments", [["none.mp4"], ["dataset.rate_hz=30"], ["one.mp4", "two.mp4"]])

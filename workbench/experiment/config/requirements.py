@@ -12,7 +12,16 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.core.capabilities import EVIDENCE, IMAGES, KEYPOINTS, ONE_CAMERA, POINTS, START, Traits
+from workbench.core.capabilities import (
+    ESTIMATED_CAMERA,
+    EVIDENCE,
+    IMAGES,
+    KEYPOINTS,
+    ONE_CAMERA,
+    POINTS,
+    START,
+    Traits,
+)
 from workbench.core.side_information import (
     CAMERA_CALIBRATION,
     FIRST_FRAMES,
@@ -157,7 +166,7 @@ def assumptions(config: DictConfig) -> list[str]:
     traits, _ = _chosen(config, ("body", *_INTERACTING) if config.get("inference") is not None else (), {})
     provided = traits["dataset"].provides if "dataset" in traits else frozenset()
     observed = frozenset().union(*(component.requires.get("dataset", ()) for component in traits.values()))
-    words = {CAMERA_CALIBRATION} if _WITH_CAMERA & observed else set()
+    words = {CAMERA_CALIBRATION} if _WITH_CAMERA & observed and ESTIMATED_CAMERA not in provided else set()
     for component in traits.values():
         words |= component.requires.get("assumptions", frozenset()) | (
             component.requires.get("optional_assumptions", frozenset()) & provided
