@@ -96,6 +96,7 @@ ELSEWHERE = {  # what is not run here, and which test does
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
     "my_components": "test_own_components.py", "runs watch": "test_watch.py",
     "rm status=failed": "tests/unit/cli/test_runs.py", "workbench detect": "tests/unit/cli/test_detect.py",
+    "workbench track": "tests/real_data/test_own_video_page.py",
 }  # fmt: skip
 EXTRAS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
