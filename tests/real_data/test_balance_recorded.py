@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.body.kinematics import joints
+from workbench.body.kinematics import joint_jacobian, joints
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
@@ -57,6 +57,20 @@ def test_the_man_is_found_and_measured_by_himself(dataset):
     truth = np.array([frame.truth.joints for frame in dataset.frames()])
     errors = 1e3 * np.linalg.norm(joints(body.skeleton, fit.poses) - truth, axis=2)
     assert errors[:, 1:].mean() < 60.0  # what is promised of it
+
+
+def test_intervals_of_four_cameras_cover_the_man(dataset):
+    body, shown = of_keypoints(FrameCache(dataset)), list(dataset.frames())
+    truth = np.array([frame.truth.joints for frame in shown])
+    rates = {}
+    for systematic_errors in (False, True):
+        likelihood = KeypointLikelihood(body, sigma_px=1.0, loss="huber", systematic_errors=systematic_errors)
+        fit, _, _ = LeastSquares(body, likelihood).fit_frames(shown, None, np.random.default_rng(0))
+        jacobian = joint_jacobian(body.skeleton, fit.poses)
+        deviation = np.sqrt(np.einsum("tjxp,tpq,tjxq->tjx", jacobian, fit.covariance, jacobian))
+        rates[systematic_errors] = (np.abs(joints(body.skeleton, fit.poses) - truth) < 1.645 * deviation).mean()
+    assert rates[False] < 0.7
+    assert 0.8 < rates[True] < 0.97
 
 
 @pytest.mark.slow

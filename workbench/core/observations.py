@@ -37,13 +37,15 @@ class Observables:
     """The observations that a likelihood uses, and their standard deviations. sigma: of a point's residual, m for
     "distance"; None if points are not used. residual: of points. sigma_px: of a keypoint, px of the image used; None if
     keypoints are not used. cameras: names of the cameras whose keypoints are used; None for all. common_bias_std_m:
-    standard deviation of the bias shared by all points, and by the points of one body part, m."""
+    standard deviation of the bias shared by all points, and by the points of one body part, m. systematic_errors:
+    whether the errors of keypoints are those of a detector, which do not average out."""
 
     sigma: float | None = None
     residual: Kind = "distance"
     sigma_px: float | None = None
     cameras: tuple[str, ...] | None = None
     common_bias_std_m: float = 0.0
+    systematic_errors: bool = False
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -42,6 +42,9 @@ class KeypointLikelihood:
     cameras : names of the cameras whose keypoints are used; None for all.
     loss : of least squares: "squared", "huber" or "geman_mcclure".
     loss_scale : standard deviations at which the loss bends.
+    systematic_errors : whether the keypoints are a real detector's. Least squares without a motion model then widens
+        its covariances by the definitions of joints, the correlation over frames and displaced cameras, see
+        `detector_errors`; the poses do not change.
     """
 
     @staticmethod
@@ -57,14 +60,16 @@ class KeypointLikelihood:
     cameras: Sequence[str] | None = None
     loss: str = "geman_mcclure"
     loss_scale: float = 1.5
+    systematic_errors: bool = False
 
     def __post_init__(self) -> None:
         check("keypoints", self, sigma_px=POSITIVE, likelihood_power=UP_TO_1, loss=one_of(*LOSSES), loss_scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:
-        """The keypoints of the cameras used, with standard deviation sigma_px."""
-        return Observables(sigma_px=self.sigma_px, cameras=None if self.cameras is None else tuple(self.cameras))
+        """The keypoints of the cameras used, with standard deviation sigma_px and the kind of their errors."""
+        cameras = None if self.cameras is None else tuple(self.cameras)
+        return Observables(sigma_px=self.sigma_px, cameras=cameras, systematic_errors=self.systematic_errors)
 
     @property
     def residual_loss(self) -> Loss:

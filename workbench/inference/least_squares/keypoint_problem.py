@@ -157,17 +157,25 @@ class KeypointProblem:
         factor : of the Gauss–Newton matrix H at the poses.
         by_length : (J, 3, G), see `Body.limb_length_std`, m.
         """
-        joint_hessians = self._evaluate(poses, 0, self.n_frames).joint_hessians
+        joint_hessians = self.joint_information(poses)
         displacements = length_jacobian(self.skeleton, by_length, poses)
         jacobian = joint_jacobian(self.skeleton, poses)
         right = np.einsum("tjxp,tjxy,tjyg->tpg", jacobian, joint_hessians, displacements, optimize=True)
         return factor.solve(right.reshape(-1, displacements.shape[3])).reshape(right.shape)
 
-    def inliers(self, poses: FloatArray) -> FloatArray:
-        """Return the fraction (T,) of the residuals within the loss's scale; NaN in a frame without keypoints."""
+    def joint_information(self, poses: FloatArray) -> FloatArray:
+        """Return the Gauss–Newton matrices (T, J, 3, 3), 1/m², of the keypoints by the joints' positions."""
+        return self._evaluate(poses, 0, self.n_frames).joint_hessians
+
+    def residuals(self, poses: FloatArray) -> FloatArray:
+        """Return the whitened residuals (K, 2) of the keypoints at poses (T, P)."""
         residuals = np.empty_like(self.keypoints.pixels)
         kernels.keypoint_residuals(joints(self.skeleton, poses), self.keypoints.arrays, residuals)
-        within, sizes = (np.abs(residuals) < self.loss.scale).mean(axis=1), np.diff(self.keypoints.first)
+        return residuals
+
+    def inliers(self, poses: FloatArray) -> FloatArray:
+        """Return the fraction (T,) of the residuals within the loss's scale; NaN in a frame without keypoints."""
+        within, sizes = (np.abs(self.residuals(poses)) < self.loss.scale).mean(axis=1), np.diff(self.keypoints.first)
         hits = np.bincount(np.repeat(np.arange(len(sizes)), sizes), within, minlength=len(sizes))
         return np.divide(hits, sizes, out=np.full(len(sizes), np.nan), where=sizes > 0)
 

@@ -18,6 +18,7 @@ from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
 from workbench.core.residual import KeypointResiduals, Loss
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
+from workbench.inference.least_squares.detector_errors import detector_covariances
 from workbench.inference.least_squares.foot_contact import detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.hypotheses import (
     KEYPOINT_LOSS,
@@ -100,7 +101,7 @@ class SmoothFit:
         clock, problem = working_s(), self._problem(task)
         fitted = fit_smooth(
             problem, task.observations, _initial_candidates(task, start), task.max_iterations, task.pose_prior,
-            task.length_uncertainty,
+            task.length_uncertainty, task.likelihood.observables.systematic_errors,
         )  # fmt: skip
         decoder, poses = PoseDecoder(task.skeleton), fitted.poses
         return Fit(
@@ -140,6 +141,7 @@ def keypoint_problem(
 def fit_smooth(
     problem: KeypointProblem | ResidualProblem, observations: Sequence[Observed], starts: FloatArray,
     max_iterations: int, pose_prior: PosePrior | None = None, length_uncertainty: FloatArray | None = None,
+    systematic_errors: bool = False,
 ) -> SmoothPoses:  # fmt: skip
     """Return poses (T, P) fitted to the observations of T frames, with covariances.
 
@@ -162,6 +164,7 @@ def fit_smooth(
     length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
         None. The covariances of a `KeypointProblem` include them: limbs that are all 5 % too long place the person 5 %
         too far away, however many frames there are.
+    systematic_errors : whether the covariances of a `KeypointProblem` include `detector_covariances`.
 
     Raises
     ------
@@ -177,10 +180,14 @@ def fit_smooth(
         minimum = _fit_all(problem, _poses(minimum, poses), max_iterations)
     fit = SmoothPoses(_poses(minimum, poses), _covariances(minimum, len(poses)), minimum)
     result = fit if pose_prior is None else _fit_with_pose_prior(problem, fit, pose_prior, max_iterations)
-    if length_uncertainty is None or not isinstance(problem, KeypointProblem):
+    if not isinstance(problem, KeypointProblem):
         return result
-    errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
-    return replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
+    if length_uncertainty is not None:
+        errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
+        result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
+    if systematic_errors:
+        result = replace(result, covariances=result.covariances + detector_covariances(problem, fit.poses))
+    return result
 
 
 def candidates(

@@ -106,6 +106,39 @@ def effective_fraction(rho: float) -> float:
     return (1.0 - rho) / (1.0 + rho)
 
 
+def integrated_autocorrelation(residuals: FloatArray, series: IntArray, frames: IntArray) -> float:
+    """Return the integrated autocorrelation time 1 + 2 Σ_k ρ_k, in frames, of residuals (K, 2).
+
+    n frames determine a mean as well as n over this number of independent frames. ρ_k is the correlation of residuals
+    of the same series in frames k apart. The sum ends with the first ρ_k below two standard errors, 1 / √n for n pairs,
+    and where fewer than MIN_PAIRS remain; it is 1 for independent residuals. Outliers are omitted as in
+    `error_correlation`.
+
+    Parameters
+    ----------
+    residuals : (K, 2), of zero median.
+    series : (K,) number of a residual's series, such as one joint in one camera.
+    frames : (K,) index of its frame.
+    """
+    inliers = (np.abs(residuals) < OUTLIER_DEVIATIONS * 1.4826 * np.median(np.abs(residuals))).all(axis=1)
+    residuals, series, frames = residuals[inliers], series[inliers], frames[inliers]
+    n_frames, time = int(frames.max(initial=0)) + 1, 1.0
+    keys = series * 2 * n_frames + frames  # a frame k later has the key + k, and no two series overlap
+    order = np.argsort(keys)
+    keys, residuals = keys[order], residuals[order]
+    for lag in range(1, n_frames):
+        later = np.searchsorted(keys, keys + lag).clip(max=len(keys) - 1)
+        pairs = keys[later] == keys + lag
+        before, after = residuals[pairs], residuals[later[pairs]]
+        if before.size < MIN_PAIRS:
+            break
+        rho = float((before * after).sum() / np.sqrt((before**2).sum() * (after**2).sum()))
+        if not rho > 2.0 / np.sqrt(before.size):
+            break
+        time += 2.0 * rho
+    return time
+
+
 def _errors(
     skeleton: Skeleton, frame: Observed, pose: FloatArray, sigma_px: float
 ) -> dict[tuple[str, int], FloatArray]:
