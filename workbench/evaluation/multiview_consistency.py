@@ -1,7 +1,6 @@
 """Consistency of calibrated cameras without a tracker: ray separations, limb lengths, directions of knees."""
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -19,30 +18,6 @@ _SIDES = ("left", "right")
 _MIN_BEND = 0.05
 """Distance of a knee from the line from hip to ankle, over its length, from which on the leg is bent: some 12
 degrees."""
-
-
-def triangulate_views(views: Sequence[View]) -> tuple[dict[tuple[str, str], float], FloatArray]:
-    """Return ray separations by pair of cameras, and the joints (J, 3), m, triangulated from all views' keypoints.
-
-    A separation is the median over joints of the mean reprojection error of both cameras from their common triangulated
-    point, in heights of the person in the image. Keypoints of weight 0 are ignored. A joint that fewer than two views
-    have is NaN.
-    """
-    observations = {
-        view.camera.name: (view.camera, keypoint_pixels(view)) for view in views if view.keypoints is not None
-    }
-    separation = {}
-    for (first, a), (second, b) in combinations(observations.items(), 2):
-        points, heights = triangulate_rays([a, b]), (height_px(a[1]), height_px(b[1]))
-        if np.isfinite(points[:, 0]).any() and min(heights) > 0.0:
-            residuals = [
-                np.linalg.norm(camera.project(points) - pixels, axis=1) / height
-                for (camera, pixels), height in zip((a, b), heights, strict=True)
-            ]
-            valid = np.isfinite(points[:, 0])
-            # a point behind a camera counts as one height of the person
-            separation[first, second] = float(np.median(np.nan_to_num(np.mean(residuals, axis=0)[valid], nan=1.0)))
-    return separation, triangulate_rays(list(observations.values()))
 
 
 def triangulate_rays(observations: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from seen_walkers import HEIGHT_M, around, seen_by, walked
+from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
 
 from workbench.body.camera import plain_camera
-from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
 from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 
 
