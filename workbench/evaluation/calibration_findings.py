@@ -12,7 +12,7 @@ from workbench.evaluation.camera_agreement import MIN_WEIGHT, camera_findings
 from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
 from workbench.evaluation.multiview_consistency import height_px, limb_lengths, triangulate_rays
 from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray
 
 _MAX_ERROR = 0.035
 """Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
@@ -40,6 +40,8 @@ length."""
 _FLOOR_M, _FLOOR_RELATIVE = 0.15, 0.1
 """Tolerance of the floor under the feet against z = 0: a stair, and the camera's height times the tolerance of the
 person's height, which scales one camera's distances."""
+_MAX_CLEARANCE = 0.1
+"""Height of a walk's swinging ankle above the standing one, over the person's height."""
 _MIN_WALK_M = 1.0
 """Distance over which feet determine the slope of the floor."""
 _UNITS = {1000.0: "millimetres", 100.0: "centimetres"}
@@ -116,7 +118,7 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
         return CalibrationCheck((Finding("inconsistent cameras", text),), joints)
     each = [_reprojection(observed, v, joints) for v in range(len(observed.cameras))]
     explained = list(camera_findings(observed, explain=any(finding.is_problem for finding in each)))
-    findings = [*explained, *each]
+    findings = [*explained, *(replace(one, level=NOTE) if explained and one.is_problem else one for one in each)]
     if any(finding.level == NOT_USABLE for finding in findings):
         return CalibrationCheck(tuple(findings), joints)
     limbs = limb_lengths(joints)
@@ -263,7 +265,12 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
     if lean.is_problem:
         return CalibrationCheck((lean,), joints, floor_m)
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
-    findings = [lean, distance(camera, places, assumed), _camera_height(camera, floor_m), *_slope(places)]
+    findings = [
+        lean,
+        distance(camera, places, assumed),
+        _camera_height(camera, floor_m),
+        *_slope(places[_stands(keypoints[complete])]),
+    ]
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 
@@ -315,11 +322,27 @@ def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: floa
     return Finding("vertical", f"{camera.name}: {text}", level)
 
 
+def _stands(keypoints: FloatArray) -> BoolArray:
+    """Return in which frames (F,) of keypoints (F, J, 3) both feet are near the ground and the trunk is over them.
+
+    The ankles' heights in the image differ by less than 0.1 of the person's, the clearance of a walk's swinging foot,
+    and the neck is nearly above their middle.
+    """
+    ankles = np.stack([_joint(keypoints, f"{side}_ankle")[:, :2] for side in ("left", "right")])
+    trunk = _middle(keypoints, "shoulder")[:, :2] - ankles.mean(axis=0)
+    heights = np.linalg.norm(trunk, axis=1) / (SHOULDER_HEIGHT - ANKLE_HEIGHT)
+    together = np.abs(ankles[0, :, 1] - ankles[1, :, 1]) < _MAX_CLEARANCE * heights
+    angles = np.degrees(np.arctan2(trunk[:, 0], -trunk[:, 1]))
+    return np.asarray(together & (np.abs(angles - np.nanmedian(angles)) < 0.5 * _MAX_LEAN_DEG))
+
+
 def _slope(places: FloatArray) -> list[Finding]:
     """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short."""
+    if len(places) < 3:
+        return []
     centred = places - places.mean(axis=0)
     walk = centred[:, :2] @ np.linalg.svd(centred[:, :2])[2][0]
-    if len(places) < 3 or np.ptp(walk) < _MIN_WALK_M:
+    if np.ptp(walk) < _MIN_WALK_M:
         return []
     slope = float(walk @ centred[:, 2] / (walk @ walk))
     error = np.sqrt(((centred[:, 2] - slope * walk) ** 2).sum() / (len(places) - 2) / (walk @ walk))

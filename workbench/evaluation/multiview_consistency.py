@@ -63,7 +63,8 @@ def bends(joints: FloatArray) -> FloatArray:
     joints: (F, J, 3), m. Forwards is perpendicular to the hips and to the trunk, by the names left and right. With
     exchanged names it is backwards, and bends are negative.
     """
-    across, up = _of(joints, "left", "hip") - _of(joints, "right", "hip"), joints[:, JOINT_NAMES.index("neck")]
+    across = _of(joints, "left", "hip") - _of(joints, "right", "hip")
+    up = 0.5 * (_of(joints, "left", "shoulder") + _of(joints, "right", "shoulder"))  # not every detector has a neck
     up = up - 0.5 * (_of(joints, "left", "hip") + _of(joints, "right", "hip"))
     ahead = np.cross(across, up)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
@@ -75,7 +76,8 @@ def bends(joints: FloatArray) -> FloatArray:
         offset = (knee - hip) - ((knee - hip) * leg).sum(axis=1, keepdims=True) * leg / length**2
         bent = np.linalg.norm(offset, axis=1) > _MIN_BEND * length[:, 0]
         by_side.append(((offset * ahead).sum(axis=1) / length[:, 0])[bent])
-    return np.concatenate(by_side)
+    each = np.concatenate(by_side)
+    return each[np.isfinite(each)]
 
 
 def _of(joints: FloatArray, side: str, name: str) -> FloatArray:

@@ -16,7 +16,7 @@ from workbench.evaluation.calibration_findings import (
     upright,
     usual_height,
 )  # fmt: skip
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, Finding
+from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
 from workbench.evaluation.multiview_consistency import bends, limb_lengths
 from workbench.evaluation.run_measurements import RunMeasurements, foot_speeds, walking_velocity
 from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, LOST_MM, TRACKED_MM, WINDOW_FRAMES
@@ -69,16 +69,12 @@ class RunInputs:
 
 def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
     """Yield the findings on a run, those on its inputs first."""
-    if measured.has_keypoints:
-        yield from check_calibration(measured.observed, inputs.height_m).findings
-        yield from _keypoints(measured)
-    else:
-        yield from (finding for camera in measured.observed.cameras for finding in lens_findings(camera))
-    yield from _points(measured)
-    yield from _times(measured, inputs)
-    yield from _limbs(measured)
-    yield from _walk(measured)
-    yield from _place(measured)
+    of_inputs = [*_inputs(measured, inputs), *_times(measured, inputs)]
+    yield from of_inputs
+    if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
+        yield from _limbs(measured)
+        yield from _walk(measured)
+        yield from _place(measured)
     yield from _uncertainty(measured)
     inliers = measured.inlier_fraction[measured.observed_frames]
     if has_values(inliers) and (near := float(np.nanmean(inliers))) < _MIN_INLIERS:
@@ -88,6 +84,16 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     if inputs.max_iterations and measured.iterations >= inputs.max_iterations:
         used = f"the fit used all {inputs.max_iterations:g} iterations without converging"
         yield Finding("not converged", f"{used}, increase inference.max_iterations")
+
+
+def _inputs(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
+    """Yield the findings on cameras, keypoints and points."""
+    if measured.has_keypoints:
+        yield from check_calibration(measured.observed, inputs.height_m).findings
+        yield from _keypoints(measured)
+    else:
+        yield from (finding for camera in measured.observed.cameras for finding in lens_findings(camera))
+    yield from _points(measured)
 
 
 def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:

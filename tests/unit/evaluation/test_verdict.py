@@ -70,6 +70,8 @@ def test_knees_bend_forwards_and_backwards_where_the_sides_are_exchanged():
     assert len(bends(right)) == 2
     assert (bends(right[:, order]) < 0.0).all()
     assert not len(bends(standing(knee=0.0)))
+    right[:, JOINT_NAMES.index("neck")] = np.nan
+    assert (bends(right) > 0.0).all()
 
 
 def test_heights_and_motion_of_keypoints():
