@@ -123,7 +123,7 @@ def test_a_summary_of_an_earlier_format_has_todays_fields():
     summary = renamed_summary(recorded)
     assert summary["metrics"].keys() == {"mpjpe_px", "tracked", "n_frames", "expected_error_arms_mm", "compile_s"}
     assert {"input_counts", "omitted_metrics", "restart_reason", "assumptions"} <= summary.keys()
-    assert summary["verdict"] == {"level": "not judged", "kind": "tracked", "message": "held: x", "findings": []}
+    assert summary["verdict"] == {"level": "not evaluated", "kind": "tracked", "message": "held: x", "findings": []}
     assert summary["settings"]["check"].keys() == {"study_metrics", "mpjpe_px"}
     assert renamed_summary(summary | {"format": FORMAT}) == summary | {"format": FORMAT}
 

@@ -89,15 +89,18 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
 def _inputs(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
     """Yield the findings on cameras, keypoints and points."""
     if measured.has_keypoints:
-        yield from check_calibration(measured.observed, inputs.height_m).findings
-        yield from _keypoints(measured)
+        findings = check_calibration(measured.observed, inputs.height_m).findings
+        yield from findings
+        if level_of(findings) != NOT_USABLE:
+            yield from _keypoints(measured)
+        yield from _missing(measured)
     else:
         yield from (finding for camera in measured.observed.cameras for finding in lens_findings(camera))
     yield from _points(measured)
 
 
 def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
-    """Yield joints and cameras without keypoints, exchanged sides, gaps and jumps."""
+    """Yield joints and cameras without keypoints, and exchanged sides."""
     observed = measured.observed
     joints_seen = np.asarray(np.isfinite(observed.pixels()[..., 0]).any(axis=(0, 1)))[1:]
     if joints_seen.sum() < _MIN_OBSERVED_JOINTS * len(joints_seen):
@@ -113,7 +116,6 @@ def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
         if len(bent) >= _MIN_BENT_LEGS and (backwards := float((bent < 0.0).mean())) > 0.5:
             text = f"knees bend backwards in {backwards:.0%} of {len(bent)} bent legs: left and right are exchanged"
             yield Finding("left–right swap", text, NOT_USABLE)
-    yield from _missing(measured)
 
 
 def _points(measured: RunMeasurements) -> Iterator[Finding]:

@@ -29,7 +29,7 @@ def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tup
     n, details = len(measured.frames), _details(measured)
     errors = {name: values[1:] for name, values in measured.errors.items()}
     of_errors = lost_frames({name: values.tolist() for name, values in errors.items()})
-    known = _judged(measured)
+    known = _evaluated(measured)
     if of_errors is None and not known.any():
         return _unknown(measured, shows_person, details), ("",) * n
     lost = np.zeros(n, dtype=bool)
@@ -49,8 +49,8 @@ def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tup
         return _lost(measured, lost, known, DOUBTFUL if is_usable else NOT_USABLE, details), tuple(states)
     if of_errors is None:
         return Finding("no ground truth", f"no ground truth, {details}", TRUSTWORTHY), tuple(states)
-    n_judged = int(np.isfinite(errors["mpjpe_px" if "mpjpe_px" in errors else "mpjpe_abs_mm"]).sum())
-    where = f"in all {n_judged} {'' if _has_truth(measured) else 'annotated '}frames after the first"
+    n_evaluated = int(np.isfinite(errors["mpjpe_px" if "mpjpe_px" in errors else "mpjpe_abs_mm"]).sum())
+    where = f"in all {n_evaluated} {'' if _has_truth(measured) else 'annotated '}frames after the first"
     return Finding(TRACKED, _and(f"tracked {where}", details), TRUSTWORTHY), tuple(states)
 
 
@@ -66,7 +66,7 @@ def doubtful_frames(measured: RunMeasurements) -> BoolArray:
     return doubtful
 
 
-def _judged(measured: RunMeasurements) -> BoolArray:
+def _evaluated(measured: RunMeasurements) -> BoolArray:
     """Return the frames with an error or, without ground truth, with keypoints, (F,)."""
     valid = {name: np.isfinite(values) for name, values in measured.errors.items()}
     if _has_truth(measured):
@@ -97,7 +97,7 @@ def _relative_errors(measured: RunMeasurements) -> FloatArray:
 
 
 def _lost(measured: RunMeasurements, lost: BoolArray, known: BoolArray, level: str, details: str) -> Finding:
-    """Describe a loss in frames (F,); known: the judged ones."""
+    """Describe a loss in frames (F,); known: the evaluated ones."""
     first = int(np.flatnonzero(lost)[0])
     text = f"lost from frame {measured.frames[first]}"
     if not lost[-1]:

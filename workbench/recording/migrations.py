@@ -293,7 +293,7 @@ _VERDICTS: dict[str, str] = {
     "rate": "frame-rate mismatch",
 }
 """Kinds of verdicts that have another name today: old and new."""
-_LEVELS = dict.fromkeys(("tracked", "no ground truth", "no person visible"), "not judged") | {"lost": "not usable"}
+_LEVELS = dict.fromkeys(("tracked", "no ground truth", "no person visible"), "not evaluated") | {"lost": "not usable"}
 """Levels of verdicts that were recorded without one, by their kind of today; any other kind is a contradiction."""
 _SUMMARY: dict[str, str] = {
     "anew": "restart_reason", "counted": "input_counts", "given": "assumptions", "left_out": "omitted_metrics",

@@ -39,7 +39,7 @@ def test_a_right_calibration_fits(n):
 def test_cameras_that_are_exchanged_disagree():
     cameras = around(3)
     seen = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
-    assert "c0: joints are" in wrong(seen)
+    assert "the videos of c0 and c1 are exchanged" in wrong(seen)
     assert check_calibration(seen, None).level == "not usable"
 
 
