@@ -18,6 +18,7 @@ from workbench.recording.migrations import (
     renamed,
     renamed_properties,
     renamed_summary,
+    with_level,
 )
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import read
@@ -111,6 +112,16 @@ def test_they_are_shown_side_by_side(tmp_path):
     write_side_by_side(tmp_path / "both.rrd", *map(read, TRACKED.values()))
     paths = {chunk.entity_path for chunk in RrdReader(tmp_path / "both.rrd").stream().to_chunks()}
     assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm"} <= paths
+
+
+def test_a_verdict_without_a_level_gets_that_of_its_kind():
+    levels = {"tracked": "not evaluated", "lost": "not usable", "height mismatch": "doubtful"}
+    for kind, level in levels.items():
+        assert with_level({"verdict": {"kind": kind}})["verdict"] == {"level": level, "kind": kind}
+        assert renamed_summary({"format": FORMAT, "verdict": {"kind": kind}})["verdict"]["level"] == level
+    today = {"verdict": {"level": "trustworthy", "kind": "lost"}, "metrics": {}}
+    assert with_level(today) == today
+    assert with_level({"metrics": {}}) == {"metrics": {}}
 
 
 def test_a_summary_of_an_earlier_format_has_todays_fields():

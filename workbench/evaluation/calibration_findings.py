@@ -23,7 +23,7 @@ _WRONG_ERROR = 0.12
 _MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
 _LYING_DEG = 60.0
 """Angle between the person's long axis and z from which on another axis is nearer to it."""
-_HEIGHTS_M, _AVERAGE_HEIGHT_M = (1.2, 2.2), 1.7
+HEIGHTS_M, _AVERAGE_HEIGHT_M = (1.2, 2.2), 1.7
 """Plausible heights, and the assumed one, of a person whose height is not set."""
 _MAX_HEIGHT_ERROR, _WRONG_HEIGHT_ERROR = 0.1, 0.25
 """Relative difference between the configured height and that of an average person with the measured limbs. Lengths over
@@ -127,7 +127,7 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
     heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
     if not np.isfinite(heights).any():
         return CalibrationCheck(tuple(findings), joints)
-    tall = height_m or (float(np.clip(usual_height(limbs), *_HEIGHTS_M)) if limbs else _AVERAGE_HEIGHT_M)
+    tall = height_m or (float(np.clip(usual_height(limbs), *HEIGHTS_M)) if limbs else _AVERAGE_HEIGHT_M)
     floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * tall
     if not any(finding.is_problem for finding in findings):
         findings.append(_floor(floor_m, observed.cameras, "the feet stand"))
@@ -220,10 +220,10 @@ def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
     if unit := unit_of(measured_m / expected_m):
         return Finding("unit of length", f"{text}: the calibration is in {unit}, expected metres", NOT_USABLE)
     if height_m is None:
-        if _HEIGHTS_M[0] < measured_m < _HEIGHTS_M[1]:
+        if HEIGHTS_M[0] < measured_m < HEIGHTS_M[1]:
             return Finding("height mismatch", text, TRUSTWORTHY)
         text += ": check the unit of length, or the side of the checkerboard's squares"
-        level = DOUBTFUL if 0.5 * _HEIGHTS_M[0] < measured_m < 1.5 * _HEIGHTS_M[1] else NOT_USABLE
+        level = DOUBTFUL if 0.5 * HEIGHTS_M[0] < measured_m < 1.5 * HEIGHTS_M[1] else NOT_USABLE
         return Finding("height mismatch", text, level)
     difference = abs(np.log(measured_m / height_m))
     limits = {TRUSTWORTHY: _MAX_HEIGHT_ERROR, DOUBTFUL: _WRONG_HEIGHT_ERROR}

@@ -44,5 +44,6 @@ def conclusion(findings: Sequence[Finding]) -> str:
     reasons = list(dict.fromkeys(each.message for each in problems(findings)))
     if not reasons:
         return TRUSTWORTHY
-    more = [f"and {len(reasons) - _MAX_REASONS} more reasons"] if len(reasons) > _MAX_REASONS else []
+    rest = len(reasons) - _MAX_REASONS
+    more = [f"and {rest} more reason{'s' if rest > 1 else ''}"] if rest > 0 else []
     return f"{level_of(findings)}, because {'; '.join([*reasons[:_MAX_REASONS], *more])}"

@@ -8,6 +8,7 @@ import numpy as np
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.evaluation.calibration_findings import (
+    HEIGHTS_M,
     check_calibration,
     distance,
     lens_findings,
@@ -49,7 +50,6 @@ _MAX_SLIDING = 0.5
 """Median speed of the slower foot of a walking person over the pelvis' speed. One foot stands at any time of a walk,
 and in two thirds of the time of a run."""
 _MIN_WALK_FRAMES = 20
-_HEIGHTS_M = (1.2, 2.2)
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,8 @@ def _limbs(measured: RunMeasurements) -> Iterator[Finding]:
     several = len(observed.cameras) > 1 and measured.has_keypoints
     triangulated = limb_lengths(triangulate(observed.cameras, observed.keypoints)) if several else {}
     height_m = usual_height(measured.lengths_m)
-    if not _HEIGHTS_M[0] < height_m < _HEIGHTS_M[1]:
-        low, high = _HEIGHTS_M
+    if not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
+        low, high = HEIGHTS_M
         text = f"the body has the limbs of a person of {height_m:.2f} m, expected {low:g} to {high:g} m"
         yield Finding("height mismatch", text)
     for lengths, source in ((measured.lengths_m, "the body has"), (triangulated, "the cameras measure")):
