@@ -94,7 +94,7 @@ def test_an_undisturbed_run_is_accused_of_nothing(folder):
 
 
 def test_two_cameras_exchanged(folder):
-    assert said(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "exchanged cameras"
+    assert said(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "inconsistent cameras"
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.15])
