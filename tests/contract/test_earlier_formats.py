@@ -18,6 +18,7 @@ from workbench.recording.migrations import (
     renamed,
     renamed_properties,
     renamed_summary,
+    with_level,
 )
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import read
@@ -113,6 +114,16 @@ def test_they_are_shown_side_by_side(tmp_path):
     assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm"} <= paths
 
 
+def test_a_verdict_without_a_level_gets_that_of_its_kind():
+    levels = {"tracked": "not evaluated", "lost": "not usable", "height mismatch": "doubtful"}
+    for kind, level in levels.items():
+        assert with_level({"verdict": {"kind": kind}})["verdict"] == {"level": level, "kind": kind}
+        assert renamed_summary({"format": FORMAT, "verdict": {"kind": kind}})["verdict"]["level"] == level
+    today = {"verdict": {"level": "trustworthy", "kind": "lost"}, "metrics": {}}
+    assert with_level(today) == today
+    assert with_level({"metrics": {}}) == {"metrics": {}}
+
+
 def test_a_summary_of_an_earlier_format_has_todays_fields():
     recorded = {
         "status": "complete", "counted": {"a": 1}, "left_out": {}, "anew": "x", "given": ["start"],
@@ -123,7 +134,7 @@ def test_a_summary_of_an_earlier_format_has_todays_fields():
     summary = renamed_summary(recorded)
     assert summary["metrics"].keys() == {"mpjpe_px", "tracked", "n_frames", "expected_error_arms_mm", "compile_s"}
     assert {"input_counts", "omitted_metrics", "restart_reason", "assumptions"} <= summary.keys()
-    assert summary["verdict"] == {"kind": "tracked", "message": "held: x", "findings": []}
+    assert summary["verdict"] == {"level": "not evaluated", "kind": "tracked", "message": "held: x", "findings": []}
     assert summary["settings"]["check"].keys() == {"study_metrics", "mpjpe_px"}
     assert renamed_summary(summary | {"format": FORMAT}) == summary | {"format": FORMAT}
 

@@ -8,7 +8,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.camera_calibration.observed_joints import ObservedJoints
+from workbench.evaluation.observed_joints import ObservedJoints
 from workbench.motion.sources import find_motion
 
 HEIGHT_M = 1.7

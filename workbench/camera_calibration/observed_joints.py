@@ -1,37 +1,16 @@
 """Annotated or detected joints of a dataset's frames, and the images of one frame."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
-from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 
 _MAX_FRAMES = 300
 """Frames with joints; later ones are not read."""
-
-
-@dataclass(frozen=True, eq=False)
-class ObservedJoints:
-    """Joints of F frames in V cameras; without any joints F is 0.
-
-    Parameters
-    ----------
-    keypoints : (V, F, J, 3), [u px, v px, weight], NaN for none.
-    searched : (V,), whether a camera's images were annotated or searched at all.
-    best : row of the frame with most joints.
-    images : that frame's images by camera; those of the first frame without any joints.
-    """
-
-    cameras: tuple[Camera, ...]
-    keypoints: FloatArray
-    searched: BoolArray
-    best: int
-    images: tuple[ByteArray, ...]
 
 
 def observe_joints(dataset: Dataset) -> ObservedJoints:
@@ -43,6 +22,7 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
     if not info.cameras:
         raise InputError(f"{info.name}: expected a dataset with cameras and images, found none")
     rows: list[FloatArray] = []
+    times_s: list[float] = []
     images: tuple[ByteArray, ...] = ()
     n_best, best, searched = -1, 0, np.zeros(len(info.cameras), bool)
     for position, frame in enumerate(dataset.frames()):
@@ -55,12 +35,14 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
             n_best, best, images = n_joints, len(rows), tuple(view.image for view in frame.views)
         if n_joints:
             rows.append(keypoints)
+            times_s.append(frame.time_s)
         if len(rows) == _MAX_FRAMES:
             break
     if not images:
         raise InputError(f"{info.name}: expected frames, found none")
     stacked = np.array(rows).reshape(-1, len(info.cameras), len(JOINT_NAMES), 3)
-    return ObservedJoints(info.cameras, np.moveaxis(stacked, 1, 0), searched, best, images)
+    keypoints = np.moveaxis(stacked, 1, 0)
+    return ObservedJoints(info.cameras, keypoints, searched, best, images, np.array(times_s), info.scale)
 
 
 def _keypoints(frame: Frame) -> FloatArray:

@@ -10,21 +10,18 @@ import numpy as np
 import typer
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.camera_calibration.findings import CalibrationCheck, CalibrationFinding, check_calibration
-from workbench.camera_calibration.observed_joints import ObservedJoints, observe_joints
+from workbench.camera_calibration.observed_joints import observe_joints
 from workbench.camera_calibration.overlay import draw_overlay
+from workbench.evaluation.calibration_findings import CalibrationCheck, check_calibration
+from workbench.evaluation.finding import NOTE, TRUSTWORTHY, Finding, conclusion
+from workbench.evaluation.observed_joints import ObservedJoints
 from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
-_SIGNS = {True: "fits", False: "WRONG", None: "note"}
-_VERDICTS = {
-    True: "the calibration fits",
-    False: "the calibration does not fit",
-    None: "not enough joints to check the calibration: annotate joints, or inspect the images",
-}
+_SIGNS = {TRUSTWORTHY: "fits", NOTE: "note"}
 
 
 def check_of_dataset(
@@ -36,7 +33,8 @@ def check_of_dataset(
     """Check a calibration against the images and the people in them before tracking.
 
     Draws the floor, the axes, the vertical and the joints into a frame of
-    every camera and prints the findings. The exit code is 1 if one is wrong.
+    every camera and prints the findings and the verdict: trustworthy,
+    doubtful or not usable, which end with exit code 0, 1 and 1.
 
     Examples:
       workbench check-calibration experiment=balance_4cam paths.data=DATA
@@ -51,11 +49,11 @@ def check_of_dataset(
     height_m = None if config.body is None else config.body.get("height_m")
     check = check_calibration(observed, None if height_m is None else float(height_m))
     files = _draw(observed, check, output)
-    warned = [CalibrationFinding(str(item.message)) for item in caught if issubclass(item.category, UserWarning)]
+    warned = [Finding("", str(item.message), NOTE) for item in caught if issubclass(item.category, UserWarning)]
     for finding in (*warned, *check.findings):
-        print(f"{_SIGNS[finding.fits]:<6}{finding.message}")
-    print(f"{_VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
-    return 1 if check.fits is False else 0
+        print(f"{_SIGNS.get(finding.level, finding.level):<12}{finding.message}")
+    print(f"drawn in {', '.join(map(str, files))}\nverdict: {conclusion(check.findings)}")
+    return 0 if check.level == TRUSTWORTHY else 1
 
 
 def _composed(overrides: Sequence[str]) -> DictConfig:

@@ -1,7 +1,6 @@
 """Consistency of calibrated cameras without a tracker: ray separations, limb lengths, directions of knees."""
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -19,30 +18,6 @@ _SIDES = ("left", "right")
 _MIN_BEND = 0.05
 """Distance of a knee from the line from hip to ankle, over its length, from which on the leg is bent: some 12
 degrees."""
-
-
-def triangulate_views(views: Sequence[View]) -> tuple[dict[tuple[str, str], float], FloatArray]:
-    """Return ray separations by pair of cameras, and the joints (J, 3), m, triangulated from all views' keypoints.
-
-    A separation is the median over joints of the mean reprojection error of both cameras from their common triangulated
-    point, in heights of the person in the image. Keypoints of weight 0 are ignored. A joint that fewer than two views
-    have is NaN.
-    """
-    observations = {
-        view.camera.name: (view.camera, keypoint_pixels(view)) for view in views if view.keypoints is not None
-    }
-    separation = {}
-    for (first, a), (second, b) in combinations(observations.items(), 2):
-        points, heights = triangulate_rays([a, b]), (height_px(a[1]), height_px(b[1]))
-        if np.isfinite(points[:, 0]).any() and min(heights) > 0.0:
-            residuals = [
-                np.linalg.norm(camera.project(points) - pixels, axis=1) / height
-                for (camera, pixels), height in zip((a, b), heights, strict=True)
-            ]
-            valid = np.isfinite(points[:, 0])
-            # a point behind a camera counts as one height of the person
-            separation[first, second] = float(np.median(np.nan_to_num(np.mean(residuals, axis=0)[valid], nan=1.0)))
-    return separation, triangulate_rays(list(observations.values()))
 
 
 def triangulate_rays(observations: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
@@ -88,7 +63,8 @@ def bends(joints: FloatArray) -> FloatArray:
     joints: (F, J, 3), m. Forwards is perpendicular to the hips and to the trunk, by the names left and right. With
     exchanged names it is backwards, and bends are negative.
     """
-    across, up = _of(joints, "left", "hip") - _of(joints, "right", "hip"), joints[:, JOINT_NAMES.index("neck")]
+    across = _of(joints, "left", "hip") - _of(joints, "right", "hip")
+    up = 0.5 * (_of(joints, "left", "shoulder") + _of(joints, "right", "shoulder"))  # not every detector has a neck
     up = up - 0.5 * (_of(joints, "left", "hip") + _of(joints, "right", "hip"))
     ahead = np.cross(across, up)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
@@ -100,7 +76,8 @@ def bends(joints: FloatArray) -> FloatArray:
         offset = (knee - hip) - ((knee - hip) * leg).sum(axis=1, keepdims=True) * leg / length**2
         bent = np.linalg.norm(offset, axis=1) > _MIN_BEND * length[:, 0]
         by_side.append(((offset * ahead).sum(axis=1) / length[:, 0])[bent])
-    return np.concatenate(by_side)
+    each = np.concatenate(by_side)
+    return each[np.isfinite(each)]
 
 
 def _of(joints: FloatArray, side: str, name: str) -> FloatArray:

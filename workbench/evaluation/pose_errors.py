@@ -16,7 +16,9 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
+from workbench.evaluation.multiview_consistency import height_px
 from workbench.evaluation.step_calibration import joint_calibration, pose_calibration
+from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
 from workbench.utils.arrays import FloatArray
 
 _PCK_M = 0.15
@@ -44,7 +46,7 @@ def step_errors(
     joints are annotated. humaneva_px: the same over all views. The estimate is projected by the assumed camera, and the
     true joints by the camera that took the image (`Truth.cameras`), where annotations would lie: the error is that of
     the position in the image. forearm_width_px: a forearm's width in the same pixels, the threshold of `tracked`, where
-    the true joints are known.
+    the true joints are known; of an average person of the annotations' height, where joints are annotated.
 
     coverage_50, coverage_90, crps_mm, crps_deg, nees_per_dim, nll: calibration of the posterior, see
     `step_calibration`; without a true pose, that of the joints' coordinates. mpjae_local_deg: mean angle between the
@@ -82,6 +84,8 @@ def step_errors(
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "mpjpe_px" in errors:
         errors["forearm_width_px"] = forearm_width_px(cameras[0], body, truth.joints, measured) / image_scale
+    elif truth.annotations is not None and "mpjpe_px" in errors:
+        errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * height_px(truth.annotations) / image_scale
     if truth.pose is not None:
         errors |= pose_calibration(step, skeleton)
         errors["mpjae_local_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)

@@ -1,79 +1,99 @@
 """Measurements of a run's frames and steps, collected for its verdict."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from workbench.body.angles import N_POSITION
+from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import LIMBS, height_px, keypoint_pixels, triangulate_views
-from workbench.evaluation.step_calibration import LARGE_MM
+from workbench.evaluation.multiview_consistency import LIMBS, height_px, keypoint_pixels
+from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.step_calibration import GROUPS
+from workbench.evaluation.track_loss import LOST_MM
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
-_MIN_JOINTS = 4
-"""Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
 _MIN_SPEED_M_S = 0.3
 """Speed of the pelvis from which on a person walks; slow walking is twice as fast."""
 _STRIDE_S = 0.5
 """Half the time over which the pelvis' velocity is a difference; twice this is about a stride."""
 _STEP_S = 0.07
 """The same for an ankle, whose swing takes 0.4 s."""
-_FEET = ("pelvis", "left_ankle", "right_ankle")
-_ERRORS = ("mpjpe_abs_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px")
+_FEET = [JOINT_NAMES.index(name) for name in ("pelvis", "left_ankle", "right_ankle")]
+_ERRORS = (
+    "mpjpe_abs_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px", "coverage_90", "coverage_90_joints"
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class RunMeasurements:
     """Measurements of F frames and V cameras; NaN where a frame has none.
 
-    frames: (F,) their numbers. times_s: (F,). cameras: V names.
+    frames: (F,) their numbers. times_s: (F,). observed: the keypoints of all frames, and the cameras.
     keypoint_error_px: (F, V) median distance of the estimate's joints from the view's keypoints, px of the source.
-    person_height_px: (F, V) of the person in the keypoints.
-    in_image, has_person: (F, V) whether the estimate lies in the view's image, and whether the view's keypoints show a
-    person.
-    ray_separation: (F,) by pair of cameras, see `triangulate_views`.
-    triangulated_joints: (F, J, 3), m, from all cameras' keypoints.
-    keypoint_motion: (F,) motion of the keypoints since the frame before, the median over joints and views in heights of
-    the person.
-    observed_joints: (J,) which joints any keypoint shows.
+    in_image: (F, V) whether the estimate lies in the view's image.
     errors: (F,) by name, see `step_errors`.
     annotation_height_px: (F,) height of the person in the annotations that errors are measured by.
     lengths_m: of the tracked body, by limb.
     inlier_fraction: (F,) fraction of the observations near the body.
-    uncertain_groups: (F,) groups of joints whose expected error exceeds LARGE_MM.
+    uncertain_groups: (F,) groups of joints whose expected error exceeds LOST_MM.
     iterations: of a fit, 0 without one.
-    pelvis_and_ankles: (F, 3, 3), m, of the estimate: pelvis, left and right ankle.
+    estimated_joints: (F, J, 3), m.
+    depth_std_m: (F,) standard deviation of the pelvis' distance, where the only camera measures it.
+    point_extent_m: (F, 3) along x, y and z, of the middle 90 % of the points.
     """
 
     frames: IntArray
     times_s: FloatArray
-    cameras: tuple[str, ...]
+    observed: ObservedJoints
     keypoint_error_px: FloatArray
-    person_height_px: FloatArray
     in_image: BoolArray
-    has_person: BoolArray
-    ray_separation: Mapping[tuple[str, str], FloatArray]
-    triangulated_joints: FloatArray
-    keypoint_motion: FloatArray
-    observed_joints: BoolArray
     errors: Mapping[str, FloatArray]
     annotation_height_px: FloatArray
     lengths_m: Mapping[str, float]
     inlier_fraction: FloatArray
     uncertain_groups: tuple[tuple[str, ...], ...]
     iterations: float
-    has_points: bool
-    pelvis_and_ankles: FloatArray = field(default_factory=lambda: np.empty((0, 3, 3)))
+    estimated_joints: FloatArray
+    depth_std_m: FloatArray
+    point_extent_m: FloatArray
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return tuple(camera.name for camera in self.observed.cameras)
+
+    @property
+    def person_height_px(self) -> FloatArray:
+        """Height (F, V) of the person in the keypoints, px of the source."""
+        return self.observed.heights_px / self.observed.scale
 
     @property
     def has_keypoints(self) -> bool:
         """Whether any view has keypoints."""
-        return bool(self.observed_joints.any())
+        return bool(np.isfinite(self.observed.pixels()).any())
+
+    @property
+    def observed_frames(self) -> BoolArray:
+        """Which frames (F,) have keypoints of the person or points; all, in a run of images only."""
+        observed = np.isfinite(self.point_extent_m).any(axis=1) | self.observed.shows_person.any(axis=1)
+        return np.asarray(observed | (not self.has_keypoints and not self.has_points))
+
+    @property
+    def has_points(self) -> bool:
+        """Whether any frame has points."""
+        return bool(np.isfinite(self.point_extent_m).any())
+
+    @property
+    def pelvis_and_ankles(self) -> FloatArray:
+        """Pelvis, left and right ankle (F, 3, 3), m, of the estimate."""
+        return self.estimated_joints[:, _FEET]
 
 
 class MeasurementCollector:
@@ -87,87 +107,85 @@ class MeasurementCollector:
         named = [name for name in JOINT_NAMES if name in body.skeleton.names]
         self._body_joints, self._named = list(map(body.skeleton.joint, named)), list(map(JOINT_NAMES.index, named))
         self._rows: list[dict[str, Any]] = []
-        self._last: dict[str, FloatArray] = {}
-        self._observed = np.zeros(len(JOINT_NAMES), dtype=bool)
-        self._iterations, self._has_points = 0.0, False
+        self._cameras: dict[str, Camera] = {}
+        self._searched: set[str] = set()
+        self._iterations = 0.0
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
-        frame, skeleton = step.frame, self._body.skeleton
-        separation, points = triangulate_views([view for view in frame.views if view.keypoints is not None])
-        estimate = joints(skeleton, step.expected_pose[None])[0]
-        has_feet = set(_FEET) <= set(skeleton.names)
+        frame = step.frame
+        estimate = joints(self._body.skeleton, step.expected_pose[None])[0]
+        places = np.full((len(JOINT_NAMES), 3), np.nan)
+        places[self._named] = estimate[self._body_joints]
         annotations = None if frame.truth is None else frame.truth.annotations
-        groups = ("head", "arms", "legs", "root")
-        views = {view.camera.name: self._view(view, estimate) for view in frame.views}
+        for view in frame.views:
+            self._cameras.setdefault(view.camera.name, view.camera)
+        self._searched |= {view.camera.name for view in frame.views if view.keypoints is not None}
+        points = None if frame.points is None or not len(frame.points) else frame.points
+        uncertain = tuple(each for each in GROUPS if errors.get(f"expected_error_{each}_mm", 0.0) > LOST_MM)
+        if len(step.poses) == 1:  # no stated uncertainty
+            errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
         self._rows.append(
             {
-                "frame": frame.index, "time_s": frame.time_s, "joints": points, "separation": separation,
-                "errors": errors, "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)),
-                "uncertain": tuple(each for each in groups if errors.get(f"expected_error_{each}_mm", 0.0) > LARGE_MM),
-                "feet": estimate[list(map(skeleton.joint, _FEET))] if has_feet else np.full((3, 3), np.nan),
-                "views": views, "motion": self._motion(frame.views, views),
+                "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
+                "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
+                "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
+                "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else height_px(annotations) / self._scale,
+                "depth_std_m": _depth_std(step),
+                "extent_m": np.full(3, np.nan) if points is None else np.ptp(
+                    np.percentile(points, [5.0, 95.0], axis=0), axis=0
+                ),
             }
         )  # fmt: skip
         self._iterations = max(self._iterations, float(step.diagnostics.get("iterations", 0.0)))
-        self._has_points |= frame.points is not None and len(frame.points) > 0
 
-    def _view(self, view: View, joints_m: FloatArray) -> tuple[float, float, bool, bool]:
-        """Return keypoint_error_px, person_height_px, in_image and has_person of a view; joints_m: (J, 3),
-        estimated."""
-        camera = view.camera
-        pixels = camera.project(joints_m)
-        inside = (pixels >= 0.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
-        in_image = bool(inside.mean() > 0.5)
-        if view.keypoints is None:
-            return np.nan, np.nan, in_image, False
-        keypoints = keypoint_pixels(view)
-        observed = np.isfinite(keypoints[:, 0])
-        self._observed |= observed
-        residuals = np.linalg.norm(pixels[self._body_joints] - keypoints[self._named], axis=1)
+    def _view(self, view: View, joints_m: FloatArray) -> tuple[float, bool]:
+        """Return keypoint_error_px and in_image of a view; joints_m: (J, 3), estimated."""
+        pixels = view.camera.project(joints_m)
+        inside = (pixels >= 0.0).all(axis=1) & (pixels < [view.camera.width, view.camera.height]).all(axis=1)
+        residuals = np.linalg.norm(pixels[self._body_joints] - keypoint_pixels(view)[self._named], axis=1)
         error_px = float(np.nanmedian(residuals)) / self._scale if np.isfinite(residuals).any() else np.nan
-        return error_px, height_px(keypoints) / self._scale, in_image, int(observed.sum()) >= _MIN_JOINTS
-
-    def _motion(self, views: tuple[View, ...], measured: Mapping[str, tuple[float, float, bool, bool]]) -> float:
-        """Return the motion of the keypoints since the frame before, whose keypoints are replaced."""
-        last, self._last = self._last, {v.camera.name: keypoint_pixels(v) for v in views if v.keypoints is not None}
-        steps = [
-            np.linalg.norm(keypoints - last[name], axis=1) / (measured[name][1] * self._scale)
-            for name, keypoints in self._last.items()
-            if name in last and measured[name][1] > 0.0
-        ]
-        each = [float(np.nanmedian(step)) for step in steps if np.isfinite(step).any()]
-        return float(np.median(each)) if each else np.nan
+        return error_px, bool(inside.mean() > 0.5)
 
     def measurements(self) -> RunMeasurements:
         """Return the measurements of all steps so far."""
-        rows, n = self._rows, len(self._rows)
-        cameras = tuple(dict.fromkeys(name for row in rows for name in row["views"]))
-        pairs = dict.fromkeys(pair for row in rows for pair in row["separation"])
-        absent = (np.nan, np.nan, False, False)
-        views = np.array([[row["views"].get(name, absent) for name in cameras] for row in rows], np.float64)
-        views = views.reshape(n, len(cameras), 4)
+        rows, n, cameras = self._rows, len(self._rows), self._cameras
+        series = {
+            name: np.array([row[name] for row in rows], np.float64)
+            for name in ("time_s", "annotation_height_px", "inlier_fraction", "depth_std_m", "joints", "extent_m")
+        }
+        views = np.array([[row["views"].get(name, (np.nan, 0.0)) for name in cameras] for row in rows], np.float64)
+        views = views.reshape(n, len(cameras), 2)
+        none = np.full((len(JOINT_NAMES), 3), np.nan)
+        keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
         errors = [name for name in _ERRORS if any(name in row["errors"] for row in rows)]
-        times_s, motion, annotation_heights, inlier_fraction = (
-            np.array([row[name] for row in rows], np.float64)
-            for name in ("time_s", "motion", "annotation_height_px", "inlier_fraction")
-        )
-        return RunMeasurements(
-            frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=times_s, cameras=cameras,
-            keypoint_error_px=views[..., 0], person_height_px=views[..., 1], in_image=views[..., 2] == 1.0,
-            has_person=views[..., 3] == 1.0,
-            ray_separation={
-                pair: np.array([row["separation"].get(pair, np.nan) for row in rows]) for pair in pairs
-            },
-            triangulated_joints=np.array([row["joints"] for row in rows]).reshape(n, len(JOINT_NAMES), 3),
-            keypoint_motion=motion, observed_joints=self._observed,
-            errors={name: np.array([row["errors"].get(name, np.nan) for row in rows]) for name in errors},
-            annotation_height_px=annotation_heights,
-            lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS}, inlier_fraction=inlier_fraction,
-            uncertain_groups=tuple(row["uncertain"] for row in rows), iterations=self._iterations,
-            has_points=self._has_points, pelvis_and_ankles=np.array([row["feet"] for row in rows]).reshape(n, 3, 3),
+        searched = np.array([name in self._searched for name in cameras], bool)
+        observed = ObservedJoints(
+            tuple(cameras.values()), keypoints.reshape(len(cameras), n, len(JOINT_NAMES), 3), searched,
+            times_s=series["time_s"], scale=self._scale,
         )  # fmt: skip
+        return RunMeasurements(
+            frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=series["time_s"],
+            observed=observed, keypoint_error_px=views[..., 0], in_image=views[..., 1] == 1.0,
+            errors={name: np.array([row["errors"].get(name, np.nan) for row in rows]) for name in errors},
+            annotation_height_px=series["annotation_height_px"],
+            lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS},
+            inlier_fraction=series["inlier_fraction"],
+            uncertain_groups=tuple(row["uncertain"] for row in rows), iterations=self._iterations,
+            estimated_joints=series["joints"].reshape(n, len(JOINT_NAMES), 3), depth_std_m=series["depth_std_m"],
+            point_extent_m=series["extent_m"].reshape(n, 3),
+        )  # fmt: skip
+
+
+def _depth_std(step: Step) -> float:
+    """Return the standard deviation, m, of the root's depth in the only camera; NaN for another number of cameras or a
+    single particle."""
+    if len(step.frame.views) != 1 or len(step.poses) < 2:
+        return float("nan")
+    depths, weights = step.poses[:, :N_POSITION] @ step.frame.views[0].camera.rotation[2], np.exp(step.log_weights)
+    mean = float(weights @ depths)
+    return float(np.sqrt(weights @ (depths - mean) ** 2))
 
 
 def stance(pelvis: FloatArray, ankles: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -186,10 +204,9 @@ def stance(pelvis: FloatArray, ankles: FloatArray, times_s: FloatArray) -> Float
     times_s : (F,), s.
     """
     stances = np.full((len(times_s), 2), np.nan)
-    if len(times_s) < 2 or times_s[-1] - times_s[0] < _STRIDE_S:
+    velocity = walking_velocity(pelvis, times_s)
+    if not (walks := np.isfinite(velocity[:, 0])).any():
         return stances
-    velocity = _velocity(pelvis[:, :2], times_s, _STRIDE_S)
-    walks = np.linalg.norm(velocity, axis=1) >= _MIN_SPEED_M_S
     relative = _velocity((ankles - pelvis[:, None])[..., :2], times_s, _STEP_S)
     forwards = np.einsum("fsk,fk->fs", relative, velocity)
     stances[walks] = forwards[walks] < 0.0
@@ -205,3 +222,17 @@ def _velocity(positions: FloatArray, times_s: FloatArray, reach_s: float) -> Flo
     )
     spans = (times_s[last] - times_s[first]).reshape(-1, *[1] * (positions.ndim - 1))
     return np.asarray((positions[last] - positions[first]) / spans)
+
+
+def walking_velocity(pelvis: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Return the horizontal velocity (F, 2), m/s, of a pelvis (F, 3), m; NaN while it is slower than a walk, in less
+    than half a second of frames, and where times do not increase."""
+    if len(times_s) < 2 or times_s[-1] - times_s[0] < _STRIDE_S or (np.diff(times_s) <= 0.0).any():
+        return np.full((len(times_s), 2), np.nan)
+    velocity = _velocity(pelvis[:, :2], times_s, _STRIDE_S)
+    return np.where(np.linalg.norm(velocity, axis=1, keepdims=True) >= _MIN_SPEED_M_S, velocity, np.nan)
+
+
+def foot_speeds(ankles: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Return the horizontal speeds (F, 2), m/s, of ankles (F, 2, 3), m."""
+    return np.asarray(np.linalg.norm(_velocity(ankles, times_s, _STEP_S)[..., :2], axis=-1))

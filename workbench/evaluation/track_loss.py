@@ -1,10 +1,21 @@
 """Frames in which a track is lost and recovered, by errors and thresholds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.utils.arrays import BoolArray
+
+FOREARM_OVER_HEIGHT = 0.044
+"""A forearm's width over a person's height, the mean of the two ends of `from_height`: the threshold of a track in the
+image."""
+TRACKED_MM = 150.0
+"""Threshold of the mean joint error of a track in space: half a head, see the README. Where images show the person, a
+larger error makes frames doubtful, as the depth of one camera is uncertain."""
+LOST_MM = 450.0
+"""Mean joint error from which on a track is lost although it agrees with the image: the distance between the shoulders,
+0.26 of an adult's height (Drillis & Contini 1966), beyond which the estimate and the person do not overlap."""
 WINDOW_FRAMES = 5
 """Frames over which an error is averaged, so that a single frame is neither a loss nor a recovery."""
 
@@ -43,8 +54,32 @@ def track_events(errors: Sequence[float], thresholds: Sequence[float], window: i
     return events
 
 
-def lost_fraction(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW_FRAMES) -> float:
-    """Return the fraction of the frames between a loss and the next recovery, or the end; see `track_events`."""
-    frames = [event.frame for event in track_events(errors, thresholds, window)]
-    ends = [*frames, len(errors)] if len(frames) % 2 else frames
-    return float(np.diff(np.array(ends).reshape(-1, 2), axis=1).sum()) / max(len(errors), 1)
+def lost_states(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW_FRAMES) -> BoolArray:
+    """Return whether each frame (F,) lies between a loss and the next recovery, or the end; see `track_events`."""
+    lost = np.zeros(len(errors), dtype=bool)
+    for event in track_events(errors, thresholds, window):
+        lost[event.frame :] = event.kind == "lost"
+    return lost
+
+
+def lost_frames(errors: Mapping[str, Sequence[float]]) -> BoolArray | None:
+    """Return whether the track is lost in each frame (F,), by the image and in space; None without a threshold.
+
+    errors: series over frames by name. In the image mpjpe_px is compared with forearm_width_px. In space mpjpe_abs_mm
+    is compared with LOST_MM, or with TRACKED_MM without images.
+    """
+    in_space = errors.get("mpjpe_abs_mm")
+    if "mpjpe_px" in errors and "forearm_width_px" in errors:
+        lost = lost_states(errors["mpjpe_px"], errors["forearm_width_px"])
+        if in_space is not None and len(in_space) == len(lost):
+            lost |= lost_states(in_space, [LOST_MM] * len(lost))
+        return lost
+    return None if in_space is None else lost_states(in_space, [TRACKED_MM] * len(in_space))
+
+
+def track_metrics(errors: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Return n_track_losses, tracked (0 or 1) and lost_fraction of a track's errors, see `lost_frames`; {} without."""
+    if (lost := lost_frames(errors)) is None or not len(lost):
+        return {}
+    n = float((lost & ~np.concatenate([[False], lost[:-1]])).sum())
+    return {"n_track_losses": n, "tracked": float(n == 0.0), "lost_fraction": float(lost.mean())}

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.track_loss import lost_fraction, track_events
+from workbench.evaluation.track_loss import track_metrics
 from workbench.recording.migrations import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
@@ -124,11 +124,7 @@ class Summary:
         means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
         if "jump_deg_mean" in means:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
-        if {"mpjpe_px", "forearm_width_px"} <= means.keys():
-            errors, widths = self.per_frame["mpjpe_px"], self.per_frame["forearm_width_px"]
-            means["n_track_losses"] = float(sum(event.kind == "lost" for event in track_events(errors, widths)))
-            means["tracked"] = float(means["n_track_losses"] == 0.0)
-            means["lost_fraction"] = lost_fraction(errors, widths)
+        means |= track_metrics(self.per_frame)
         if "log_evidence" not in self.omitted_metrics:
             means["log_evidence"] = self.log_evidence
         return {**means, **self.run_metrics, "n_frames": float(self.frames)}

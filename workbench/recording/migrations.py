@@ -293,6 +293,8 @@ _VERDICTS: dict[str, str] = {
     "rate": "frame-rate mismatch",
 }
 """Kinds of verdicts that have another name today: old and new."""
+_LEVELS = dict.fromkeys(("tracked", "no ground truth", "no person visible"), "not evaluated") | {"lost": "not usable"}
+"""Levels of verdicts that were recorded without one, by their kind of today; any other kind is a contradiction."""
 _SUMMARY: dict[str, str] = {
     "anew": "restart_reason", "counted": "input_counts", "given": "assumptions", "left_out": "omitted_metrics",
 }  # fmt: skip
@@ -367,6 +369,14 @@ def renamed_properties(recorded: Mapping[str, Mapping[str, Any]]) -> dict[str, d
     return properties
 
 
+def with_level(properties: Mapping[str, Any]) -> dict[str, Any]:
+    """Return properties, or a summary, whose verdict has a level, that of its kind where it was recorded without."""
+    verdict = properties.get("verdict")
+    if not isinstance(verdict, Mapping) or "kind" not in verdict:
+        return dict(properties)
+    return {**properties, "verdict": {"level": _LEVELS.get(verdict["kind"], "doubtful"), **verdict}}
+
+
 def _column(recorded: Any) -> Any:
     """Return today's name of a column of the state."""
     for old, new in _COLUMNS.items():
@@ -390,14 +400,14 @@ def _provenance(recorded: Mapping[str, Any]) -> dict[str, Any]:
 def renamed_summary(recorded: Mapping[str, Any]) -> dict[str, Any]:
     """Return a summary.json with today's names; one of today's format is returned unchanged."""
     if recorded.get("format", 1) >= FORMAT:
-        return dict(recorded)
+        return with_level(recorded)
     summary = _renamed_keys(recorded, _SUMMARY)
     summary["metrics"] = renamed_metrics(summary["metrics"])
     properties = {name: summary[name] for name in ("provenance", "verdict") if isinstance(summary.get(name), Mapping)}
     summary |= renamed_properties(properties)
     if isinstance(settings := summary.get("settings"), Mapping):
         summary["settings"] = renamed(settings)
-    return summary
+    return with_level(summary)
 
 
 def renamed(settings: Mapping[str, Any]) -> dict[str, Any]:

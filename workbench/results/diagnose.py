@@ -59,13 +59,13 @@ class Outcome:
 
 
 def lost_frames(run: Run) -> list[int]:
-    """Return the frames where a run loses the track, by its ground truth or else its verdict; InputError without
+    """Return the frames where a run loses the track, by its verdict or else its ground truth; InputError without
     both."""
-    if "forearm_width_px" in run.metrics:
+    states = cells(run.path, [f"/{_TRACKING}"]).get(_TRACKING, {}).get("StateChange:state", {})
+    if not states and "forearm_width_px" in run.metrics:
         (frames, errors), (_, widths) = run.metric("mpjpe_px"), run.metric("forearm_width_px")
         events = track_events(errors.tolist(), widths.tolist())
         return [int(frames[event.frame]) for event in events if event.kind == "lost"]
-    states = cells(run.path, [f"/{_TRACKING}"]).get(_TRACKING, {}).get("StateChange:state", {})
     if not states and "mpjpe_px" not in run.metrics:
         raise InputError(f"{run.path}: expected ground truth, keypoints or annotated frames, found none")
     return sorted(frame for frame, state in states.items() if "lost" in state.as_py())

@@ -162,7 +162,7 @@ def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
     choices = choices_of(origin.pop("choices", None) or [])
     origin.pop("difference", None)
     if summary.get("verdict"):
-        origin["verdict"] = str(summary["verdict"].get("kind", ""))
+        origin["verdict"] = str(summary["verdict"].get("level", ""))
     metrics = {name: value for name, value in summary["metrics"].items() if value is not None and isfinite(value)}
     seed = summary.get("seed")
     return {

@@ -93,7 +93,7 @@ class Progress:
     def _line(self, job: int, summary: Mapping[str, Any]) -> str:
         metric, kind = None, "-"
         if summary["status"] == "complete":
-            kind = str((summary.get("verdict") or {}).get("kind", "-"))
+            kind = str((summary.get("verdict") or {}).get("level", "-"))
             with suppress(InputError):
                 metric = metric_of(summary.get("metrics", {}), self.plan.objective)
         value = "-" if metric is None else f"{metric:.4g}"

@@ -114,7 +114,7 @@ def test_a_video_is_checked_whatever_its_annotations_are_for(folder, capsys, mar
     assert main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
     said = capsys.readouterr().out
     assert "the person leans by" in said
-    assert "the calibration fits; drawn in" in said
+    assert "verdict: trustworthy" in said
     (picture,) = (folder / "out").iterdir()
     assert cv2.imread(str(picture)).shape == (960, 1280, 3)
 

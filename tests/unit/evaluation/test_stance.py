@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.evaluation.run_measurements import stance
+from workbench.evaluation.run_measurements import foot_speeds, stance, walking_velocity
 
 RATE_HZ = 60.0
 TIMES = np.arange(180) / RATE_HZ
@@ -48,3 +48,14 @@ def test_frames_without_a_pose_are_not_told():
     found = stance(pelvis, ankles, TIMES)
     assert np.isnan(found[60 - 4]).all()
     assert np.isfinite(found[100]).all()
+
+
+def test_velocities_of_a_uniform_walk_and_none_while_standing_or_where_times_go_back():
+    times_s = np.arange(50) / 25.0
+    pelvis = np.outer(times_s, [1.2, 0.5, 0.0])
+    np.testing.assert_allclose(walking_velocity(pelvis, times_s), np.tile([1.2, 0.5], (50, 1)))
+    np.testing.assert_allclose(
+        foot_speeds(np.stack([pelvis, 0.0 * pelvis], axis=1), times_s), np.tile([1.3, 0.0], (50, 1))
+    )
+    assert np.isnan(walking_velocity(0.1 * pelvis, times_s)).all()
+    assert np.isnan(walking_velocity(pelvis, times_s % 1.0)).all()

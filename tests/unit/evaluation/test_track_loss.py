@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.track_loss import TrackEvent, lost_fraction, track_events
+from workbench.evaluation.track_loss import TrackEvent, lost_frames, lost_states, track_events, track_metrics
 
 WIDTH = [10.0] * 20
 
 
 def test_who_is_held_is_never_lost():
     assert track_events([9.0] * 20, WIDTH) == []
-    assert lost_fraction([9.0] * 20, WIDTH) == 0.0
+    assert lost_states([9.0] * 20, WIDTH).mean() == 0.0
     assert track_events([], []) == []
-    assert lost_fraction([], []) == 0.0
+    assert not len(lost_states([], []))
 
 
 def test_one_bad_frame_loses_nobody():
@@ -26,14 +26,14 @@ def test_one_bad_frame_loses_nobody():
 def test_a_loss_and_a_find_are_dated_by_their_first_frames():
     errors = [2.0] * 6 + [40.0] * 8 + [2.0] * 6
     assert track_events(errors, WIDTH) == [TrackEvent("lost", 6), TrackEvent("recovered", 14)]
-    assert lost_fraction(errors, WIDTH) == pytest.approx(8 / 20)
+    assert lost_states(errors, WIDTH).mean() == pytest.approx(8 / 20)
 
 
 def test_who_is_lost_to_the_end_and_from_the_beginning():
     assert track_events([2.0] * 10 + [50.0] * 10, WIDTH) == [TrackEvent("lost", 10)]
-    assert lost_fraction([2.0] * 10 + [50.0] * 10, WIDTH) == pytest.approx(0.5)
+    assert lost_states([2.0] * 10 + [50.0] * 10, WIDTH).mean() == pytest.approx(0.5)
     assert track_events([50.0] * 20, WIDTH) == [TrackEvent("lost", 0)]
-    assert lost_fraction([50.0] * 2, WIDTH[:2]) == 1.0
+    assert lost_states([50.0] * 2, WIDTH[:2]).mean() == 1.0
 
 
 def test_frames_without_a_truth_say_nothing():
@@ -45,7 +45,7 @@ def test_frames_without_a_truth_say_nothing():
 def test_nobody_is_found_before_they_were_lost():
     errors = [9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0]  # one frame loses; the window is below again by those before it
     assert track_events(errors, WIDTH[:8]) == [TrackEvent("lost", 4), TrackEvent("recovered", 5)]
-    assert lost_fraction(errors, WIDTH[:8]) == pytest.approx(1 / 8)
+    assert lost_states(errors, WIDTH[:8]).mean() == pytest.approx(1 / 8)
 
 
 @given(st.lists(st.sampled_from([0.0, 15.0, 21.0, 60.0]), max_size=30))
@@ -54,4 +54,18 @@ def test_losses_and_finds_alternate_in_the_order_of_frames(errors):
     frames = [event.frame for event in events]
     assert frames == sorted(set(frames))
     assert [event.kind for event in events] == ["lost", "recovered"] * (len(events) // 2) + ["lost"] * (len(events) % 2)
-    assert 0.0 <= lost_fraction(errors, [20.0] * len(errors)) <= 1.0
+    assert lost_states(errors, [20.0] * len(errors)).any() == bool(events)
+
+
+def test_a_track_is_lost_by_the_image_and_in_space():
+    near, far, n = [2.0] * 10, [2.0] * 5 + [50.0] * 5, 10
+    widths = [20.0] * n
+    by_image = {"mpjpe_px": far, "forearm_width_px": widths, "mpjpe_abs_mm": [100.0] * n}
+    in_space = {"mpjpe_px": near, "forearm_width_px": widths, "mpjpe_abs_mm": [100.0] * 5 + [900.0] * 5}
+    for errors in (by_image, in_space, {"mpjpe_abs_mm": [100.0] * 5 + [400.0] * 5}):
+        assert lost_frames(errors).tolist() == [False] * 5 + [True] * 5
+        assert track_metrics(errors) == {"n_track_losses": 1.0, "tracked": 0.0, "lost_fraction": 0.5}
+    drift = {"mpjpe_px": near, "forearm_width_px": widths, "mpjpe_abs_mm": [300.0] * n}
+    assert track_metrics(drift)["tracked"] == 1.0
+    assert lost_frames({"mpjpe_px": near}) is None
+    assert track_metrics({"mpjpe_px": near}) == {}

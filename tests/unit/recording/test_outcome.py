@@ -8,8 +8,10 @@ from recorded import components, static, values
 from recording_steps import BODY, CAMERA, SPACE, steps
 
 from workbench.body.kinematics import joints
+from workbench.evaluation.finding import Finding
+from workbench.evaluation.run_findings import RunInputs
 from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.verdict import Finding, RunInputs, Verdict, verdict
+from workbench.evaluation.verdict import Verdict, verdict
 from workbench.recording.read.reader import read
 from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder
@@ -30,12 +32,12 @@ def recorded(path, run, metrics=lambda k: {}, told=None):
 
 
 def test_the_verdict_is_a_text_a_property_and_lanes(tmp_path):
-    doubts = lambda k: {"expected_error_arms_mm": 80.0 if k > 3 else 10.0}  # noqa: E731
+    doubts = lambda k: {"expected_error_arms_mm": 800.0 if k > 3 else 10.0}  # noqa: E731
     path, _ = recorded(tmp_path / "run.rrd", steps(6, n_particles=20), doubts, LOST)
     found = read(path).properties["verdict"]
-    assert found["kind"] == "lost"
+    assert (found["level"], found["outcome"], found["kind"]) == ("doubtful", "lost", "lost")
     assert "frame 3" in found["message"]
-    assert "lost" in static(path, "/verdict", "TextDocument:text")[0]
+    assert static(path, "/verdict", "TextDocument:text")[0].startswith("**doubtful**, because from frame 3")
     assert values(path, "/state/tracking", "StateChange:state") == ["tracked", "lost", "tracked"]
     assert values(path, "/state/large_expected_error", "StateChange:state") == ["none", "arms"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.study import Figure
-from workbench.recording.migrations import FORMAT, renamed, renamed_properties
+from workbench.recording.migrations import FORMAT, renamed, renamed_properties, with_level
 from workbench.recording.read import chunks, frame_tables
 from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
@@ -279,6 +279,7 @@ def read(path: str | Path) -> Run:
         raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
     if version < FORMAT:
         properties = renamed_properties(properties)
+    properties = with_level(properties)
     metrics = {entity.removeprefix("metrics/"): curve for entity, curve in measured.items()}
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")

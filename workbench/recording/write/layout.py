@@ -25,7 +25,7 @@ KEY = {
 }  # fmt: skip
 """Overlays that may be drawn with the estimate, and their titles; annotations and keypoints in images only."""
 _LANES = {
-    "tracking": "tracked or lost", "large_expected_error": "large expected error", "foot_left": "stance",
+    "tracking": "tracked, doubtful or lost", "large_expected_error": "large expected error", "foot_left": "stance",
     "foot_right": "stance",
 }  # fmt: skip
 # Heights in a window of 1500 × 950, the smallest supported one, and of a legend's row and frame.

@@ -5,23 +5,26 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
+from workbench.evaluation.finding import LEVELS
 from workbench.evaluation.run_measurements import RunMeasurements, stance
-from workbench.evaluation.verdict import FOREARM_OVER_HEIGHT, Verdict
+from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
+from workbench.evaluation.verdict import Verdict
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray
 
 VERDICT, STATE, REPROJECTION_ERRORS = "verdict", "state", "reprojection_error_px"
-_GREEN, _RED, _GREY, _BLUE = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190)
-_COLOURS = {"tracked": _GREEN, "none": _GREEN, "stance": _BLUE, "not known": _GREY}  # any other state is red
+_GREEN, _RED, _GREY, _BLUE, _AMBER = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190), (215, 150, 40)
+_COLOURS = {"tracked": _GREEN, "none": _GREEN, "stance": _BLUE, "not known": _GREY, "lost": _RED}
+"""Colours of states; any other, such as doubtful, is amber."""
 _HIDDEN = ("swing", "no gait")
 _FOREARM = "forearm"
 
 
 def verdict_text(message: str = "") -> rr.TextDocument:
-    """Return the verdict as text with its kind in bold; "": of a run without a verdict."""
-    kind, _, rest = message.partition(":")
-    text = f"**{kind}**:{rest}" if message else "no verdict: the run is running, or was cut off"
+    """Return the verdict as text with its level in bold; "": of a run without a verdict."""
+    level = next((each for each in LEVELS if message.startswith(each)), "")
+    text = f"**{level}**{message.removeprefix(level)}" if message else "no verdict: the run is running, or was cut off"
     return rr.TextDocument(text, media_type="text/markdown")
 
 
@@ -35,7 +38,7 @@ def log_lanes(stream: rr.RecordingStream, verdict: Verdict, measured: RunMeasure
         index = time_index(measured.frames[rows], map(nanoseconds, measured.times_s[rows]))
         stream.send_columns(path, indexes=index, columns=rr.StateChange.columns(state=[state for _, state in changes]))
         values = list(dict.fromkeys(state for _, state in valid))
-        shades, visible = [_COLOURS.get(state, _RED) for state in values], [state not in _HIDDEN for state in values]
+        shades, visible = [_COLOURS.get(state, _AMBER) for state in values], [state not in _HIDDEN for state in values]
         stream.log(path, rr.StateConfiguration(values=values, colors=shades, visible=visible), static=True)
     return tuple(lanes)
 

@@ -204,7 +204,8 @@ class Recorder:
 
         Curves of a single frame are then hidden, and curves of few frames are drawn as points.
         """
-        self._file.send_property("verdict", {"kind": verdict.kind, "message": verdict.message})
+        properties = {name: verdict.as_dict[name] for name in ("level", "outcome", "kind", "message")}
+        self._file.send_property("verdict", properties)
         self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.message), static=True)
         lanes = outcome.log_lanes(self._stream, verdict, measured)
         reprojection = outcome.log_reprojection_errors(self._stream, measured)

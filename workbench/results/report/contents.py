@@ -74,10 +74,10 @@ def _verdicts(grouping: Grouping) -> dict[str, pd.DataFrame]:
     """Return counts of the verdicts of every group's runs, each with an example; {} without verdicts."""
     rows = []
     for group, runs in grouping.runs.groupby("group")["run"]:
-        verdicts = [each for run in runs if "kind" in (each := run.properties.get("verdict") or {})]
-        for kind, n in Counter(str(each["kind"]) for each in verdicts).most_common():
-            example = next(str(each["message"]) for each in verdicts if each["kind"] == kind)
-            rows.append((grouping.labels["group"][group], kind, n, example))
+        verdicts = [each for run in runs if "level" in (each := run.properties.get("verdict") or {})]
+        for level, n in Counter(str(each["level"]) for each in verdicts).most_common():
+            example = next(str(each["message"]) for each in verdicts if each["level"] == level)
+            rows.append((grouping.labels["group"][group], level, n, example))
     return {"verdicts": table_of(("group", "verdict", "runs", "example"), rows)} if rows else {}
 
 

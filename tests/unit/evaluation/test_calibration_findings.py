@@ -7,8 +7,8 @@ import pytest
 from seen_walkers import HEIGHT_M, around, seen_by, walked
 
 from workbench.body.camera import plain_camera
-from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
 from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
+from workbench.evaluation.calibration_findings import check_calibration, stand_upright, triangulate
 
 
 def turned(camera, degrees):
@@ -18,7 +18,7 @@ def turned(camera, degrees):
 
 
 def wrong(seen, height_m=HEIGHT_M):
-    return " ".join(finding.message for finding in check_calibration(seen, height_m).findings if finding.fits is False)
+    return " ".join(finding.message for finding in check_calibration(seen, height_m).findings if finding.is_problem)
 
 
 def test_rays_of_exact_marks_meet_in_the_joints_also_through_a_bent_lens():
@@ -32,15 +32,15 @@ def test_rays_of_exact_marks_meet_in_the_joints_also_through_a_bent_lens():
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_right_calibration_fits(n):
     check = check_calibration(seen_by(around(n)), HEIGHT_M)
-    assert check.fits is True, check.findings
+    assert check.level == "trustworthy", check.findings
     assert check.floor_m == pytest.approx(0.0, abs=0.08)
 
 
 def test_cameras_that_are_exchanged_disagree():
     cameras = around(3)
     seen = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
-    assert "c0: joints are" in wrong(seen)
-    assert check_calibration(seen, None).fits is False
+    assert "the videos of c0 and c1 are exchanged" in wrong(seen)
+    assert check_calibration(seen, None).level == "not usable"
 
 
 def test_a_camera_in_which_the_person_is_not_found_is_reported():
@@ -91,7 +91,7 @@ def test_an_axis_far_from_the_middle_is_of_another_size():
 def test_without_marks_nothing_is_judged():
     seen = seen_by(around(2))
     empty = replace(seen, keypoints=seen.keypoints[:, :0])
-    assert check_calibration(empty, None).fits is None
+    assert check_calibration(empty, None).level == "doubtful"
 
 
 def test_the_place_of_an_upright_person_is_exact():

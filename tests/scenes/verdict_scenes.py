@@ -1,0 +1,96 @@
+"""A walker on a floor before calibrated cameras or as points, and the verdict on a run that follows the walker."""
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import ANKLE_HEIGHT, from_height
+from workbench.core.frame import Frame, Truth, View
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
+from workbench.evaluation.run_findings import RunInputs
+from workbench.evaluation.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict import verdict
+from workbench.motion.sources import find_motion
+
+HEIGHT_M, RATE_HZ, N = 1.7, 25.0, 60
+BODY = person(from_height(HEIGHT_M))
+SPACE = StateSpace.of({"root": (("root_x",), "m")})
+SIDES = ["left", "right"]
+
+
+@cache
+def walk():
+    """Poses (N, 25) of somebody who walks along x through the origin, on the floor z = 0."""
+    poses = find_motion("builtin", data=None, rate_hz=RATE_HZ).poses[:N].copy()
+    places = joints(BODY.skeleton, poses)
+    poses[:, :3] -= [*places[:, 0, :2].mean(axis=0), places[..., 2].min() - ANKLE_HEIGHT * HEIGHT_M]
+    return poses
+
+
+def cameras(n=4):
+    """Cameras at 5 m from the origin, 1.4 m high, towards its middle."""
+    angles = np.radians([-110.0, -20.0, 100.0, -160.0])[:n]
+    places = [(5.0 * np.cos(a), 5.0 * np.sin(a), 1.4) for a in angles]
+    return tuple(plain_camera(1280, 960, 900.0, at, (0.0, 0.0, 1.0), f"c{k}") for k, at in enumerate(places))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The inputs of a run, which a fault may change. cameras: as calibrated. keypoints: (V, N, J, 3). poses: (N, 25) of
+    the estimate. points: (N, K, 3) or None. truth_m: offset of the true joints from the estimate's, (N, 3), or None."""
+
+    cameras: tuple
+    keypoints: np.ndarray
+    poses: np.ndarray
+    points: np.ndarray | None = None
+    times_s: np.ndarray = field(default_factory=lambda: np.arange(N) / RATE_HZ)
+    inputs: RunInputs = field(default_factory=lambda: RunInputs(height_m=HEIGHT_M, rate_hz=RATE_HZ))
+    errors: dict = field(default_factory=dict)
+    annotations: np.ndarray | None = None
+    inlier_fraction: float = 0.9
+    body: object = BODY
+
+    def verdict(self):
+        collector = MeasurementCollector(self.body)
+        rng, image = np.random.default_rng(1), np.zeros((2, 2), np.uint8)
+        for t, pose in enumerate(self.poses):
+            views = tuple(View(c, image, marks[t]) for c, marks in zip(self.cameras, self.keypoints, strict=True))
+            truth = None if self.annotations is None else Truth(annotations=self.annotations[t])
+            frame = Frame(t, float(self.times_s[t]), views, truth, None if self.points is None else self.points[t])
+            poses = pose + 0.01 * rng.standard_normal((20, 25))
+            step = Step(frame, SPACE, poses[:, :1], poses, np.full(20, -np.log(20.0)), np.zeros(20, np.int64), pose,
+                        pose, 20.0, np.nan, diagnostics={"inlier_fraction": self.inlier_fraction})  # fmt: skip
+            collector.add(step, {name: float(values[t]) for name, values in self.errors.items()})
+        return verdict(collector.measurements(), self.inputs)
+
+
+def scene(n_cameras=4, sigma_px=2.0):
+    """The intact scene of a walker, as n cameras and a detector with an error show it."""
+    rng, rig, places = np.random.default_rng(2), cameras(n_cameras), joints(BODY.skeleton, walk())
+    marks = np.array([camera.project(places) for camera in rig]).reshape(n_cameras, N, 15, 2)
+    marks = marks + sigma_px * rng.standard_normal(marks.shape)
+    return Scene(rig, np.concatenate([marks, np.ones_like(marks[..., :1])], axis=-1), walk())
+
+
+def point_scene():
+    """The same walker as points near the bones, without cameras."""
+    rng, places = np.random.default_rng(3), joints(BODY.skeleton, walk())
+    ends = [(places[:, a], places[:, b]) for a, b in BODY.skeleton.bones]
+    bones = np.stack([a + s * (b - a) for a, b in ends for s in np.linspace(0.0, 1.0, 12)], axis=1)
+    return replace(scene(0), points=bones + 0.03 * rng.standard_normal(bones.shape))
+
+
+def moved(rig, factor):
+    """Cameras whose positions are given in another unit."""
+    return tuple(replace(camera, translation=factor * camera.translation) for camera in rig)
+
+
+def y_up(camera):
+    """The camera in a world whose y axis points up: its coordinates are x, z and −y of ours."""
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # ours from theirs
+    return replace(camera, rotation=camera.rotation @ turn)

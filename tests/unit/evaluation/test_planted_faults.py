@@ -1,0 +1,151 @@
+"""A fault planted into an intact scene is found with its level, and intact scenes have no findings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from verdict_scenes import HEIGHT_M, RATE_HZ, N, RunInputs, moved, point_scene, scene, walk, y_up
+
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.datasets.association.keypoint_kalman import exchanged
+
+LATE = np.arange(N) >= 20
+
+
+def rescaled(intact, factor):
+    keypoints = intact.keypoints.copy()
+    keypoints[..., :2] *= factor
+    return replace(intact, keypoints=keypoints)
+
+
+def later(intact, v, n_frames):
+    keypoints = intact.keypoints.copy()
+    keypoints[v] = np.roll(keypoints[v], n_frames, axis=0)
+    keypoints[v, :n_frames] = np.nan
+    return replace(intact, keypoints=keypoints)
+
+
+def mirrored(intact):
+    order = exchanged("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    return replace(intact, keypoints=intact.keypoints[:, :, order])
+
+
+def annotated(intact, away_px):
+    """Without keypoints, with annotations in every tenth frame that are away from the estimate."""
+    marks = np.where((np.arange(N) % 10 == 0)[:, None, None], intact.keypoints[0, ..., :2] + [away_px, 0.0], np.nan)
+    height = np.ptp(marks[..., 1], axis=1)
+    errors = {"mpjpe_px": np.where(np.isfinite(height), abs(away_px), np.nan), "forearm_width_px": 0.044 * height}
+    blind = np.full_like(intact.keypoints, np.nan)
+    return replace(intact, keypoints=blind, annotations=marks, errors=errors)
+
+
+def with_truth(error_mm, error_px=2.0, **more):
+    """A scene with errors of a ground truth in every frame."""
+    series = {"mpjpe_abs_mm": error_mm, "mpjpe_px": error_px, "forearm_width_px": 20.0, **more}
+    return replace(scene(1), errors={name: np.broadcast_to(value, N) for name, value in series.items()})
+
+
+def sunk(intact, up_m):
+    """The walker and the cameras above their floor."""
+    poses = intact.poses + np.eye(25)[2] * up_m
+    rig = tuple(replace(c, translation=c.translation - up_m * c.rotation[:, 2]) for c in intact.cameras)
+    return replace(intact, cameras=rig, poses=poses)
+
+
+def off_centre(camera):
+    return replace(camera, matrix=camera.matrix * [[1.5, 1, 1.5], [1, 1.5, 1.5], [1, 1, 1]])
+
+
+FOUR, ONE, POINTS = scene(4), scene(1), point_scene()
+SMALL = person(from_height(1.2))
+SHIFT = np.array([1.0, 1.0, 1.0])
+FAULTS = {
+    "keypoints of four cameras in 0 to 1": (rescaled(FOUR, 1 / 1280), "keypoints outside the image", "not usable"),
+    "keypoints of one camera in 0 to 1": (rescaled(ONE, 1 / 1280), "keypoints outside the image", "not usable"),
+    "keypoints of a larger image": (rescaled(ONE, 3.0), "keypoints outside the image", "not usable"),
+    "four cameras in mm": (replace(FOUR, cameras=moved(FOUR.cameras, 1e3)), "unit of length", "not usable"),
+    "one camera in mm": (replace(ONE, cameras=moved(ONE.cameras, 1e3)), "unit of length", "not usable"),
+    "points in mm": (replace(POINTS, points=1e3 * POINTS.points), "unit of length", "not usable"),
+    "y-up, four cameras": (replace(FOUR, cameras=tuple(map(y_up, FOUR.cameras))), "vertical", "not usable"),
+    "y-up, one camera": (replace(ONE, cameras=tuple(map(y_up, ONE.cameras))), "vertical", "not usable"),
+    "y-up points": (replace(POINTS, points=POINTS.points[..., [0, 2, 1]] * [1, 1, -1]), "vertical", "not usable"),
+    "far from its annotations": (annotated(ONE, 416.0), "lost", "not usable"),
+    "drift in depth": (with_truth(np.where(LATE, 400.0, 50.0)), "error in space", "doubtful"),
+    "image size": (replace(ONE, cameras=tuple(map(off_centre, ONE.cameras))), "image size", "doubtful"),
+    "10 km away": (replace(ONE, poses=walk() + 1e4 * np.eye(25)[1]), "distance", "not usable"),
+    "implausibly small": (replace(ONE, body=person(from_height(0.8))), "height mismatch", "doubtful"),
+    "four cameras in cm": (replace(FOUR, cameras=moved(FOUR.cameras, 1e2)), "unit of length", "not usable"),
+    "one camera in cm": (replace(ONE, cameras=moved(ONE.cameras, 1e2)), "unit of length", "not usable"),
+    "points in cm": (replace(POINTS, points=1e2 * POINTS.points), "unit of length", "not usable"),
+    "times go back": (
+        replace(ONE, times_s=np.where(LATE, 0.5, 1.0) * ONE.times_s), "frame-rate mismatch", "not usable"
+    ),
+    "rate of the file": (
+        replace(ONE, inputs=RunInputs(HEIGHT_M, rate_hz=RATE_HZ, source_rate_hz=50.0)), "frame-rate mismatch",
+        "doubtful",
+    ),
+    "times of another rate": (replace(ONE, times_s=0.5 * ONE.times_s), "frame-rate mismatch", "doubtful"),
+    "a camera 0.2 s late": (later(FOUR, 2, 5), "unsynchronized cameras", "doubtful"),
+    "one of two cameras 0.12 s late": (later(scene(2), 1, 3), "unsynchronized cameras", "doubtful"),
+    "exchanged cameras": (
+        replace(FOUR, keypoints=FOUR.keypoints[[1, 0, 2, 3]]), "exchanged cameras", "not usable"
+    ),
+    "left and right": (mirrored(FOUR), "left–right swap", "not usable"),
+    "left and right, one camera": (
+        replace(ONE, poses=walk() + np.pi * np.eye(25)[3]), "left–right swap", "doubtful"
+    ),
+    "height of 1.2 m": (replace(FOUR, inputs=RunInputs(1.2, rate_hz=RATE_HZ)), "height mismatch", "not usable"),
+    "height of 1.2 m, one camera": (
+        replace(ONE, inputs=RunInputs(1.2, rate_hz=RATE_HZ)), "ground contact", "doubtful"
+    ),
+    "long forearms": (
+        replace(FOUR, body=person(from_height(HEIGHT_M, forearm=0.36))), "implausible limb lengths", "doubtful"
+    ),
+    "few inliers": (replace(FOUR, inlier_fraction=0.1), "observations far from the body", "not usable"),
+    "floor": (sunk(FOUR, 0.6), "ground contact", "doubtful"),
+    "sliding": (replace(ONE, poses=np.tile(walk()[:1], (N, 1)) + np.linspace(-1, 1, N)[:, None] * np.eye(25)[0]),
+                "ground contact", "doubtful"),
+    "overconfident": (with_truth(60.0, coverage_90=0.35), "overconfident", "doubtful"),
+    "depth unknown": (with_truth(60.0, expected_error_root_mm=600.0), "large expected error", "doubtful"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_planted_fault_is_found_with_its_level(name):
+    planted, kind, level = FAULTS[name]
+    found = planted.verdict()
+    every = {each.kind: each.level for each in (*found.findings, found.outcome)}
+    assert every.get(kind) == level, found.message
+    assert found.level != "trustworthy"
+    assert found.message.startswith(found.level)
+    print(f"{name}: {found.message}")
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_intact_cameras_have_no_findings(n):
+    found = scene(n).verdict()
+    assert (found.level, found.findings) == ("trustworthy", ()), found.message
+    assert set(found.states) == {"tracked"}
+
+
+def test_an_intact_run_on_points_and_one_near_its_annotations_have_no_findings():
+    for intact in (POINTS, annotated(ONE, 5.0), with_truth(60.0, coverage_90=0.9), sunk(FOUR, 0.05)):
+        found = intact.verdict()
+        assert (found.level, found.findings) == ("trustworthy", ()), found.message
+
+
+def test_an_estimate_far_from_its_annotations_is_lost_by_them():
+    found = annotated(ONE, 416.0).verdict()
+    assert found.outcome.kind == "lost"
+    assert "416.0 px from the joints annotated in 5 frames" in found.message
+    assert {found.states[k] for k in (10, 20, 50)} == {"lost"}
+
+
+def test_lanes_agree_with_errors_and_expected_errors():
+    drift = with_truth(np.where(LATE, 400.0, 50.0)).verdict()
+    assert (drift.outcome.kind, drift.states[5], drift.states[-1]) == ("tracked", "tracked", "doubtful")
+    away = with_truth(np.where(LATE, 700.0, 50.0)).verdict()
+    assert (away.outcome.kind, away.states[-1]) == ("lost", "lost")
+    uncertain = with_truth(60.0, expected_error_legs_mm=np.where(LATE, 600.0, 20.0)).verdict()
+    assert (uncertain.states[5], uncertain.states[-1]) == ("tracked", "doubtful")

@@ -1,0 +1,363 @@
+"""Checks of a calibration against the people in front of the cameras."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.body.camera import Camera
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT, from_height
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.evaluation.camera_agreement import MIN_WEIGHT, camera_findings
+from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
+from workbench.evaluation.multiview_consistency import height_px, limb_lengths, triangulate_rays
+from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.utils.arrays import BoolArray, FloatArray
+
+_MAX_ERROR = 0.035
+"""Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
+cameras of a laboratory it is up to 0.029; with two videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
+0.02 in two, where the cameras are opposite each other."""
+_WRONG_ERROR = 0.12
+"""The same from which on the cameras do not show the same person: a trunk's depth, so that joints are next to her."""
+_MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
+_LYING_DEG = 60.0
+"""Angle between the person's long axis and z from which on another axis is nearer to it."""
+HEIGHTS_M, _AVERAGE_HEIGHT_M = (1.2, 2.2), 1.7
+"""Plausible heights, and the assumed one, of a person whose height is not set."""
+_MAX_HEIGHT_ERROR, _WRONG_HEIGHT_ERROR = 0.1, 0.25
+"""Relative difference between the configured height and that of an average person with the measured limbs. Lengths over
+the height differ by 5 % (one standard deviation) between people, and between a detector's joints and an anatomist's.
+Beyond the second one, no adult has the other's limbs."""
+_FOCAL_LENGTHS = (0.4, 5.0)
+"""In longer sides of the image: below, the field of view exceeds 100°, above, it is less than 11°."""
+_MAX_OFF_CENTRE = 0.12
+"""Offset of the principal point from the image's middle, over the image's size. A calibration at r times the size is
+off by |r - 1| / 2, at least 0.125 for the usual sizes (r = 3/4, 2/3, 1/2 and their inverses)."""
+_DISTANCES_M = (0.3, 100.0)
+"""Plausible distances of a person from a camera. At the second one, an adult is 30 px tall for 1700 px of focal
+length."""
+_FLOOR_M, _FLOOR_RELATIVE = 0.15, 0.1
+"""Tolerance of the floor under the feet against z = 0: a stair, and the camera's height times the tolerance of the
+person's height, which scales one camera's distances."""
+_MAX_CLEARANCE = 0.1
+"""Height of a walk's swinging ankle above the standing one, over the person's height."""
+_MIN_WALK_M = 1.0
+"""Distance over which feet determine the slope of the floor."""
+_UNITS = {1000.0: "millimetres", 100.0: "centimetres"}
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCheck:
+    """joints: (F, J, 3), m, by all cameras or, for one camera, ankles and head of an upright person; NaN for others.
+    floor_m: height of the floor under the feet; None: unknown."""
+
+    findings: tuple[Finding, ...]
+    joints: FloatArray
+    floor_m: float | None = None
+
+    @property
+    def level(self) -> str:
+        """The worst level of the findings."""
+        return level_of(self.findings)
+
+
+def check_calibration(observed: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Return the findings on a calibration, from people in front of the cameras; height_m: their height, if known."""
+    lenses = [finding for camera in observed.cameras for finding in lens_findings(camera)]
+    unknown = np.full((*observed.keypoints.shape[1:3], 3), np.nan)
+    if not np.isfinite(observed.keypoints[..., 0]).any():
+        lenses.append(Finding("calibration", "no joints are annotated or detected in these frames"))
+        return CalibrationCheck(tuple(lenses), unknown)
+    in_image = [each for v in range(len(observed.cameras)) for each in _in_image(observed, v)]
+    if any(each.level == NOT_USABLE for each in in_image):
+        return CalibrationCheck((*lenses, *in_image), unknown)
+    several = len(observed.cameras) > 1
+    check = _check_several(observed, height_m) if several else _check_single(observed, height_m, unknown)
+    return CalibrationCheck((*lenses, *in_image, *check.findings), check.joints, check.floor_m)
+
+
+def _in_image(observed: ObservedJoints, v: int) -> Iterator[Finding]:
+    """Compare a camera's keypoints with its image: whether they are pixels, and lie inside."""
+    camera, pixels = observed.cameras[v], observed.pixels()[v].reshape(-1, 2)
+    source = (pixels[np.isfinite(pixels).all(axis=1)] + 0.5) / observed.scale - 0.5
+    size = np.array([camera.width, camera.height]) / observed.scale
+    if not len(source):
+        return
+    outside = float(((source < -0.5) | (source > size - 0.5)).any(axis=1).mean())
+    if (np.abs(source - 0.5) <= 1.0).all():
+        text = "all keypoints lie between 0 and 1: they are fractions of the image, expected pixels"
+        yield Finding("keypoints outside the image", f"{camera.name}: {text}", NOT_USABLE)
+    elif outside > 0.5:
+        text = f"{outside:.0%} of the keypoints lie outside of the image of {size[0]:.0f}×{size[1]:.0f} px"
+        yield Finding("keypoints outside the image", f"{camera.name}: {text}", NOT_USABLE)
+
+
+def lens_findings(camera: Camera) -> list[Finding]:
+    """Return the findings on a camera's image size, focal length and principal point."""
+    size, focal = np.array([camera.width, camera.height]), camera.matrix[[0, 1], [0, 1]]
+    text = f"{camera.name}: images are {size[0]}×{size[1]} px, as in the calibration"
+    findings = [Finding("image size", text, NOTE)]
+    ratios, (low, high) = focal / size.max(), _FOCAL_LENGTHS
+    if not (low < ratios.min() and ratios.max() < high):
+        text = f"is {ratios[0]:.2g} times the image's longer side, expected {low:g} to {high:g}"
+        findings.append(Finding("focal length", f"{camera.name}: the focal length, {focal[0]:.0f} px, {text}"))
+    centre = camera.matrix[:2, 2]
+    if (np.abs(centre - (size - 1) / 2) / size).max() > _MAX_OFF_CENTRE:
+        text = f"the principal point ({centre[0]:.0f}, {centre[1]:.0f}) is far from the image's middle"
+        findings.append(Finding("image size", f"{camera.name}: {text}: a calibration for another image size?"))
+    return findings
+
+
+def _check_several(observed: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Check several cameras by triangulated joints."""
+    joints = triangulate(observed.cameras, observed.keypoints)
+    if not np.isfinite(joints).any():
+        text = "no joint is annotated or detected by two cameras in one frame, so that their agreement is unknown"
+        return CalibrationCheck((Finding("inconsistent cameras", text),), joints)
+    each = [_reprojection(observed, v, joints) for v in range(len(observed.cameras))]
+    explained = list(camera_findings(observed, explain=any(finding.is_problem for finding in each)))
+    findings = [*explained, *(replace(one, level=NOTE) if explained and one.is_problem else one for one in each)]
+    if any(finding.level == NOT_USABLE for finding in findings):
+        return CalibrationCheck(tuple(findings), joints)
+    limbs = limb_lengths(joints)
+    findings.append(_size(limbs, height_m))
+    findings.append(_upright(joints))
+    heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
+    if not np.isfinite(heights).any():
+        return CalibrationCheck(tuple(findings), joints)
+    tall = height_m or (float(np.clip(usual_height(limbs), *HEIGHTS_M)) if limbs else _AVERAGE_HEIGHT_M)
+    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * tall
+    if not any(finding.is_problem for finding in findings):
+        findings.append(_floor(floor_m, observed.cameras, "the feet stand"))
+    return CalibrationCheck(tuple(findings), joints, floor_m)
+
+
+def _upright(joints: FloatArray) -> Finding:
+    """Compare the mean direction from ankles to shoulders, of joints (F, J, 3), m, with z."""
+    bodies = _middle(joints, "shoulder") - _middle(joints, "ankle")
+    bodies = bodies[np.isfinite(bodies).all(axis=1)]
+    if not len(bodies):
+        text = "ankles and shoulders are never triangulated together: the vertical is unknown"
+        return Finding("vertical", text, NOTE)
+    return upright(bodies.mean(axis=0), f"in the mean of {len(bodies)} frames")
+
+
+def upright(axis: FloatArray, where: str) -> Finding:
+    """Compare a person's long axis (3,), from the feet to the head, with z; where: of which observations."""
+    lean = float(np.degrees(np.arccos(np.clip(axis[2] / np.linalg.norm(axis), -1.0, 1.0))))
+    text = f"the person leans by {lean:.0f}° from the z axis, {where}"
+    if lean < _LYING_DEG:
+        return Finding("vertical", text, TRUSTWORTHY if lean <= _MAX_LEAN_DEG else DOUBTFUL)
+    largest = int(np.argmax(np.abs(axis)))
+    sign = "-" if axis[largest] < 0.0 else ""
+    return Finding("vertical", f"{text}: the axis that points up is {sign}{'xyz'[largest]}, expected z", NOT_USABLE)
+
+
+def _floor(floor_m: float, cameras: Sequence[Camera], subject: str) -> Finding:
+    """Compare the height of the floor under the feet with z = 0; a world whose origin is a camera has no floor."""
+    text = f"{subject} at a height of {floor_m:.2f} m"
+    heights = [camera.position[2] for camera in cameras]
+    if min(float(np.linalg.norm(camera.position)) for camera in cameras) < _FLOOR_M:
+        return Finding("ground contact", text, NOTE)
+    tolerance = _FLOOR_M + _FLOOR_RELATIVE * max(map(abs, heights))
+    if abs(floor_m) <= tolerance:
+        return Finding("ground contact", text, TRUSTWORTHY)
+    where = "above" if floor_m > 0.0 else "below"
+    return Finding("ground contact", f"{text}, {abs(floor_m):.2f} m {where} the calibration's floor z = 0")
+
+
+def triangulate(cameras: Sequence[Camera], keypoints: FloatArray) -> FloatArray:
+    """Return points (F, J, 3), m, nearest to the rays of keypoints (V, F, J, 3), [u, v, weight]; NaN for
+    fewer than two."""
+    pixels = np.where(np.nan_to_num(keypoints[..., 2:]) >= MIN_WEIGHT, keypoints[..., :2], np.nan)
+    points = triangulate_rays([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
+    return points.reshape(*keypoints.shape[1:3], 3)
+
+
+def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Finding:
+    """Compare a camera's keypoints with the joints from all cameras, and from the others if these are several."""
+    camera, keypoints, kind = observed.cameras[v], observed.keypoints[v], "inconsistent cameras"
+    others = [k for k in range(len(observed.cameras)) if k != v]
+    error = _error_px(camera, keypoints, joints)
+    if np.isnan(error):
+        if observed.searched[v]:
+            text = (
+                "the person in the other cameras is not found; check that video, joints and calibration belong together"
+            )
+            return Finding(kind, f"{camera.name}: {text}", NOT_USABLE)
+        return Finding(kind, f"{camera.name}: no joint is also detected in another camera", NOTE)
+    text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
+    if len(others) > 1:
+        from_others = triangulate([observed.cameras[k] for k in others], observed.keypoints[others])
+        text += f", {_px(_error_px(camera, keypoints, from_others))} from those of the others"
+    heights = [height_px(frame[:, :2]) for frame in keypoints]
+    tall = float(np.median([height for height in heights if height > 0.0] or [np.nan]))
+    text += f", and the person is {_px(tall)} tall"
+    limits = {TRUSTWORTHY: _MAX_ERROR * tall, DOUBTFUL: _WRONG_ERROR * tall}
+    return Finding(kind, text, next((level for level, limit in limits.items() if error <= limit), NOT_USABLE))
+
+
+def _error_px(camera: Camera, keypoints: FloatArray, joints: FloatArray) -> float:
+    """Return the median distance, px, of keypoints (F, J, 3) from joints (F, J, 3), m, infinite behind the camera; NaN
+    without common ones."""
+    common = np.isfinite(keypoints[..., 0]) & np.isfinite(joints[..., 0])
+    if not common.any():
+        return float("nan")
+    distances = np.linalg.norm(camera.project(joints[common]) - keypoints[common][:, :2], axis=1)
+    return float(np.median(np.nan_to_num(distances, nan=np.inf)))
+
+
+def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
+    """Compare the height of an average person with the measured limbs, m, with height_m, or with plausible heights."""
+    if not limbs:
+        return Finding("height mismatch", "no limb is triangulated: the unit of length is unknown", NOTE)
+    measured_m = usual_height(limbs)
+    expected_m = height_m or _AVERAGE_HEIGHT_M
+    lengths = ", ".join(f"{limb.replace('_', ' ')} {100.0 * length:.0f}" for limb, length in limbs.items())
+    text = f"the limbs are as long as those of a person of {measured_m:.2f} m ({lengths} cm)"
+    if unit := unit_of(measured_m / expected_m):
+        return Finding("unit of length", f"{text}: the calibration is in {unit}, expected metres", NOT_USABLE)
+    if height_m is None:
+        if HEIGHTS_M[0] < measured_m < HEIGHTS_M[1]:
+            return Finding("height mismatch", text, TRUSTWORTHY)
+        text += ": check the unit of length, or the side of the checkerboard's squares"
+        level = DOUBTFUL if 0.5 * HEIGHTS_M[0] < measured_m < 1.5 * HEIGHTS_M[1] else NOT_USABLE
+        return Finding("height mismatch", text, level)
+    difference = abs(np.log(measured_m / height_m))
+    limits = {TRUSTWORTHY: _MAX_HEIGHT_ERROR, DOUBTFUL: _WRONG_HEIGHT_ERROR}
+    level = next((level for level, limit in limits.items() if difference <= np.log1p(limit)), NOT_USABLE)
+    return Finding("height mismatch", f"{text}, expected {height_m:.2f} m", level)
+
+
+def usual_height(lengths: Mapping[str, float]) -> float:
+    """Return the height, m, of an average person with limbs (m, by name) as long, the mean over their logarithms."""
+    unit = from_height(1.0)
+    return float(np.exp(np.mean([np.log(length / getattr(unit, limb)) for limb, length in lengths.items()])))
+
+
+def unit_of(ratio: float) -> str | None:
+    """Return the unit in which a length that is `ratio` times the expected one is given instead of metres, or None.
+
+    A person's height differs from the average by less than a factor of 1.5.
+    """
+    return next((unit for factor, unit in _UNITS.items() if abs(np.log(ratio / factor)) < np.log(1.5)), None)
+
+
+def _check_single(observed: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
+    """Check one camera by people assumed upright, of height_m or the average height."""
+    (camera,), keypoints, tall = observed.cameras, observed.keypoints[0], height_m or _AVERAGE_HEIGHT_M
+    feet, heads = _middle(keypoints, "ankle")[:, :2], _joint(keypoints, "head_centre")[:, :2]
+    length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
+    if not np.isfinite(heads).any():
+        heads, length_m = _middle(keypoints, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
+    complete = np.isfinite(feet + heads).all(axis=1)
+    if not complete.any():
+        text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
+        return CalibrationCheck((Finding("vertical", f"{camera.name}: {text}", NOTE),), joints)
+    places = stand_upright(camera, feet[complete], heads[complete], length_m)
+    for name in ("left_ankle", "right_ankle"):
+        joints[complete, JOINT_NAMES.index(name)] = places
+    joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
+    floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
+    lean = _lean(camera, heads[complete] - feet[complete], places, length_m)
+    if lean.is_problem:
+        return CalibrationCheck((lean,), joints, floor_m)
+    assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
+    findings = [
+        lean,
+        distance(camera, places, assumed),
+        _camera_height(camera, floor_m),
+        *_slope(places[_stands(keypoints[complete])]),
+    ]
+    return CalibrationCheck(tuple(findings), joints, floor_m)
+
+
+def distance(camera: Camera, places: FloatArray, remark: str = "") -> Finding:
+    """Compare the distances of places (F, 3), m, from a camera with plausible ones."""
+    distances = camera.to_camera(places)[:, 2]
+    low, high = np.nanpercentile(distances, [5.0, 95.0])
+    text = f"{camera.name}: the person stands {low:.1f} to {high:.1f} m away{remark}"
+    if _DISTANCES_M[0] < np.nanmedian(distances) < _DISTANCES_M[1]:
+        return Finding("distance", text, TRUSTWORTHY)
+    nearest, farthest = _DISTANCES_M
+    return Finding("distance", f"{text}, expected {nearest:g} to {farthest:g} m", NOT_USABLE)
+
+
+def _camera_height(camera: Camera, floor_m: float) -> Finding:
+    """Compare the floor under the feet with z = 0 and with the camera, whose height above it is independent of the
+    calibration's unit."""
+    z_m, above_m = float(camera.position[2]), float(camera.position[2]) - floor_m
+    if above_m > 0.0 and (unit := unit_of(abs(z_m) / above_m)):
+        text = f"{camera.name}: the camera is {above_m:.2f} m above the feet, and at z = {z_m:.0f}"
+        return Finding("unit of length", f"{text}: the calibration is in {unit}, expected metres", NOT_USABLE)
+    finding = _floor(floor_m, [camera], f"{camera.name}: the camera is at a height of {z_m:.2f} m, and the feet stand")
+    return replace(finding, level=DOUBTFUL) if above_m < -0.5 else finding
+
+
+def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m: float) -> FloatArray:
+    """Return feet in the world, (F, 3), m, from pixels of feet (F, 2) and of heads (F, 2) length_m vertically above.
+
+    With the rays a to the feet and b to the head, s a + length up = t b in the least-squares sense.
+    """
+    flat = camera.undistorted(np.concatenate([feet, heads]))
+    a, b = np.split(np.column_stack([flat, np.ones(len(flat))]) @ camera.rotation, 2)
+    s = np.linalg.pinv(np.stack([a, -b], axis=-1))[:, 0] @ (-length_m * UP)
+    return camera.position + s[:, None] * a
+
+
+def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: float) -> Finding:
+    """Compare the directions of bodies in the image (F, 2), px, with the vertical there."""
+    up = camera.project(places + length_m * UP) - camera.project(places)
+    behind = ~np.isfinite(up).all(axis=1)
+    if behind.any():
+        text = f"in {behind.sum()} of {len(places)} frames the person would stand behind the camera: z is not up"
+        return Finding("vertical", f"{camera.name}: {text}", NOT_USABLE)
+    cross, dot = up[:, 0] * bodies[:, 1] - up[:, 1] * bodies[:, 0], (up * bodies).sum(axis=1)
+    lean = abs(float(np.degrees(np.arctan2(cross.mean(), dot.mean()))))
+    text = f"the person leans by {lean:.0f}° from the calibration's vertical, in the mean of {len(places)} frames"
+    limits = {TRUSTWORTHY: _MAX_LEAN_DEG, DOUBTFUL: _LYING_DEG}
+    level = next((level for level, limit in limits.items() if lean <= limit), NOT_USABLE)
+    return Finding("vertical", f"{camera.name}: {text}", level)
+
+
+def _stands(keypoints: FloatArray) -> BoolArray:
+    """Return in which frames (F,) of keypoints (F, J, 3) both feet are near the ground and the trunk is over them.
+
+    The ankles' heights in the image differ by less than 0.1 of the person's, the clearance of a walk's swinging foot,
+    and the neck is nearly above their middle.
+    """
+    ankles = np.stack([_joint(keypoints, f"{side}_ankle")[:, :2] for side in ("left", "right")])
+    trunk = _middle(keypoints, "shoulder")[:, :2] - ankles.mean(axis=0)
+    heights = np.linalg.norm(trunk, axis=1) / (SHOULDER_HEIGHT - ANKLE_HEIGHT)
+    together = np.abs(ankles[0, :, 1] - ankles[1, :, 1]) < _MAX_CLEARANCE * heights
+    angles = np.degrees(np.arctan2(trunk[:, 0], -trunk[:, 1]))
+    return np.asarray(together & (np.abs(angles - np.nanmedian(angles)) < 0.5 * _MAX_LEAN_DEG))
+
+
+def _slope(places: FloatArray) -> list[Finding]:
+    """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short."""
+    if len(places) < 3:
+        return []
+    centred = places - places.mean(axis=0)
+    walk = centred[:, :2] @ np.linalg.svd(centred[:, :2])[2][0]
+    if np.ptp(walk) < _MIN_WALK_M:
+        return []
+    slope = float(walk @ centred[:, 2] / (walk @ walk))
+    error = np.sqrt(((centred[:, 2] - slope * walk) ** 2).sum() / (len(places) - 2) / (walk @ walk))
+    degrees, sigma = abs(float(np.degrees(np.arctan(slope)))), float(np.degrees(np.arctan(error)))
+    text = f"over {np.ptp(walk):.1f} m of walk the floor has a slope of {degrees:.1f} ± {sigma:.1f}°"
+    return [Finding("ground contact", text, TRUSTWORTHY if degrees <= _MAX_SLOPE_DEG + 2.0 * sigma else DOUBTFUL)]
+
+
+def _joint(values: FloatArray, name: str) -> FloatArray:
+    return values[:, JOINT_NAMES.index(name)]
+
+
+def _middle(values: FloatArray, name: str) -> FloatArray:
+    return 0.5 * (_joint(values, f"left_{name}") + _joint(values, f"right_{name}"))
+
+
+def _px(value: float) -> str:
+    return "an unknown number of px" if np.isnan(value) else "behind it" if np.isinf(value) else f"{value:.1f} px"

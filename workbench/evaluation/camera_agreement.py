@@ -1,0 +1,155 @@
+"""Agreement of several cameras about the joints they see: exchanged videos, and videos that are not synchronized."""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from workbench.body.camera import Camera
+from workbench.evaluation.finding import NOT_USABLE, Finding
+from workbench.evaluation.multiview_consistency import triangulate_rays
+from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, track_events
+from workbench.utils.arrays import FloatArray
+
+MIN_WEIGHT = 0.3
+"""Detected joints of lower confidence are ignored."""
+_MAX_SHIFT_S = 0.5
+_MAX_FRAMES = 120
+"""Evenly spaced frames in which rays are compared."""
+_EXPLAINED = 0.7
+"""Factor by which a shift or an exchange must reduce the distance between rays. It leaves the detector's error, so that
+at 1/√2 the contradiction is as large as that error."""
+
+_AGREEMENT_M = 0.075
+"""Mean distance between the rays of cameras that agree: a forearm's width."""
+
+
+def camera_findings(observed: ObservedJoints, explain: bool) -> Iterator[Finding]:
+    """Yield cameras that are exchanged, not synchronized, or that contradict each other from some frame on.
+
+    explain: the cameras contradict each other, so that exchanged videos are searched for.
+    """
+    rays = _rays(observed)
+    found = [*(_exchanged(observed, rays) if explain else ()), *_unsynchronized(observed, rays)]
+    yield from found
+    if not found:
+        yield from _since(observed, skip_first=explain)
+
+
+def _rays(observed: ObservedJoints) -> FloatArray:
+    """Return the unit directions (V, F, J, 3) of the joints in the world."""
+    pixels = observed.pixels(MIN_WEIGHT)
+    rays = [_directions(camera, each) for camera, each in zip(observed.cameras, pixels, strict=True)]
+    return np.stack(rays)
+
+
+def _directions(camera: Camera, pixels: FloatArray) -> FloatArray:
+    flat = camera.directions(camera.undistorted(pixels.reshape(-1, 2)))
+    return flat.reshape(*pixels.shape[:-1], 3)
+
+
+def _distance(first: Camera, a: FloatArray, second: Camera, b: FloatArray) -> float:
+    """Return the mean distance, m, between the lines of rays a and b (..., 3) of two cameras; NaN without any."""
+    normal = np.cross(a, b)
+    length = np.linalg.norm(normal, axis=-1)
+    valid = length > 0.05  # rays within 3° of parallel determine no distance
+    if not valid.any():
+        return float("nan")
+    return float(np.mean(np.abs(normal[valid] @ (second.position - first.position)) / length[valid]))
+
+
+def _exchanged(observed: ObservedJoints, rays: FloatArray) -> Iterator[Finding]:
+    """Find the two cameras whose exchange makes all cameras agree."""
+    cameras, rows = observed.cameras, _some(rays.shape[1])
+    pixels = observed.pixels(MIN_WEIGHT)[:, rows]
+
+    def total(order: list[int]) -> float:
+        own = [_directions(cameras[v], pixels[k]) for v, k in enumerate(order)]
+        pairs = combinations(range(len(cameras)), 2)
+        each = [_distance(cameras[a], own[a], cameras[b], own[b]) for a, b in pairs]
+        return float(np.mean([value for value in each if np.isfinite(value)] or [np.inf]))
+
+    order = list(range(len(cameras)))
+    before = total(order)
+    swaps = {(a, b): total([{a: b, b: a}.get(v, v) for v in order]) for a, b in combinations(order, 2)}
+    (a, b), after = min(swaps.items(), key=lambda item: item[1])
+    if after < _EXPLAINED * before:
+        names = f"the videos of {cameras[a].name} and {cameras[b].name} are exchanged"
+        message = f"{names}: rays miss each other by {_cm(before)}, and by {_cm(after)} the other way round"
+        yield Finding("exchanged cameras", message, NOT_USABLE)
+
+
+def _unsynchronized(observed: ObservedJoints, rays: FloatArray) -> Iterator[Finding]:
+    """Find the camera whose shift in time by up to _MAX_SHIFT_S reduces the distances of its rays to the others'."""
+    cameras, times_s = observed.cameras, observed.times_s
+    if len(times_s) < 3 or (step_s := float(np.median(np.diff(times_s)))) <= 0.0:
+        return
+    n_frames = len(times_s)
+    reach = min(int(_MAX_SHIFT_S / step_s), n_frames // 3)
+    rows = np.arange(reach, n_frames - reach)[_some(n_frames - 2 * reach)]
+    shifts = np.arange(-reach, reach + 1)
+    by_camera: list[list[FloatArray]] = [[] for _ in cameras]
+    for a, b in combinations(range(len(cameras)), 2):
+        for v, other in ((a, b), (b, a)):
+            moved = [_distance(cameras[v], rays[v, rows + s], cameras[other], rays[other, rows]) for s in shifts]
+            by_camera[v].append(np.array(moved))
+    means = np.array([np.mean(each, axis=0) for each in by_camera])  # (V, S)
+    if not np.isfinite(means[:, reach]).all():
+        return
+    v, s = divmod(int(np.nanargmin(means / means[:, reach, None])), len(shifts))
+    if 0 < abs(shifts[s]) < reach and means[v, s] < min(_EXPLAINED * means[v, reach], _AGREEMENT_M):
+        late = "later" if shifts[s] > 0 else "earlier"
+        which = f"{cameras[v].name} shows the person {abs(shifts[s]) * step_s:.2f} s {late} than the other cameras"
+        distances = f"rays miss each other by {_cm(means[v, reach])}, and by {_cm(means[v, s])} with that shift"
+        yield Finding("unsynchronized cameras", f"{which}: {distances}")
+
+
+def _since(observed: ObservedJoints, skip_first: bool) -> Iterator[Finding]:
+    """Yield the pairs of cameras that contradict each other, with the frame from which on they do."""
+    texts = []
+    for (first, second), separation in pair_separations(observed).items():
+        events = track_events(separation.tolist(), [FOREARM_OVER_HEIGHT] * len(separation))
+        if not events or (skip_first and events[0].frame == 0):
+            continue
+        since = f" from {observed.times_s[events[0].frame]:.2f} s on" if events[0].frame > 0 else ""
+        by = f"by {np.nanmedian(separation[events[0].frame :]):.0%} of the person's height{since}"
+        texts.append(f"rays of {first} and {second} miss each other {by}")
+    if texts:
+        more = [f"and {len(texts) - 2} more pairs"] if len(texts) > 2 else []
+        yield Finding("inconsistent cameras", ", ".join([*texts[:2], *more]))
+
+
+def pair_separations(observed: ObservedJoints) -> dict[tuple[str, str], FloatArray]:
+    """Return ray separations (F,) by pair of cameras.
+
+    A separation is the median over joints of the mean reprojection error of both cameras from their common triangulated
+    point, in heights of the person in the image. A point behind a camera counts as one height of the person.
+    """
+    pixels, heights = observed.pixels(MIN_WEIGHT), observed.heights_px.T
+    separations = {}
+    for a, b in combinations(range(len(observed.cameras)), 2):
+        pair = [(observed.cameras[v], pixels[v].reshape(-1, 2)) for v in (a, b)]
+        points = triangulate_rays(pair)
+        residuals = [
+            np.linalg.norm(camera.project(points) - each, axis=1).reshape(pixels.shape[1:3]) / _positive(heights[v])
+            for (camera, each), v in zip(pair, (a, b), strict=True)
+        ]
+        valid = np.isfinite(points[:, 0]).reshape(pixels.shape[1:3]) & np.isfinite(_positive(heights[[a, b]])).all(0)
+        mean = np.where(valid, np.nan_to_num(np.mean(residuals, axis=0), nan=1.0), np.nan)
+        series = [np.nanmedian(row) if np.isfinite(row).any() else np.nan for row in mean]
+        if np.isfinite(series).any():
+            separations[observed.cameras[a].name, observed.cameras[b].name] = np.array(series)
+    return separations
+
+
+def _positive(heights: FloatArray) -> FloatArray:
+    return np.where(heights > 0.0, heights, np.nan)[..., None]
+
+
+def _some(n: int) -> slice:
+    return slice(None, None, max(n // _MAX_FRAMES, 1))
+
+
+def _cm(length_m: float) -> str:
+    return f"{100.0 * length_m:.1f} cm"

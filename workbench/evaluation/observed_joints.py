@@ -1,0 +1,64 @@
+"""Annotated or detected joints of a sequence's frames in all cameras."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from workbench.body.camera import Camera
+from workbench.evaluation.multiview_consistency import height_px
+from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+
+_MIN_JOINTS = 4
+"""Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedJoints:
+    """Joints of F frames in V cameras; without any joints F is 0.
+
+    Parameters
+    ----------
+    keypoints : (V, F, J, 3), [u px, v px, weight], NaN for none.
+    searched : (V,), whether a camera's images were annotated or searched at all.
+    best : row of the frame with most joints.
+    images : that frame's images by camera; those of the first frame without any joints.
+    times_s : (F,), s; empty if unknown.
+    scale : factor by which the source's images were resized.
+    """
+
+    cameras: tuple[Camera, ...]
+    keypoints: FloatArray
+    searched: BoolArray
+    best: int = 0
+    images: tuple[ByteArray, ...] = ()
+    times_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    scale: float = 1.0
+
+    def pixels(self, min_weight: float = 0.0) -> FloatArray:
+        """Return the pixels (V, F, J, 2), NaN where the weight is 0 or less than min_weight."""
+        weights = np.nan_to_num(self.keypoints[..., 2:])
+        return np.where((weights > 0.0) & (weights >= min_weight), self.keypoints[..., :2], np.nan)
+
+    @property
+    def heights_px(self) -> FloatArray:
+        """Heights (F, V) of the person in the images, 0 for fewer than two joints."""
+        heights = [[height_px(joints) for joints in frames] for frames in self.pixels()]
+        return np.array(heights, np.float64).reshape(self.keypoints.shape[:2]).T
+
+    @property
+    def shows_person(self) -> BoolArray:
+        """Whether a view's keypoints show a person, (F, V)."""
+        return np.asarray((np.isfinite(self.pixels()[..., 0]).sum(axis=2) >= _MIN_JOINTS).T)
+
+    @property
+    def motion(self) -> FloatArray:
+        """Motion (F,) of the keypoints since the frame before: the median over joints of the distance in heights of
+        the person, then over cameras."""
+        pixels, heights = self.pixels(), self.heights_px.T
+        moved = np.full(heights.shape, np.nan)
+        for v, t in np.ndindex(*heights.shape):
+            steps = np.linalg.norm(pixels[v, t] - pixels[v, t - 1], axis=1)
+            if t and heights[v, t] > 0.0 and np.isfinite(steps).any():
+                moved[v, t] = np.nanmedian(steps) / heights[v, t]
+        valid = np.isfinite(moved).any(axis=0)
+        return np.array([np.nanmedian(moved[:, t]) if valid[t] else np.nan for t in range(len(valid))])
