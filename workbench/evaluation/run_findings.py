@@ -109,7 +109,7 @@ def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
     in_image, has_person = measured.in_image.sum(axis=0), (measured.in_image & observed.shows_person).sum(axis=0)
     for v, name in enumerate(measured.cameras):
         if len(measured.cameras) > 1 and in_image[v] >= WINDOW_FRAMES and has_person[v] < 0.5 * in_image[v]:
-            text = f"{name} has keypoints of the person in {has_person[v]} of the {in_image[v]} frames that show her"
+            text = f"{name} has keypoints in {has_person[v]} of the {in_image[v]} frames that show the person"
             yield Finding("inconsistent cameras", text)
     if len(measured.cameras) > 1:
         bent = bends(triangulate(observed.cameras, observed.keypoints))
