@@ -32,8 +32,8 @@ def tutorial(folder: Path) -> None:
         images(row, first, [10, 25, 40])
         figure.savefig(PICTURES / "first.png", dpi=90)
         figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-        colours = {"walking": ESTIMATE, "smooth": TRUTH}
-        over_frames(axes, {"walking": first, "smooth": smooth}, "mpjpe_px", "error in the image (px)", colours)
+        colours = {"ar_offsets_gait": ESTIMATE, "smooth": TRUTH}
+        over_frames(axes, {"ar_offsets_gait": first, "smooth": smooth}, "mpjpe_px", "error in the image (px)", colours)
         axes.plot(*first.metric("forearm_width_px"), color="gray", linestyle=":", label="width of a forearm")
         axes.legend()
         figure.savefig(PICTURES / "errors.png", dpi=90)

@@ -27,7 +27,7 @@ from workbench.utils.run_lock import run_folder
 
 
 def run(
-    experiment: str = "walk_straight", *overrides: str, folder: str | Path | None = None, quiet: bool = False,
+    experiment: str = "walk_multi_cue", *overrides: str, folder: str | Path | None = None, quiet: bool = False,
     **components: Callable[..., object],
 ) -> Run:  # fmt: skip
     """Run an experiment as `workbench run experiment=… …` does and return its recording.

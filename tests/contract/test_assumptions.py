@@ -48,9 +48,7 @@ def test_the_table_of_the_documents_says_what_is_given():
     told = {
         name: set(re.findall(r"\w+", row.split("|")[3]))
         for row in rows
-        for name in re.findall(
-            r"experiment=(\w+)|`(\w+)`", row.split("|")[1].replace("`workbench run` ", "`walk_straight` ")
-        )
+        for name in re.findall(r"experiment=(\w+)|`(\w+)`", row.split("|")[1])
         for name in [name[0] or name[1]]
     }
     assert {name: words for name, words in told.items() if name in TRACKING} == {

@@ -149,7 +149,8 @@ def made(tmp_path_factory, cache):
     environment.pop("WORKBENCH_DATA", None)
     small = [*RENDERED, "dataset.n_frames=4", "inference.n_particles=20"]
     for sweep in (["hydra.run.dir=recordings/runs/walk_circle/TIME", "experiment=walk_circle"],
-                  ["-m", "seed=0,1", "hydra.sweep.dir=recordings/sweeps/walk_straight/TIME"]):  # fmt: skip
+                  ["-m", "experiment=walk_straight", "seed=0,1",
+                   "hydra.sweep.dir=recordings/sweeps/walk_straight/TIME"]):  # fmt: skip
         command = [sys.executable, "-m", "workbench", "run", *sweep, *small]
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -45,13 +45,16 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
     told = []
     for language, text in blocks("start/tutorial.md"):
         told.append(run("bash", "-euc", text) if language == "sh" else run(sys.executable, "-c", text))
-    first, again, table, sweep = told[:4]
-    assert re.search(r"^verdict: (trustworthy|doubtful, because)", first, re.MULTILINE)
+    first, paper_a, again, table, sweep = told[:5]
+    assert re.search(r"^verdict: trustworthy", first, re.MULTILINE)
+    assert re.search(r"^verdict: doubtful, because", paper_a, re.MULTILINE)
     assert re.search(r"^look at it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
-    assert "prior._target_: workbench.priors.from_motions.walking → workbench.priors.smooth.Smooth" in again
+    assert "prior._target_: workbench.priors.ar_offsets.AROffsets → workbench.priors.smooth.Smooth" in again
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
-    assert rows["first"][0] == "walking"
-    assert float(rows["first"][-1]) == 1.0  # held, as the tutorial says
+    assert rows["first"][0] == "ar_offsets_gait"
+    assert float(rows["first"][-1]) == float(rows["paper_a"][-1]) == 1.0  # tracked, as the tutorial says
+    assert float(rows["paper_a"][1]) > 2.0 * float(rows["first"][1])
+    assert float(rows["paper_a"][3]) < 0.6 < float(rows["first"][3])
     assert rows["smooth"][-1] == "0"
     assert float(rows["smooth"][2]) > 2.0 * float(rows["first"][2])
     assert "4 complete" in sweep

@@ -59,7 +59,7 @@ def run(
 
     Examples:
       workbench run experiment=walk_circle seed=3 inference.n_particles=2000
-      workbench run -m prior=walking,smooth seed=1,2,3
+      workbench run -m experiment=walk_straight prior=walking,smooth seed=1,2,3
       workbench run from=RUN.rrd seed=4        # a recorded run with another seed
       workbench run from=RUN.rrd@120 seed=4    # resumed at frame 120
     """

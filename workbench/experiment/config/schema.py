@@ -53,7 +53,7 @@ def _section(*keys: str, lists: Sequence[str] = ()) -> type:
     return make_dataclass("Section", columns)
 
 
-_CLIPS = _section("validation", "test", "test_run", "test_walk_run", "test_full", "held_out", "split")
+_CLIPS = _section("validation", "test", "test_run", "test_walk_run", "long_walk", "test_full", "held_out", "split")
 
 
 @dataclass
@@ -103,7 +103,7 @@ class RunSchema:
     assumptions: list[str] = field(default_factory=list)
     paper: str = "ours"
     training: Any = field(default_factory=_section("motions", lists=["exclude"]))
-    default_motions: Any = field(default_factory=_section("walk", "run", "walks", "library"))
+    default_motions: Any = field(default_factory=_section("walk", "cmu_walk", "run", "walks", "library"))
     clips: Any = field(default_factory=_CLIPS)
     protocol: Any = field(default_factory=_section("split", "activity", "occlusion"))
     paths: _Paths = field(default_factory=_Paths)
