@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
@@ -95,7 +94,7 @@ class MeasurementCollector:
         """Add one step and its errors."""
         frame, skeleton = step.frame, self._body.skeleton
         separation, points = triangulate_views([view for view in frame.views if view.keypoints is not None])
-        estimate = joints(skeleton, step.expected_pose[None])[0]
+        estimate = step.expected_joints(skeleton)
         has_feet = set(_FEET) <= set(skeleton.names)
         annotations = None if frame.truth is None else frame.truth.annotations
         groups = ("head", "arms", "legs", "root")

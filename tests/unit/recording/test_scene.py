@@ -28,7 +28,7 @@ def shown(rows):
 
 def test_solids_move_with_their_joints():
     pose = random_pose()
-    body = shown(scene.estimate(scene.figure(BODY), pose))["world/estimate/body"]
+    body = shown(scene.estimate(scene.figure(BODY), forward(BODY.skeleton, pose[None])))["world/estimate/body"]
     centers, quaternions = body["centers"], body["quaternions"]
     figure, frames = scene.figure(BODY), forward(BODY.skeleton, pose[None])
     for e in range(len(centers)):

@@ -49,9 +49,10 @@ _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_q
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long runs.
-    Images are encoded on a thread while the next step is computed. Cameras are static; their images are undistorted, since the viewer's pinhole has no distortion. A run
-    without views is shown by its path through the world.
+    It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long
+    runs. Images are encoded on a thread while the next step is computed. Cameras are static; their images are
+    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path through the
+    world.
 
     Parameters
     ----------
@@ -258,10 +259,11 @@ class Recorder:
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
         drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
-        yield from scene.estimate(figure, step.expected_pose)
+        frames = step.expected_frames(figure.skeleton)
+        yield from scene.estimate(figure, frames)
         yield from scene.particles(figure, cloud, shades)
         yield from scene.bones(figure, scene.TRUTH, true)
-        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MAX_OVERLAID)
+        expected, every = frames.positions, -(-len(drawn) // _MAX_OVERLAID)
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
             recorded = self._camera(view.camera)
             self._encode(step.frame, recorded, view.image)
