@@ -263,12 +263,6 @@ def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
     return float(mean_distance(scale * centred @ rotation.T, true))
 
 
-def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:
-    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit of the input, or NaN."""
-    distances = np.linalg.norm(estimate - truth, axis=-1)
-    return _mean(np.where(np.isnan(distances), np.nan, distances < threshold))
-
-
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return the mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3), m, at times (F,), s.
 
