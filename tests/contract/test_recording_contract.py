@@ -197,19 +197,30 @@ def pieces(path, entity="/estimate/pose"):
     return sorted(table.column("frame").to_pylist() for table in tables)
 
 
-@pytest.mark.parametrize(("most", "sizes"), [(60, [3, 3, 5, 2]), (4, [3, 3, 4, 3])])  # after 11 frames five together
-def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, sizes):
-    monkeypatch.setattr(module, "LONG", 6)
-    monkeypatch.setattr(module, "FLUSH_FRACTION", 2)
+@pytest.mark.parametrize(
+    ("fraction", "most", "sizes"),
+    [(0.0, 60, [2, 2, 2, 2, 2, 2, 1]), (0.5, 60, [2, 2, 4, 5]), (0.5, 3, [2, 2, 3, 3, 3])],
+)
+def test_a_run_is_written_at_intervals_of_time(run, tmp_path, monkeypatch, fraction, most, sizes):
+    clock = [0.0]
+
+    def one_a_second():
+        for step in run:
+            clock[0] += 1.0
+            yield step
+
+    monkeypatch.setattr(module, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(module, "FLUSH_S", 2.0)
+    monkeypatch.setattr(module, "FLUSH_FRACTION", fraction)
     monkeypatch.setattr(module, "MAX_FLUSH_EVERY", most)
-    path = record(tmp_path / "run.rrd", run)
+    path = record(tmp_path / "run.rrd", one_a_second())
     assert [len(frames) for frames in pieces(path)] == sizes
     shown = [frame for frames in pieces(path) for frame in frames]
     assert shown == [step.frame.index for step in run]
 
 
 def test_large_images_do_not_wait_for_the_rest(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "FLUSH_EVERY", 5)
+    monkeypatch.setattr(module, "MAX_FLUSH_EVERY", 5)
     monkeypatch.setattr(module, "MAX_BUFFERED_BYTES", 5000)
     path = record(tmp_path / "run.rrd", run)
     shown = pieces(path, "/world/camera/image")
@@ -230,7 +241,7 @@ def test_a_file_whose_end_did_not_reach_the_disk_is_not_published(run, tmp_path,
 
 
 def test_a_disk_that_fills_up_ends_the_run_in_time(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "FLUSH_EVERY", 2)
+    monkeypatch.setattr(module, "MAX_FLUSH_EVERY", 2)
     free = iter([10**9, 10**6])
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=next(free)))
     recording = recorder(tmp_path / "run.rrd")

@@ -62,8 +62,7 @@ def test_a_real_image_is_straightened_as_its_marks_are(data):
     read, frame = video.read()
     assert read
     shown = images.recorded_camera(camera)
-    ((_, logged),) = images.image(shown, np.ascontiguousarray(frame[..., ::-1]), 95)
-    straight = cv2.imdecode(logged.fields["blob"][0], cv2.IMREAD_COLOR)
+    straight = cv2.imdecode(images.jpeg(shown, np.ascontiguousarray(frame[..., ::-1]), 95), cv2.IMREAD_COLOR)
     assert straight.shape == (camera.height, camera.width, 3)
     # The video is 8 px narrower than its calibration says; the recording has the calibrated size.
     reference = cv2.undistort(frame, camera.matrix, camera.distortion)

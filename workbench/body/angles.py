@@ -1,6 +1,7 @@
 """Angles of poses: unwrapping, left–right swaps and mirror images, and flexions."""
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -70,12 +71,16 @@ def mirror_image(poses: FloatArray) -> FloatArray:
 
 def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
     """Return those flexions of hips and knees that a skeleton has, degrees, −180 to 180, in a pose (P,)."""
-    return {
-        name: wrapped_deg(sign * float(np.degrees(pose[skeleton.dof(dof)])))
-        for name, signs in FLEXIONS.items()
-        for dof, sign in signs.items()
-        if dof in skeleton.dof_names
-    }
+    found = _flexions(skeleton)
+    degrees = np.degrees(pose[[dof for _, dof, _ in found]]).tolist()
+    return {name: wrapped_deg(sign * angle) for (name, _, sign), angle in zip(found, degrees, strict=True)}
+
+
+@lru_cache
+def _flexions(skeleton: Skeleton) -> list[tuple[str, int, float]]:
+    """Return name, degree of freedom and sign of the flexions that a skeleton has."""
+    named = [(name, dof, sign) for name, signs in FLEXIONS.items() for dof, sign in signs.items()]
+    return [(name, skeleton.dof(dof), sign) for name, dof, sign in named if dof in skeleton.dof_names]
 
 
 def wrapped_deg(angle: float) -> float:

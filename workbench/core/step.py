@@ -7,6 +7,8 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
+from workbench.body.kinematics import JointFrames, forward
+from workbench.body.skeleton import Skeleton
 from workbench.core.filter_state import FilterState, ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.state_space import StateSpace
@@ -54,6 +56,20 @@ class Step:
         """Select (P,), the pose parameters in which the particles differ; the prior fixes the others."""
         varying = (self.poses[:_FEW] != self.poses[0]).any(axis=0)
         return varying if varying.all() else (self.poses != self.poses[0]).any(axis=0)
+
+    def expected_frames(self, skeleton: Skeleton) -> JointFrames:
+        """Return the world frames of the skeleton's joints in the expected pose, N = 1; computed once."""
+        if skeleton not in self._expected_frames:
+            self._expected_frames[skeleton] = forward(skeleton, self.expected_pose[None])
+        return self._expected_frames[skeleton]
+
+    def expected_joints(self, skeleton: Skeleton) -> FloatArray:
+        """Return the joints (J, 3), m, in the expected pose."""
+        return self.expected_frames(skeleton).positions[0]
+
+    @cached_property
+    def _expected_frames(self) -> dict[Skeleton, JointFrames]:
+        return {}
 
 
 class Inference(Protocol):

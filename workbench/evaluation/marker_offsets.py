@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.body.kinematics import forward
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.step import Step
 from workbench.evaluation.pose_errors import mean_distance, moved_joints
@@ -72,7 +71,7 @@ class MarkerOffsets:
         truth = step.frame.truth
         if truth is None or truth.joints is None or truth.pose is not None:
             return {}
-        frames = forward(self._skeleton, step.expected_pose[None])
+        frames = step.expected_frames(self._skeleton)
         limbs, places = frames.rotations[0, self._skeleton.parents], frames.positions[0]
         residuals = truth.joints - places
         self._estimate(step.frame.time_s, np.einsum("jba,jb->ja", limbs, residuals))

@@ -25,7 +25,7 @@ def triangulate_rays(observations: Sequence[tuple[Camera, FloatArray]]) -> Float
 
     NaN where fewer than two cameras have a pixel that is not NaN, and where their rays are parallel.
     """
-    if not observations:
+    if len(observations) < 2:
         return np.full((len(JOINT_NAMES), 3), np.nan)
     rays = np.stack([camera.directions(camera.undistorted(pixels)) for camera, pixels in observations])
     return nearest_points(rays, np.stack([camera.position for camera, _ in observations]))

@@ -6,6 +6,7 @@ Estimates and truths are (..., J, D): D is 3 (m) or 2 (px), J the measured joint
 
 from collections import deque
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -64,26 +65,27 @@ def step_errors(
         return {}
     skeleton, measured = body.skeleton, moved_joints(body.skeleton, moving)
     poses = {"": step.expected_pose} | ({} if step.map_pose is step.expected_pose else {"_max_weight": step.map_pose})
-    estimates = joints(skeleton, np.stack([*poses.values()]))
+    estimates = [step.expected_joints(skeleton), *(joints(skeleton, step.map_pose[None]) if len(poses) > 1 else ())]
     errors: dict[str, float] = {}
+    of_views: list[FloatArray] = []
+    n_views = len(step.frame.views) if len(measured) == len(skeleton.names) - 1 else 1
     for suffix, estimate in zip(poses, estimates, strict=True):
         if truth.joints is not None:
             in_space = joint_errors(measured, estimate, truth.joints)
             errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in _OF_MAX_WEIGHT}
-        pixels = _pixel_error(step.frame, measured, estimate, truth) if step.frame.views else None
+        distances = _true_distances_px(step.frame, estimate, truth, 1 if suffix else n_views)
+        of_views = of_views or distances
+        pixels = _pixel_error(step.frame, measured, estimate, truth, distances) if step.frame.views else None
         if pixels is not None:
             errors[f"mpjpe_px{suffix}"] = pixels / image_scale
     if len(poses) == 1:
         errors |= {f"{name}_max_weight": errors[name] for name in (*_OF_MAX_WEIGHT, "mpjpe_px") if name in errors}
-    cameras = [view.camera for view in step.frame.views]
-    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
-        views = zip(cameras, true_cameras(step.frame), strict=True)
-        places = truth.joints
-        distances = [_pixel_distances(used, estimates[0], true.project(places)).mean() for used, true in views]
-        error = float(np.mean(distances)) / image_scale
+    if of_views and len(measured) == len(skeleton.names) - 1:
+        error = float(np.mean([distances.mean() for distances in of_views])) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "mpjpe_px" in errors:
-        errors["forearm_width_px"] = forearm_width_px(cameras[0], body, truth.joints, measured) / image_scale
+        camera = step.frame.views[0].camera
+        errors["forearm_width_px"] = forearm_width_px(camera, body, truth.joints, measured) / image_scale
     elif truth.annotations is not None and "mpjpe_px" in errors:
         errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * height_px(truth.annotations) / image_scale
     if truth.pose is not None:
@@ -112,6 +114,11 @@ def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> d
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
     """Return the joints without the root that a parameter in `moving` moves: those below the joint that it rotates."""
+    return [*_moved_joints(skeleton, tuple(moving))]
+
+
+@lru_cache
+def _moved_joints(skeleton: Skeleton, moving: tuple[str, ...]) -> tuple[int, ...]:
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -119,7 +126,13 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
         above = int(skeleton.parents[joint])
         return translated or (above >= 0 and (above in turned or moves(above)))
 
-    return [joint for joint in range(1, len(skeleton.names)) if moves(joint)]
+    return tuple(joint for joint in range(1, len(skeleton.names)) if moves(joint))
+
+
+@lru_cache
+def _turned_joints(skeleton: Skeleton, moving: tuple[str, ...]) -> list[int]:
+    """Return the joints that parameters in `moving` rotate, in order."""
+    return sorted({int(skeleton.dof_joints[p]) for p in map(skeleton.dof, moving) if p >= N_POSITION})
 
 
 def forearm_width_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
@@ -134,14 +147,17 @@ def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArra
 
     An error that needs more true joints than there are is left out.
     """
-    places, true = estimate[list(measured)], truth[list(measured)]
-    whole = len(measured) == len(truth) - 1
+    rows = list(measured)
+    places, true, distances = estimate[rows], truth[rows], np.linalg.norm(estimate - truth, axis=-1)
+    aligned = np.linalg.norm(places - estimate[0] - (true - truth[0]), axis=-1)
+    hits = np.where(np.isnan(distances[rows]), np.nan, distances[rows] < _PCK_M)
+    absolute, root_aligned, correct = _mean(np.stack([distances[rows], aligned, hits])).tolist()
     errors = {
-        "mpjpe_abs_mm": 1e3 * float(mean_distance(places, true)),
-        "mpjpe_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
+        "mpjpe_abs_mm": 1e3 * absolute,
+        "mpjpe_mm": 1e3 * root_aligned,
         "pa_mpjpe_mm": 1e3 * procrustes(places, true),
-        "humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
-        "pck_abs_150mm": float(correct_keypoints(places, true, _PCK_M)),
+        "humaneva_mm": 1e3 * float(_mean(distances)) if len(measured) == len(truth) - 1 else np.nan,
+        "pck_abs_150mm": correct,
     }
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
@@ -163,7 +179,7 @@ class AccelerationError:
         if truth is None or truth.joints is None:
             self._last.clear()
             return {}
-        places = joints(self._skeleton, step.expected_pose[None])[0]
+        places = step.expected_joints(self._skeleton)
         self._last.append((step.frame.time_s, places[self._measured], truth.joints[self._measured]))
         if len(self._last) < 3:
             return {}
@@ -182,7 +198,7 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
     local = rotations.copy()
     children = np.flatnonzero(skeleton.parents >= 0)
     local[:, children] = np.swapaxes(rotations[:, skeleton.parents[children]], -1, -2) @ rotations[:, children]
-    turned = sorted({int(skeleton.dof_joints[p]) for p in map(skeleton.dof, moving) if p >= N_POSITION})
+    turned = _turned_joints(skeleton, tuple(moving))
     return float(geodesic_deg(local[0, turned], local[1, turned]).mean()) if turned else 0.0
 
 
@@ -196,17 +212,29 @@ def _pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray)
     return np.where(behind, np.hypot(camera.width, camera.height), distances)
 
 
-def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
-    """Return the mean joint error in the first view, px, or None where no true pixel is known."""
+def _true_distances_px(frame: Frame, estimate: FloatArray, truth: Truth, n_views: int) -> list[FloatArray]:
+    """Return the distances (J,), px, of joints (J, 3), m, from the true joints in the first views; [] without these."""
+    if truth.joints is None:
+        return []
+    cameras = [*zip((view.camera for view in frame.views), true_cameras(frame), strict=True)][:n_views]
+    return [_pixel_distances(used, estimate, true.project(truth.joints)) for used, true in cameras]
+
+
+def _pixel_error(
+    frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth, of_views: Sequence[FloatArray]
+) -> float | None:
+    """Return the mean joint error in the first view, px, or None where no true pixel is known.
+
+    of_views: see `_true_distances_px`.
+    """
     camera = frame.views[0].camera
     if truth.annotations is not None:
         pixels = truth.annotations
         if truth.annotations_visible is not None:
             pixels = np.where(truth.annotations_visible[:, None], pixels, np.nan)
         distances = _pixel_distances(camera, estimate, pixels)
-    elif truth.joints is not None:
-        true = true_cameras(frame)[0].project(truth.joints)
-        distances = _pixel_distances(camera, estimate, true)[list(measured)]
+    elif of_views:
+        distances = of_views[0][list(measured)]
     else:
         return None
     return float(np.nanmean(distances)) if np.isfinite(distances).any() else None
@@ -237,12 +265,6 @@ def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a rotation, not a reflection
     rotation, scale = (left * proper) @ right, float((singular * proper).sum()) / size
     return float(mean_distance(scale * centred @ rotation.T, true))
-
-
-def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:
-    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit of the input, or NaN."""
-    distances = np.linalg.norm(estimate - truth, axis=-1)
-    return _mean(np.where(np.isnan(distances), np.nan, distances < threshold))
 
 
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:

@@ -17,6 +17,8 @@ from workbench.utils.parallel import parallel_for
 _ROUNDING = 1e-12
 """Rounding error of a sum of weights."""
 _DIGITS = 65535.0  # the largest number of 16 bits
+_MIN_VALUES = 20_000
+"""Numbers from which on a thread pays: starting it takes as long as some ten thousand of them."""
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -44,7 +46,9 @@ def ranks(weights_below: FloatArray) -> FloatArray:
 def weight_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """Return the weight of the particles below the truth, and of those equal to it, (2, D)."""
     columns, below = np.ascontiguousarray(values.T), np.zeros((2, len(truth)))
-    parallel_for(lambda first, last: _add_weights_below(first, last, columns, weights, truth, below), len(truth), 1)
+    parallel_for(
+        lambda first, last: _add_weights_below(first, last, columns, weights, truth, below), *_columns_of(values)
+    )
     return below
 
 
@@ -74,14 +78,14 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
         orders, digits = np.empty((2, len(values)), np.int32), np.empty(len(values), np.uint16)
         _add_scores(first, last, columns, weights, truth, orders, digits, np.empty(257, np.int64), score)
 
-    parallel_for(some, len(truth), 1)
+    parallel_for(some, *_columns_of(values))
     return score
 
 
 def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance, (D,) each, of particles (N, D) with normalised weights (N,)."""
     columns, result = np.ascontiguousarray(values.T), np.empty((2, values.shape[1]))
-    parallel_for(lambda first, last: _add_moments(first, last, columns, weights, result), len(columns), 1)
+    parallel_for(lambda first, last: _add_moments(first, last, columns, weights, result), *_columns_of(values))
     return result[0], result[1]
 
 
@@ -94,6 +98,11 @@ def gaussian_nll(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> F
     with np.errstate(divide="ignore", invalid="ignore"):
         score = 0.5 * (np.log(2.0 * np.pi * variance) + (truth - mean) ** 2 / variance)
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))
+
+
+def _columns_of(values: FloatArray) -> tuple[int, int]:
+    """Return the number of columns of values (N, D), and how many are worth a thread."""
+    return values.shape[1], 1 + _MIN_VALUES // (1 + len(values))
 
 
 @kernel(error_model="numpy")

@@ -8,7 +8,6 @@ import numpy as np
 
 from workbench.body.angles import N_POSITION
 from workbench.body.camera import Camera
-from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
@@ -114,7 +113,7 @@ class MeasurementCollector:
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
         frame = step.frame
-        estimate = joints(self._body.skeleton, step.expected_pose[None])[0]
+        estimate = step.expected_joints(self._body.skeleton)
         places = np.full((len(JOINT_NAMES), 3), np.nan)
         places[self._named] = estimate[self._body_joints]
         annotations = None if frame.truth is None else frame.truth.annotations

@@ -108,17 +108,20 @@ def _coverages(below: FloatArray, names: Sequence[str], suffix: str) -> dict[str
     below: (2, D), see `weight_below`. names: D.
     """
     inside = covered(below, _LEVELS)
-    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(_LEVELS, inside, strict=True)}
-    for group, belongs in _members(tuple(names)).items():
-        if belongs.any():
-            rates[f"coverage_90{suffix}_{group}"] = inside[-1, belongs].mean()
+    of_all = inside.mean(axis=1)
+    rates = {f"coverage_{100.0 * level:.0f}{suffix}": rate for level, rate in zip(_LEVELS, of_all, strict=True)}
+    groups, belongs = _members(tuple(names))
+    of_groups = (belongs & inside[-1]).sum(axis=1) / belongs.sum(axis=1)
+    rates |= {f"coverage_90{suffix}_{group}": rate for group, rate in zip(groups, of_groups, strict=True)}
     return {name: float(rate) for name, rate in rates.items()}
 
 
 @lru_cache
-def _members(names: tuple[str, ...]) -> dict[str, BoolArray]:
-    """Return by group of GROUPS which of the names belong to it, (D,)."""
-    return {g: np.array([any(word in name for word in words) for name in names]) for g, words in GROUPS.items()}
+def _members(names: tuple[str, ...]) -> tuple[list[str], BoolArray]:
+    """Return the G groups of GROUPS to which any of the names belong, and which of the names do, (G, D)."""
+    members = {g: [any(word in name for word in words) for name in names] for g, words in GROUPS.items()}
+    groups = [group for group, belongs in members.items() if any(belongs)]
+    return groups, np.array([members[group] for group in groups], dtype=bool).reshape(len(groups), len(names))
 
 
 @lru_cache
@@ -141,10 +144,10 @@ def expected_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
         levels = (np.arange(_MAX_PARTICLES) + 0.5) / _MAX_PARTICLES * weights.sum()
         rows = np.searchsorted(np.cumsum(weights), levels).clip(max=len(poses) - 1)
         poses, weights = poses[rows], np.full(_MAX_PARTICLES, 1.0 / _MAX_PARTICLES)
-    expected = joints(skeleton, step.expected_pose[None])[0]
+    expected = step.expected_joints(skeleton)
     distances = 1e3 * (weights @ np.linalg.norm(joints(skeleton, poses) - expected, axis=2))
     return {
-        f"expected_error_{group}_mm": float(distances[members].mean())
+        f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
         for group, members in _joint_groups(skeleton).items()
     }
 
@@ -155,9 +158,12 @@ def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
     truth = step.frame.truth
     if truth is None or truth.joints is None:
         return {}
-    distances = 1e3 * np.linalg.norm(joints(skeleton, step.expected_pose[None])[0] - truth.joints, axis=1)
-    valid = {group: each[np.isfinite(distances[each])] for group, each in _joint_groups(skeleton).items()}
-    return {f"mpjpe_abs_{group}_mm": float(distances[each].mean()) for group, each in valid.items() if len(each)}
+    distances = 1e3 * np.linalg.norm(step.expected_joints(skeleton) - truth.joints, axis=1)
+    known = np.isfinite(distances)
+    valid = {group: distances[each[known[each]]] for group, each in _joint_groups(skeleton).items()}
+    return {
+        f"mpjpe_abs_{group}_mm": float(np.add.reduce(each) / len(each)) for group, each in valid.items() if len(each)
+    }
 
 
 def spearman(expected: FloatArray, errors: FloatArray) -> float:

@@ -18,8 +18,7 @@ def parallel_for(work: Callable[[int, int], object], n: int, step: int) -> None:
     The calling thread takes part. Functions with `numba.prange` compile several times longer, and its threads serve one
     caller at a time. The result must not depend on the chunks.
     """
-    n_threads: int = numba.get_num_threads()
-    if n_threads == 1 or n <= step:
+    if n <= step or (n_threads := int(numba.get_num_threads())) == 1:
         work(0, n)
         return
     size = step * max(1, -(-n // (step * n_threads * _CHUNKS)))

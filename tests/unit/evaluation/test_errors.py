@@ -14,8 +14,8 @@ from workbench.evaluation.pose_errors import (
     acceleration_error,
     accelerations,
     angle_error_deg,
-    correct_keypoints,
     geodesic_deg,
+    joint_errors,
     mean_distance,
     moved_joints,
     procrustes,
@@ -150,11 +150,20 @@ def test_procrustes_leaves_what_no_similarity_explains():
 
 
 def test_correct_keypoints_are_those_within_the_threshold():
-    truth = np.zeros((5, 3))
-    estimate = np.array([0.0, 0.1, 0.149, 0.151, 9.0])[:, None] * [0.0, 1.0, 0.0]
-    assert correct_keypoints(estimate, truth, 0.15) == pytest.approx(3 / 5)
-    truth[4] = np.nan
-    assert correct_keypoints(estimate, truth, 0.15) == pytest.approx(3 / 4)
+    truth = np.zeros((6, 3))
+    estimate = np.array([0.0, 0.0, 0.1, 0.149, 0.151, 9.0])[:, None] * [0.0, 1.0, 0.0]
+    assert joint_errors(range(1, 6), estimate, truth)["pck_abs_150mm"] == pytest.approx(3 / 5)
+    truth[5] = np.nan
+    assert joint_errors(range(1, 6), estimate, truth)["pck_abs_150mm"] == pytest.approx(3 / 4)
+
+
+def test_joints_of_the_expected_pose_are_computed_once_for_a_skeleton():
+    step = step_of(standing()[None], None)
+    frames, other = step.expected_frames(SKELETON), replace(SKELETON, offsets=2.0 * SKELETON.offsets)
+    expected = joints(SKELETON, step.expected_pose[None])[0]
+    np.testing.assert_array_equal(step.expected_joints(SKELETON), expected)
+    assert step.expected_frames(SKELETON) is frames
+    np.testing.assert_array_equal(step.expected_joints(other), joints(other, step.expected_pose[None])[0])
 
 
 def test_accelerations_of_a_parabola_are_exact_at_uneven_times():

@@ -9,7 +9,7 @@ from recorded import record, static
 from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
 
-from workbench.recording.write import layout, styles
+from workbench.recording.write import layout, recorder, styles
 from workbench.recording.write.images import recorded_camera
 from workbench.recording.write.posterior import RANKS
 
@@ -80,12 +80,13 @@ def test_what_there_is_not_has_no_panel():
 
 
 @pytest.mark.parametrize(("first_known", "n_layouts"), [(10, 1), (12, 1), (13, 2)])
-def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, tmp_path):
-    """The first three frames are written together. The estimate and its errors have one colour, the truth another."""
+def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, tmp_path, monkeypatch):
+    """Three frames are written together. The estimate and its errors have one colour, the truth another."""
 
     def errors(step):
         return {"mpjpe_px": 3.0} if step.frame.index >= first_known else {}
 
+    monkeypatch.setattr(recorder, "MAX_FLUSH_EVERY", 3)
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
     assert len(RrdReader(path).blueprints()) == n_layouts

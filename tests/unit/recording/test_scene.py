@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -28,7 +29,7 @@ def shown(rows):
 
 def test_solids_move_with_their_joints():
     pose = random_pose()
-    body = shown(scene.estimate(scene.figure(BODY), pose))["world/estimate/body"]
+    body = shown(scene.estimate(scene.figure(BODY), forward(BODY.skeleton, pose[None])))["world/estimate/body"]
     centers, quaternions = body["centers"], body["quaternions"]
     figure, frames = scene.figure(BODY), forward(BODY.skeleton, pose[None])
     for e in range(len(centers)):
@@ -56,3 +57,18 @@ def test_straightened_pixels_undo_the_lens():
     straight = replace(camera, distortion=np.zeros(5)).project(points)
     assert images.undistorted(camera, camera.project(points)) == pytest.approx(straight, abs=0.02)  # five iterations
     assert images.undistorted(camera, np.empty((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize("colours", [1, 3])
+def test_an_image_is_undistorted_and_read_back_in_its_colours(colours):
+    camera = plain_camera(64, 48, 60.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
+    grey = np.tile(np.linspace(20, 220, 64).astype(np.uint8), (48, 1))
+    pixels = grey if colours == 1 else np.stack([grey, grey[:, ::-1], np.full_like(grey, 90)], axis=-1)
+    encoded = images.jpeg(images.recorded_camera(camera), pixels, 95)
+    ((path, row),) = images.jpeg_row("world/camera/image", encoded)
+    assert (path, row.fields["media_type"]) == ("world/camera/image", ["image/jpeg"])
+    decoded = cv2.imdecode(row.fields["blob"][0], cv2.IMREAD_UNCHANGED)
+    assert np.abs((decoded if colours == 1 else decoded[..., ::-1]).astype(float) - pixels).mean() < 2.0
+    bent = images.jpeg(images.recorded_camera(replace(camera, distortion=LENS)), grey, 95)
+    straight = cv2.undistort(grey, camera.matrix, np.array(LENS))
+    assert np.abs(cv2.imdecode(bent, cv2.IMREAD_UNCHANGED).astype(float) - straight).mean() < 2.0

@@ -1,4 +1,4 @@
-"""On-disk cache of rendered images, in compressed files that may be deleted at any time."""
+"""On-disk cache of rendered images, in files that may be deleted at any time."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ def cached_images(
     if images is None:
         images = render()
         with optional_cache(), whole_file(file, parents=True) as part, part.open("wb") as out:
-            np.savez_compressed(out, images=images)
+            np.savez(out, images=images)  # uncompressed: noise compresses by a tenth only, and slowly
     return images
 
 

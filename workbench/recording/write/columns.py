@@ -33,6 +33,8 @@ class Row:
         return sum(each.nbytes for field in lists for each in field if isinstance(each, np.ndarray))
 
 
+_SCALARS = rr.Scalars.descriptor_scalars()
+_STRIPS = {rr.LineStrips2D: rr.components.LineStrip2DBatch, rr.LineStrips3D: rr.components.LineStrip3DBatch}
 Rows: TypeAlias = Iterator[tuple[str, Row]]
 
 
@@ -59,6 +61,11 @@ class Columns:
         self._rows: dict[str, list[tuple[int, np.timedelta64, Row]]] = {}
         self._n_bytes: dict[str, int] = {}  # of the buffered rows
         self._numbers: dict[tuple[str, ...], list[tuple[int, np.timedelta64, FloatArray]]] = {}
+
+    @property
+    def n_bytes(self) -> int:
+        """Total size of the buffered rows' arrays, bytes."""
+        return sum(self._n_bytes.values())
 
     def add(self, frame: int, time: np.timedelta64, rows: Iterable[tuple[str, Row]]) -> None:
         """Add rows of entities in one frame: pairs (entity path, row)."""
@@ -88,8 +95,9 @@ class Columns:
         for paths, rows in numbers.items():
             frames, times, values = zip(*rows, strict=True)
             index = time_index(frames, times)
-            for path, curve in zip(paths, np.stack(values, axis=1), strict=True):
-                stream.send_columns(path, indexes=index, columns=rr.Scalars.columns(scalars=curve))
+            for path, curve in zip(paths, np.stack(values, axis=1), strict=True):  # faster than Scalars.columns
+                column = rr.ComponentColumn(_SCALARS, rr.components.ScalarBatch(curve))
+                stream.send_columns(path, indexes=index, columns=[column])
 
 
 def _columns(rows: Sequence[Row]) -> rr.ComponentColumnList:
@@ -99,8 +107,20 @@ def _columns(rows: Sequence[Row]) -> rr.ComponentColumnList:
         batch = rr.components.TensorDataBatch(pa.concat_arrays(tensors))
         return rr.ComponentColumnList([rr.ComponentColumn(kind.descriptor_values(), batch)])
     fields = {name: [row.fields[name] for row in rows] for name in rows[0].fields}
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate(parts) if isinstance(parts[0], np.ndarray) else list(chain.from_iterable(parts))
         for name, parts in fields.items()
     }
-    return kind.columns(**joined).partition([len(part) for part in next(iter(fields.values()))])
+    if kind in _STRIPS:
+        joined["strips"] = _strip_array(_STRIPS[kind], joined["strips"])
+    lengths = [len(part) for part in next(iter(fields.values()))]
+    batches = kind.from_fields(**joined).as_component_batches()
+    return rr.ComponentColumnList([batch.partition(lengths) for batch in batches])
+
+
+def _strip_array(batch: Any, strips: AnyArray) -> Any:
+    """Return strips (n, k, D) as the Arrow array of a component, whose own conversion loops over strips in Python."""
+    n, k, _ = strips.shape
+    kind = batch([]).as_arrow_array().type
+    points = pa.FixedSizeListArray.from_arrays(pa.array(strips.ravel()), type=kind.value_type)
+    return pa.ListArray.from_arrays(pa.array(np.arange(n + 1, dtype=np.int32) * k), points, type=kind)

@@ -62,14 +62,19 @@ def fixed(recorded: RecordedCamera) -> Entities:
         yield f"{recorded.path}/image/{name}", style
 
 
-def image(recorded: RecordedCamera, pixels: ByteArray, jpeg_quality: int) -> Rows:
-    """Yield one undistorted image, (height, width) grey or (height, width, 3) RGB, as a JPEG."""
+def jpeg(recorded: RecordedCamera, pixels: ByteArray, quality: int) -> ByteArray:
+    """Return one undistorted image, (height, width) grey or (height, width, 3) RGB, as the bytes (n,) of a JPEG."""
     if recorded.maps is not None:
         pixels = np.asarray(cv2.remap(pixels, *recorded.maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if pixels.ndim == 3:
         pixels = pixels[..., ::-1]  # OpenCV encodes BGR
-    _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
-    yield f"{recorded.path}/image", Row(rr.EncodedImage, {"blob": [jpeg.ravel()], "media_type": ["image/jpeg"]})
+    _, encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(encoded, dtype=np.uint8).ravel()
+
+
+def jpeg_row(path: str, encoded: ByteArray) -> Rows:
+    """Yield the row of an image's entity from the bytes (n,) of a JPEG."""
+    yield path, Row(rr.EncodedImage, {"blob": [encoded], "media_type": ["image/jpeg"]})
 
 
 def overlay(

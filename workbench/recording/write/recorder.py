@@ -1,9 +1,11 @@
 """The recorder of a run's steps: one Rerun file per run."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -16,15 +18,16 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
-from workbench.core.frame import true_cameras
+from workbench.core.frame import Frame, true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import checkpoints as stored
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.signals import deferred
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
@@ -32,14 +35,13 @@ if TYPE_CHECKING:
     from workbench.evaluation.run_measurements import RunMeasurements
     from workbench.evaluation.verdict import Verdict
 
-FLUSH_EVERY = 3
-"""Frames between two flushes: the last two may be lost when a run is killed. Fewer take more time and space."""
-LONG, FLUSH_FRACTION, MAX_FLUSH_EVERY = 100, 10, 60
-"""After LONG frames the interval is a tenth of all frames, at most two seconds of a video: the file's footer has a row
-for each chunk with a column for each of some 190 kinds of values, 8 kB a chunk, which stay in memory to the end."""
+FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 60
+"""Seconds between two flushes, or this fraction of the run's seconds so far, and frames at most: the work that is lost
+when a run is killed. The file's footer has a row for each chunk with a column for each of some 190 kinds of values,
+8 kB a chunk, which stay in memory to the end."""
 MAX_BUFFERED_BYTES = 1_000_000
 """Buffered bytes of one path, such as images, since writing takes several times their memory."""
-_PICTURES_EVERY = 10  # frames, at most
+_PICTURES_EVERY = 10  # frames, at least
 _MAX_OVERLAID = 60  # more particles over an image hide the person
 _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_quality": (1, 100)}
 
@@ -47,9 +49,10 @@ _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_q
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_EVERY frames, less often
-    in long runs. Cameras are static; their images are undistorted, since the viewer's pinhole has no distortion. A run
-    without views is shown by its path through the world.
+    It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long
+    runs. Images are encoded on a thread while the next step is computed. Cameras are static; their images are
+    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path through the
+    world.
 
     Parameters
     ----------
@@ -88,6 +91,9 @@ class Recorder:
         self._cameras: dict[str, images.RecordedCamera] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_unflushed = 0
+        self._began_s = self._flushed_s = monotonic()
+        self._encoder = ThreadPoolExecutor(1, "image_encoder")
+        self._encoded: list[tuple[int, np.timedelta64, str, Future[ByteArray]]] = []  # of the last frame
         self._diagnostics: tuple[str, ...] = ()
         self._uninformative, self._measured = frozenset(uninformative_metrics), dict[str, list[float]]()
         self._has_annotations, self._with_keypoints = False, set[str]()
@@ -114,11 +120,12 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             self._send_pictures()
-            self._file.write(self._columns)
+            self._write_columns()
         except BaseException as error:
             kind = type(error)
             raise
         finally:
+            self._encoder.shutdown(cancel_futures=True)
             self._file.__exit__(kind)
 
     def take_over(
@@ -180,24 +187,29 @@ class Recorder:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
         pose = columns.curves({"estimate/pose": step.expected_pose})
+        self._add_images()
         self._columns.add(frame.index, time, chain(pose, self._scene(step), self._posterior.histograms(step)))
         if self._checkpoints is not None:
             self._columns.add(frame.index, time, self._checkpoints.per_frame(step, self._ranks[-1]))
-            self._checkpoints.log(self._stream, step, self.part.stat().st_size)
+            self._checkpoints.log(self._stream, step, self.part.stat().st_size + self._columns.n_bytes)
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames, self._n_unflushed = self._n_frames + 1, self._n_unflushed + 1
-        # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
-        # Frames after the last picture are not resumed when a run is killed.
-        growth = 1.1 if self._file.is_streaming else 2.5 if self._checkpoints is None else 1.5
-        if self._n_frames % _PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
-            self._send_pictures()
         self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
-        together = min(self._n_frames // FLUSH_FRACTION, MAX_FLUSH_EVERY) if self._n_frames >= LONG else 0
-        if self._file.is_streaming or self._n_unflushed >= max(FLUSH_EVERY, together):
+        if self._file.is_streaming or self._n_unflushed >= MAX_FLUSH_EVERY or self._is_due():
+            # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
+            # Frames after the last picture are not resumed when a run is killed.
+            growth = 1.1 if self._file.is_streaming else 2.5 if self._checkpoints is None else 1.5
+            if self._n_frames >= max(growth * self._n_frames_pictured, self._n_frames_pictured + _PICTURES_EVERY):
+                self._send_pictures()
             self._flush()
             self._file.check_space()
+
+    def _is_due(self) -> bool:
+        """Return whether the time since the last flush reaches the interval between two flushes."""
+        now = monotonic()
+        return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
 
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
@@ -248,13 +260,14 @@ class Recorder:
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
         drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
-        yield from scene.estimate(figure, step.expected_pose)
+        frames = step.expected_frames(figure.skeleton)
+        yield from scene.estimate(figure, frames)
         yield from scene.particles(figure, cloud, shades)
         yield from scene.bones(figure, scene.TRUTH, true)
-        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MAX_OVERLAID)
+        expected, every = frames.positions, -(-len(drawn) // _MAX_OVERLAID)
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
             recorded = self._camera(view.camera)
-            yield from images.image(recorded, view.image, self._jpeg_quality)
+            self._encode(step.frame, recorded, view.image)
             yield from images.overlay(recorded, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(recorded, "estimate", expected, figure.chains)
             yield from images.overlay(recorded, "truth", true, figure.chains, true_camera=true_camera)
@@ -272,6 +285,11 @@ class Recorder:
         self._has_annotations |= bool(views) and truth is not None and truth.annotations is not None
         if views and self._has_annotations:  # as the keypoints
             self._file.send(images.annotations(self._camera(views[0].camera), truth, figure.skeleton.names))
+
+    def _encode(self, frame: Frame, recorded: "images.RecordedCamera", pixels: ByteArray) -> None:
+        with deferred():  # else Python may wait at exit for a thread that is not listed in its pool
+            jpeg = self._encoder.submit(images.jpeg, recorded, pixels, self._jpeg_quality)
+        self._encoded.append((frame.index, columns.nanoseconds(frame.time_s), f"{recorded.path}/image", jpeg))
 
     def _camera(self, camera: Camera) -> "images.RecordedCamera":
         if camera.name not in self._cameras:
@@ -325,10 +343,20 @@ class Recorder:
         self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
-        self._n_unflushed = 0
         self._send_layout()
-        self._file.write(self._columns)
+        self._write_columns()
         self._file.flush()
+        self._n_unflushed, self._flushed_s = 0, monotonic()
+
+    def _write_columns(self) -> None:
+        self._add_images()
+        self._file.write(self._columns)
+
+    def _add_images(self) -> None:
+        """Add the encoded images of the last frame to the columns."""
+        for frame, time, path, jpeg in self._encoded:
+            self._columns.add(frame, time, images.jpeg_row(path, jpeg.result()))
+        self._encoded.clear()
 
 
 def _drawn(step: Step) -> frozenset[str]:

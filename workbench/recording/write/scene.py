@@ -13,7 +13,7 @@ import rerun as rr
 import scipy
 
 from workbench.body.angles import flexions
-from workbench.body.kinematics import forward, joints
+from workbench.body.kinematics import JointFrames, forward, joints
 from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
@@ -69,9 +69,8 @@ def fixed(drawn: Figure) -> Entities:
     yield POINTS, rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.75))
 
 
-def estimate(drawn: Figure, pose: FloatArray) -> Rows:
-    """Yield the expected pose (P,) as joints, skeleton and solid body."""
-    frames = forward(drawn.skeleton, pose[None])
+def estimate(drawn: Figure, frames: JointFrames) -> Rows:
+    """Yield the expected pose, whose joints' frames are given, N = 1, as joints, skeleton and solid body."""
     yield from bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
