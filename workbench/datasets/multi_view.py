@@ -43,7 +43,9 @@ class MultiView:
         or for all, to detect people by `detector`.
     person : target in the folders: an index in the first frame, of those used, in which the first of their cameras has
         a detection, or {camera: index}; None: the largest and most confident one, see `select_target`.
-    truth : TRC or C3D file with markers; axes, unit and gaps: see `markers.in_world`.
+    truth : TRC or C3D file with markers; gaps: see `markers.in_world`.
+    truth_unit, truth_up, truth_forward : unit of length of the truth, m, cm, mm or inch, and its axes that are the
+        world's z and x, e.g. y and -z; None: by the file and the person, see `markers.in_world`.
     truth_first_frame : frame of the sources that corresponds to the truth's first.
     joint_markers : markers whose mean is a joint, by joint, where their names do not identify them.
     detector, cache : as for `Video`.
@@ -60,7 +62,8 @@ class MultiView:
         self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,
         n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None,
         keypoints: Files | str = _NO_FILES, person: int | Mapping[str, int] | None = None, truth: str | None = None,
-        truth_first_frame: int = 0,
+        truth_first_frame: int = 0, truth_unit: str | None = None, truth_up: str | None = None,
+        truth_forward: str | None = None,
         joint_markers: MarkersOf = NO_MARKERS, detector: str = "full", cache: str = "~/.cache/workbench",
     ) -> None:  # fmt: skip
         names = list(sources) if cameras is None else list(cameras)
@@ -81,6 +84,7 @@ class MultiView:
         self._names, self._folders, self._person = names, folders, person
         self._detector, self._cache = detector, Path(cache)
         self._truth, self._truth_first_frame, self._joint_markers = truth, truth_first_frame, joint_markers
+        self._truth_axes = (truth_unit, truth_up, truth_forward)
 
     @cached_property
     def info(self) -> SequenceInfo:
@@ -140,7 +144,7 @@ class MultiView:
         """Joints (F, J, 3), m, from the markers in every frame."""
         if self._truth is None:
             return None
-        markers, video = read_markers(Path(self._truth)), self._videos[0]
+        markers, video = read_markers(Path(self._truth), *self._truth_axes), self._videos[0]
         times_s = (video.first_frame - self._truth_first_frame + np.arange(self._n_frames)) / video.true_rate_hz
         centres = joint_centres(markers, markers.at(times_s), self._joint_markers)
         if not np.isfinite(centres).any():
