@@ -11,6 +11,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.markers import in_world, joint_centres, joints_of, read_markers
 from workbench.motion.formats.motion_export import trc_text
+from workbench.motion.formats.trc import RawMarkers
 from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
@@ -39,10 +40,11 @@ def test_unit_and_axes_are_told_by_the_person_whatever_the_header_says(unit, fac
     caplog.set_level(logging.INFO)
     truth = places()
     given = truth if up == "z" else truth[..., [1, 2, 0]]
-    markers = in_world("file", JOINT_NAMES, 50.0, factor * given, "mm")
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, factor * given, "mm"))
     np.testing.assert_allclose(markers.positions, truth, atol=1e-12)
-    assert f"read as {unit} with {up} up" in caplog.text
-    assert ("the header's unit is 'mm'" in caplog.text) == (unit != "mm")
+    assert f"read in {unit}" in caplog.text
+    assert f"{up} is up" in caplog.text
+    assert ("by the file it would be mm" in caplog.text) == (unit != "mm")
 
 
 def test_blank_cells_are_gaps_also_at_a_line_s_end(tmp_path):
@@ -60,7 +62,7 @@ def test_joints_are_named_in_many_ways_and_made_of_several_markers():
     names = ("RHip", "L_Hip", "Neck", "Head", "left knee", "LANK_medial", "LANK_lateral", "RShoulder")
     positions = np.random.default_rng(0).standard_normal((3, len(names), 3))
     positions[:, [2, 3, 7], 2] += 9.0
-    markers = in_world("file", names, 50.0, positions / 5.0, "m")
+    markers = in_world("file", RawMarkers(names, 50.0, positions / 5.0, "m"), "m")
     given = {"left_ankle": ["LANK_medial", "LANK_lateral"]}
     assert dict(joints_of(markers, given)) == {
         "pelvis": ("L_Hip", "RHip"), "neck": ("Neck",), "head_centre": ("Neck", "Head"), "left_hip": ("L_Hip",),
@@ -78,7 +80,7 @@ def test_joints_are_named_in_many_ways_and_made_of_several_markers():
 def test_positions_between_frames_are_linear_and_unknown_beside_gaps_and_outside():
     truth = places()
     truth[1, 4] = np.nan
-    markers = in_world("file", JOINT_NAMES, 50.0, truth, "m")
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, truth, "m"))
     found = markers.at(np.array([0.0, 0.005, 0.04, 0.05, 0.06, 0.0601, -0.001]))
     np.testing.assert_allclose(found[0], truth[0])
     np.testing.assert_allclose(found[1, 3], 0.75 * truth[0, 3] + 0.25 * truth[1, 3])
@@ -112,12 +114,11 @@ def test_c3d_is_read_as_trc_is(tmp_path):
 def test_what_cannot_be_told_is_refused(tmp_path):
     truth = places()
     for positions, names, said in (
-        (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, found x"),
-        (truth * [1.0, 1.0, -1.0], JOINT_NAMES, "y or z to be up, found -z"),
-        (truth, tuple(f"M{j}" for j in range(15)), "to determine the vertical axis"),
+        (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, but the head is above the feet along x"),
+        (truth, tuple(f"M{j}" for j in range(15)), "give the vertical axis"),
         (np.full_like(truth, np.nan), JOINT_NAMES, "found none in 4 frames"),
     ):
         with pytest.raises(InputError, match=said):
-            in_world("file", names, 50.0, positions, "m")
+            in_world("file", RawMarkers(names, 50.0, positions, "m"))
     with pytest.raises(InputError, match=r"the extension \.trc or \.c3d"):
         read_markers(tmp_path / "a.csv")

@@ -73,8 +73,8 @@ def _read_asf(path: str | Path, unit: str | None = None) -> _AsfSkeleton:
     """Return the skeleton of an ASF file.
 
     Lengths are in `unit`, by default 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad.
-    Raises InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that the
-    CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
+    Raises InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that
+    the CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
     """
     path = Path(path)
     lines = read_lines(path)
