@@ -46,7 +46,7 @@ class MultiView:
         or for all, to detect people by `detector`.
     person : target in the folders: an index in the first frame, of those used, in which the first of their cameras has
         a detection, or {camera: index}; None: the largest and most confident one, see `select_target`.
-    truth : TRC or C3D file with markers; gaps: see `markers.in_world`.
+    truth : TRC or C3D file with markers, or our own CSV of joints; gaps: see `markers.in_world`.
     truth_unit, truth_up, truth_forward : unit of length of the truth, m, cm, mm or inch, and its axes that are the
         world's z and x, e.g. y and -z; None: by the file, the person (`markers.in_world`) and the detections
         (`truth_axes.in_axes_of_cameras`).

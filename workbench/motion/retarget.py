@@ -194,8 +194,8 @@ def estimated_landmarks(clip: MotionClip, names: Mapping[str, str] | None = None
     found = skeleton_joints(clip.joints, clip.parents.tolist(), names, f"clip {clip.name}")
     if missing := [joint for joint in JOINT_NAMES[1:] if joint not in found]:
         raise InputError(
-            f"clip {clip.name}: expected a skeleton of a supported source, found no joint for {', '.join(missing)}; "
-            f"name them by the key landmarks, e.g. {missing[0]}: JOINT, with some of {', '.join(clip.joints[:60])}"
+            f"clip {clip.name}: found no joint for {', '.join(missing)}; name them by the key landmarks, "
+            f"e.g. {missing[0]}: {clip.joints[-1]}; the skeleton has {', '.join(clip.joints[:12])}"
         )
     at = {joint: clip.positions[:, clip.joint(name)] for joint, name in found.items()}
     across = at["left_hip"] - at["right_hip"] + at["left_shoulder"] - at["right_shoulder"]

@@ -182,7 +182,7 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
             poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
-        diagnostics = {"inlier_fraction": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        diagnostics = {"inlier_fraction": float(fit.inliers[t]), "iterations": fit.iterations}
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
             poses=poses, log_weights=log_weights, ancestors=ancestors,

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.c3d import read_c3d
 from workbench.motion.formats.joint_names import marker_joints, plain
-from workbench.motion.formats.trc import RawMarkers, read_trc
+from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, stature, upward, vertical_axis, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -51,11 +51,11 @@ class Markers:
 def read_markers(
     path: str | Path, unit: str | None = None, up: str | None = None, forward: str | None = None
 ) -> Markers:
-    """Return the markers of a .trc or .c3d file, with gaps; unit, up and forward as in `in_world`.
+    """Return the markers of a .trc or .c3d file, or of our own .csv, with gaps; unit, up and forward as in `in_world`.
 
     Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
-    path, readers = Path(path).expanduser(), {".trc": read_trc, ".c3d": read_c3d}
+    path, readers = Path(path).expanduser(), {".trc": read_trc, ".c3d": read_c3d, ".csv": read_joint_csv}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: expected a marker file with the extension {' or '.join(readers)}")
     return in_world(str(path), readers[path.suffix.lower()](path), unit, up, forward)

@@ -1,4 +1,4 @@
-"""Markers of TRC files: their names, times, unit and positions as they are in the file."""
+"""Markers of TRC files and of our own tables: their names, times, unit and positions as they are in the file."""
 
 import logging
 import re
@@ -48,8 +48,8 @@ def read_trc(path: Path) -> RawMarkers:
     delimiter = next((mark for mark in "\t;," if mark in lines[labels]), None)
     header: dict[str, str] = {}
     if "datarate" in starts[:labels]:
-        row = starts.index("datarate")
-        header = dict(zip(_cells(lines[row], delimiter), _cells(lines[row + 1], delimiter), strict=False))
+        keys, values, *_ = [line for line in [*lines[starts.index("datarate") : labels], ""] if line.strip()] + [""]
+        header = dict(zip(_cells(keys, delimiter), _cells(values, delimiter), strict=False))
     names = [cell for cell in _cells(lines[labels], delimiter)[2:] if cell]
     if not names:
         fail(path, labels + 1, "expected the names of markers, found none")
@@ -70,6 +70,30 @@ def read_trc(path: Path) -> RawMarkers:
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
     return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""))
+
+
+def read_joint_csv(path: Path) -> RawMarkers:
+    """Return the joints of a CSV table of `motion_export.csv_text`: columns frame, time_s and <joint>_x_m, _y_m, _z_m.
+
+    Rows are as in `read_trc`; other columns, as the pose's with its root_x_m, are ignored. Raises InputError, with the line, for other content.
+    """
+    lines = read_lines(path)
+    columns = _cells(lines[0], ",")
+    names = [column.removesuffix("_x_m") for column in columns if column.endswith("_x_m") and column != "root_x_m"]
+    wanted = ["frame", "time_s", *[f"{name}_{axis}_m" for name in names for axis in "xyz"]]
+    if not names or not set(wanted) <= set(columns):
+        fail(path, 1, "expected the columns frame, time_s and <joint>_x_m, _y_m, _z_m")
+    table = [(line, _cells(text, ",")) for line, text in enumerate(lines[1:], 2) if text.strip()]
+    check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
+    check_number(path, "coordinates", len(table) * len(columns), MAX_NUMBERS)
+    if not table:
+        fail(path, len(lines), "expected a frame, found none")
+    rows = [gap_numbers(path, line, cells, len(columns), "a frame") for line, cells in table]
+    values = np.array(rows)[:, [columns.index(column) for column in wanted]]
+    digits = max(len(cells[columns.index("time_s")].partition(".")[2]) for _, cells in table)
+    rate_hz, at = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, None if len(values) > 1 else 1.0)
+    check_rate(f"{path}: the rate", rate_hz)
+    return RawMarkers(names, rate_hz, _at_grid(path, at, values[:, 2:].reshape(len(values), -1, 3)), "m", "z")
 
 
 def _cells(text: str, delimiter: str | None) -> list[str]:
