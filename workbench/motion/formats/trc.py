@@ -48,8 +48,8 @@ def read_trc(path: Path) -> RawMarkers:
     delimiter = next((mark for mark in "\t;," if mark in lines[labels]), None)
     header: dict[str, str] = {}
     if "datarate" in starts[:labels]:
-        keys, values, *_ = [line for line in [*lines[starts.index("datarate") : labels], ""] if line.strip()] + [""]
-        header = dict(zip(_cells(keys, delimiter), _cells(values, delimiter), strict=False))
+        keys, row, *_ = [line for line in [*lines[starts.index("datarate") : labels], ""] if line.strip()] + [""]
+        header = dict(zip(_cells(keys, delimiter), _cells(row, delimiter), strict=False))
     names = [cell for cell in _cells(lines[labels], delimiter)[2:] if cell]
     if not names:
         fail(path, labels + 1, "expected the names of markers, found none")
@@ -75,7 +75,8 @@ def read_trc(path: Path) -> RawMarkers:
 def read_joint_csv(path: Path) -> RawMarkers:
     """Return the joints of a CSV table of `motion_export.csv_text`: columns frame, time_s and <joint>_x_m, _y_m, _z_m.
 
-    Rows are as in `read_trc`; other columns, as the pose's with its root_x_m, are ignored. Raises InputError, with the line, for other content.
+    Rows are as in `read_trc`; other columns, as the pose's with its root_x_m, are ignored. Raises InputError, with the
+    line, for other content.
     """
     lines = read_lines(path)
     columns = _cells(lines[0], ",")
