@@ -144,7 +144,7 @@ def _timing(
 
 def _at_grid(path: Path, rows: FloatArray, positions: FloatArray) -> FloatArray:
     """Return positions (G, M, 3) at 0, 1, … of those (F, M, 3) at increasing `rows` (F,), NaN more than 1.5 from the
-    next row and beside a gap; logged."""
+    next row and next to a gap; logged."""
     n = int(np.floor(rows[-1] + 1e-9)) + 1
     check_number(path, "frames", n, input_limits.MAX_FRAMES)
     check_number(path, "coordinates", n * positions[0].size, MAX_NUMBERS)
