@@ -14,24 +14,8 @@ from workbench.utils.input_limits import check_file
 
 log = logging.getLogger(__name__)
 
-MISSING = frozenset(
-    [
-        "",
-        "nan",
-        "-nan",
-        "+nan",
-        "nan(ind)",
-        "-nan(ind)",
-        "-1.#ind",
-        "1.#qnan",
-        "-1.#qnan",
-        "null",
-        "none",
-        "na",
-        "n/a",
-        "-",
-    ]
-)
+_GAPS = "nan -nan +nan nan(ind) -nan(ind) -1.#ind 1.#qnan -1.#qnan null none na n/a -"
+MISSING = frozenset(["", *_GAPS.split(" ")])
 """Cells of a table, in lower case, that mean a value is missing."""
 Statement = tuple[int, list[str]]
 """The number of a line, from 1, and its words."""
