@@ -9,8 +9,11 @@ import typer
 
 from workbench.motion.library import write_library
 from workbench.motion.pose_sequence import Motion
-from workbench.motion.sources import import_sources
+from workbench.motion.sources import Reading, import_sources
 from workbench.utils.errors import InputError
+
+Unit = Literal["m", "cm", "mm", "inch", "cmu"]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 def import_motions(
@@ -19,7 +22,23 @@ def import_motions(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Resampling rate; default: the rate of the files.")
     ] = None,
-    unit: Annotated[Literal["cm", "m"], typer.Option(help="Unit of length of BVH files.")] = "cm",
+    unit: Annotated[
+        Unit | None,
+        typer.Option(help="Unit of length; default: the file's, or cm, if the person then has a body's size."),
+    ] = None,
+    up: Annotated[
+        Axis | None, typer.Option(help="Vertical axis; default: y, or z if the person stands along it.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Rate of AMC files; default: of index.csv, else 120 Hz.")
+    ] = None,
+    asf: Annotated[
+        Path | None, typer.Option(metavar="FILE.asf", help="Skeleton of AMC files; default: the one in their folder.")
+    ] = None,
+    landmark: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT=NAME", help="The file's name of a joint, e.g. left_knee=LeftLeg; repeatable."),
+    ] = None,
 ) -> int:
     """Import motion files into a motion library.
 
@@ -29,10 +48,14 @@ def import_motions(
     Examples:
       workbench import clips/ -o motions.h5
       workbench import dance.bvh jump.bvh -o motions.h5 --unit m --rate 60
+      workbench import own.bvh -o motions.h5 --up z --landmark left_knee=Knee_L
     """
     if not output.parent.is_dir() or output.is_dir():  # before reading the files
         raise InputError(f"{output}: expected a file name in an existing folder")
-    motions, reports = import_sources(sources, rate, unit)
+    if wrong := [text for text in landmark or () if not all(text.partition("="))]:
+        raise InputError(f"--landmark: expected JOINT=NAME, e.g. left_knee=LeftLeg, found {wrong[0]!r}")
+    landmarks = dict(text.split("=", 1) for text in landmark) if landmark else None
+    motions, reports = import_sources(sources, rate, Reading(unit, up, rate_hz, asf, landmarks))
     for report in reports:
         print(report, file=sys.stderr)
     if motions:

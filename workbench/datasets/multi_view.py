@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from workbench.body.camera import Camera
+from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
@@ -17,6 +19,7 @@ from workbench.core.keys import records_arguments
 from workbench.datasets.association.target_selection import select_target
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_detections, target_annotations
+from workbench.datasets.truth_axes import in_axes_of_cameras
 from workbench.datasets.video import Video
 from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres, read_markers
 from workbench.utils.arrays import FloatArray
@@ -43,7 +46,10 @@ class MultiView:
         or for all, to detect people by `detector`.
     person : target in the folders: an index in the first frame, of those used, in which the first of their cameras has
         a detection, or {camera: index}; None: the largest and most confident one, see `select_target`.
-    truth : TRC or C3D file with markers; axes, unit and gaps: see `markers.in_world`.
+    truth : TRC or C3D file with markers, or our own CSV of joints; gaps: see `markers.in_world`.
+    truth_unit, truth_up, truth_forward : unit of length of the truth, m, cm, mm or inch, and its axes that are the
+        world's z and x, e.g. y and -z; None: by the file, the person (`markers.in_world`) and the detections
+        (`truth_axes.in_axes_of_cameras`).
     truth_first_frame : frame of the sources that corresponds to the truth's first.
     joint_markers : markers whose mean is a joint, by joint, where their names do not identify them.
     detector, cache : as for `Video`.
@@ -60,7 +66,8 @@ class MultiView:
         self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,
         n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None,
         keypoints: Files | str = _NO_FILES, person: int | Mapping[str, int] | None = None, truth: str | None = None,
-        truth_first_frame: int = 0,
+        truth_first_frame: int = 0, truth_unit: str | None = None, truth_up: str | None = None,
+        truth_forward: str | None = None,
         joint_markers: MarkersOf = NO_MARKERS, detector: str = "full", cache: str = "~/.cache/workbench",
     ) -> None:  # fmt: skip
         names = list(sources) if cameras is None else list(cameras)
@@ -81,6 +88,7 @@ class MultiView:
         self._names, self._folders, self._person = names, folders, person
         self._detector, self._cache = detector, Path(cache)
         self._truth, self._truth_first_frame, self._joint_markers = truth, truth_first_frame, joint_markers
+        self._truth_axes = (truth_unit, truth_up, truth_forward)
 
     @cached_property
     def info(self) -> SequenceInfo:
@@ -140,9 +148,21 @@ class MultiView:
         """Joints (F, J, 3), m, from the markers in every frame."""
         if self._truth is None:
             return None
-        markers, video = read_markers(Path(self._truth)), self._videos[0]
+        markers, video = read_markers(Path(self._truth), *self._truth_axes), self._videos[0]
         times_s = (video.first_frame - self._truth_first_frame + np.arange(self._n_frames)) / video.true_rate_hz
         centres = joint_centres(markers, markers.at(times_s), self._joint_markers)
         if not np.isfinite(centres).any():
             raise InputError(f"{self._truth}: expected markers in some of the {self._n_frames} frames used, found none")
-        return centres
+        if any(self._truth_axes[1:]):
+            return centres
+        return in_axes_of_cameras(
+            self._truth, centres, [self._pixels(name, joints) for name, joints in self._target.items()]
+        )
+
+    def _pixels(self, name: str, joints: JointAnnotations) -> tuple[Camera, FloatArray]:
+        """Return a camera and the target's detections (F, J, 2) in the frames used, NaN where missing."""
+        frames = self._videos[0].first_frame + np.arange(self._n_frames)
+        found = [joints.weighted(int(frame), 0.0) for frame in frames]
+        gap = np.full((len(JOINT_NAMES), 2), np.nan)
+        pixels = np.stack([gap if each is None else each[:, :2] for each in found])
+        return self._videos[self._names.index(name)].source_camera, pixels

@@ -1,5 +1,6 @@
 """Dataset of points from files: one file per frame, or one file of all frames."""
 
+import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,30 +16,38 @@ from workbench.core.capabilities import POINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check, one_of
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.datasets.files import natural_order
-from workbench.datasets.files.point_formats import READERS, read_hdf5
+from workbench.datasets.files.point_formats import READERS, in_order, read_hdf5
 from workbench.datasets.rendering import sequence
 from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
+from workbench.motion.formats.units_axes import AXES, UNITS, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
 from workbench.utils.rng import stream
 
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+log = logging.getLogger(__name__)
+
+_UNITS = ("m", "cm", "mm", "inch")
+_LARGEST = {"m": 20.0, "cm": 500.0, "mm": np.inf}
+"""Extent of a cloud, in its unit, up to which a unit is assumed: a room of 20 m, or a person in 5 m of surroundings."""
+_SAME_RATE = 0.01
+_ON_GRID = 0.3  # of a step: larger deviations are no equal intervals
 
 
 @dataclass(eq=False)
 class PointFiles:
     """Frames of points in the world (z up); all files are read at the first access to `info`.
 
-    Raises InputError for parameters out of range. `info` does, with file and line, row or vertex, for unreadable
-    files, a frame without points, numbers that are not finite, a motion that does not exist, and missing frames.
+    A frame may be without points. Raises InputError for parameters out of range. `info` does, with file and line, row
+    or vertex, for unreadable files, numbers out of range, a motion that does not exist, and missing frames.
 
     Parameters
     ----------
-    source : a folder of files, one per frame, all .ply, all .npz or all .csv, in natural order (frame_9 before
-        frame_10); or one .h5 or .hdf5 file, see `point_formats.read_hdf5`.
-    unit : m, cm or mm.
+    source : a folder of files, one per frame, all of one format of `point_formats.READERS`, in the order of their
+        numbers or times (frame_9 before frame_10, 12.0625 before 12.5), where missing ones are frames without points;
+        or one .h5 or .hdf5 file, see `point_formats.read_hdf5`.
+    unit : m, cm, mm or inch; None: by the size of the clouds: m, unless that is over 20 m.
+    up : vertical axis of the files, x, y, z, -x, -y or -z.
     max_points : frames with more are subsampled at random, with a warning.
     truth : name of a motion (`sources.find_motion`; data: its folder) at rate_hz. It gives every frame its true pose,
         joints and activity, and the person's measurements. Without it none of these are known.
@@ -56,7 +65,8 @@ class PointFiles:
 
     source: str
     rate_hz: float = 14.0
-    unit: str = "m"
+    unit: str | None = None
+    up: str = "z"
     max_points: int = 5000
     truth: Any = None  # a name or a list of them, for which a schema has no other type
     data: str | None = None
@@ -67,8 +77,10 @@ class PointFiles:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("points", self, unit=one_of(*_METRES), rate_hz=RATE, max_points=at_least(1))
+        check("points", self, up=one_of(*AXES), rate_hz=RATE, max_points=at_least(1))
         check("points", self, first_frame=at_least(0), seed=at_least(0))
+        if self.unit is not None:
+            check("points", self, unit=one_of(*_UNITS))
         if self.n_frames is not None and self.n_frames < 1:
             raise InputError(f"points: n_frames must be at least 1, found {self.n_frames}")
         if self.truth is not None and self.first_frame < self.truth_first_frame:
@@ -118,15 +130,34 @@ class PointFiles:
                 subsampled.append(f"{name} with {len(points)}")
                 rng = stream(self.seed, "thinning", i)
                 points = points[np.sort(rng.choice(len(points), self.max_points, replace=False))]
-            check_places(f"{self.source}: {name}", _METRES[self.unit] * points)
-            clouds.append(_METRES[self.unit] * points)
+            clouds.append(points)
         if n < (self.first_frame + 1 if end is None else end):
             raise InputError(f"{self.source}: no frame {max(n, self.first_frame)}, expected one of 0 to {n - 1}")
         if subsampled:
             frames = f"{len(subsampled)} of {len(clouds)} frames have more than max_points={self.max_points} points"
             message = f"{self.source}: {frames} and are subsampled at random, the first being {subsampled[0]}"
             warnings.warn(message, stacklevel=3)
-        return clouds
+        if empty := [str(self.first_frame + k) for k, points in enumerate(clouds) if not len(points)]:
+            log.warning(
+                "%s: %d of %d frames have no points: %s", self.source, len(empty), len(clouds), ", ".join(empty[:9])
+            )
+        if len(empty) == len(clouds):
+            raise InputError(f"{self.source}: expected points, found none in {len(clouds)} frames")
+        metres, axes = self._metres_per_unit(clouds), world_axes(self.up)
+        world = [metres * points if self.up == "z" else axes.vectors(metres * points) for points in clouds]
+        for k, points in enumerate(world):
+            check_places(f"{self.source}: frame {self.first_frame + k}", points)
+        return world
+
+    def _metres_per_unit(self, clouds: list[FloatArray]) -> float:
+        """Return the metres per unit of the clouds: metres, unless they are larger than any room with a person."""
+        if self.unit is not None:
+            return UNITS[self.unit]
+        extent = float(np.median([np.ptp(points, axis=0).max() for points in clouds if len(points)]))
+        unit = next(unit for unit, largest in _LARGEST.items() if extent <= largest)
+        if unit != "m":
+            log.warning("%s: the clouds extend over %.3g; read in %s (key unit)", self.source, extent, unit)
+        return UNITS[unit]
 
     def _files(self) -> Iterator[tuple[str, FloatArray]]:
         """Yield the name and the points (K, 3), in the file's unit, of every frame."""
@@ -136,11 +167,29 @@ class PointFiles:
             return
         if not self._path.is_dir():
             raise InputError(f"{self._path}: expected a folder with files of points, or an .h5 or .hdf5 file")
-        files = [file for file in self._path.iterdir() if file.suffix.lower() in READERS]
+        files = [file for file in self._path.iterdir() if file.suffix.lower() in READERS and file.name[0] != "."]
         kinds = sorted({file.suffix.lower() for file in files})
         if len(kinds) != 1:
             present, formats = "several formats, " + ", ".join(kinds) if kinds else "none", ", ".join(READERS)
             raise InputError(f"{self._path}: expected files of points in one format of {formats}, found {present}")
-        names = natural_order([file.name for file in files])
+        names = self._with_gaps(in_order([file.name for file in files]))
         for name in tqdm(names, desc=f"reading {self._path.name}", unit="frame", disable=None):
-            yield name, READERS[kinds[0]](self._path / name)
+            yield name or "a missing file", READERS[kinds[0]](self._path / name) if name else np.empty((0, 3))
+
+    def _with_gaps(self, numbered: list[tuple[str, float | None]]) -> list[str]:
+        """Return the files' names in order, "" for a missing one where their numbers are at equal intervals."""
+        names, numbers = [name for name, _ in numbered], np.array([number for _, number in numbered], dtype=float)
+        steps = np.diff(numbers)
+        if not len(steps) or not (steps > 0.0).all():
+            return names
+        step = float(np.median(steps))
+        places = (numbers - numbers[0]) / step
+        if any("." in Path(name).stem for name in names) and abs(1.0 / step / self.rate_hz - 1.0) > _SAME_RATE:
+            message = "%s: the files' numbers increase by %.4g; if these are seconds, set rate_hz to %.4g, found %g"
+            log.warning(message, self.source, step, 1.0 / step, self.rate_hz)
+        n = round(places[-1]) + 1
+        if n == len(names) or n > 2 * len(names) or (np.abs(places - np.round(places)) > _ON_GRID).any():
+            return names
+        log.warning("%s: %d of %d files are missing by their numbers", self.source, n - len(names), n)
+        files = dict(zip(np.round(places).astype(int).tolist(), names, strict=True))
+        return [files.get(k, "") for k in range(n)]

@@ -7,7 +7,7 @@ not determine the twist of a straight limb; the source's hinge axis does.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
 from workbench.motion.clip import MotionClip
+from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -34,7 +35,9 @@ class Landmarks:
     child, fraction); the centre of the head is at this fraction of the child's offset, in the joint's frame. head_up :
     direction of the vertex in that joint's frame. lefts : for the neck, the shoulders and the hips, the direction in
     the frame of the source's joint (for the neck: of the head's) that points to the person's left in the neutral pose:
-    for a limb the hinge of its elbow or knee, for the neck the line through the ears.
+    for a limb the hinge of its elbow or knee, for the neck the line through the ears. head_offset : m, added to the
+    centre of the head in the frame of head's joint. bones : for shoulders and hips, the direction of the elbow or knee
+    in the frame of the source's joint; empty: along the offset.
     """
 
     source: str
@@ -42,6 +45,8 @@ class Landmarks:
     head: tuple[str, str, float]
     head_up: Vector
     lefts: Mapping[str, Vector]
+    head_offset: Vector = (0.0, 0.0, 0.0)
+    bones: Mapping[str, Vector] = field(default_factory=dict)
 
 
 def _both_sides(left: str, right: str, **names: str) -> dict[str, str]:
@@ -99,15 +104,31 @@ _REGULARISATION_M_PER_RAD = 0.1
 mean error from 9.9 to 6.9 mm; a tenth of it gains another 0.5 mm, but makes the twist of a straight limb unstable."""
 
 
-def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
-    """Return the motion of a clip with a CMU or Bandai skeleton, or one with given `landmarks`.
+_LEG = from_height(1.0).thigh + from_height(1.0).calf  # of the body height
+_STRAIGHT = 0.05
+"""Weight of an untwisted limb's hinge: as much as a limb's that is bent by 3°, the precision of joint angles."""
+_SAME_AXIS = 0.5  # cosine: hinges along different axes of a frame differ by 90°
+
+
+def retarget(clip: MotionClip, landmarks: Landmarks | None = None, names: Mapping[str, str] | None = None) -> Motion:
+    """Return the motion of a clip.
 
     The shape has the clip's lengths, averaged over left and right; the radii are those of an average person of the
     height that legs and trunk imply. Angles are continuous in time and may exceed the skeleton's limits.
     `joint_error_mm` is the residual. subject, activity, source, sha256 and licence are empty; the caller sets them.
-    Raises InputError if the skeleton lacks joints, or does not have a person's size (a wrong unit).
+
+    Parameters
+    ----------
+    clip : the clip.
+    landmarks : None: those of CMU or Bandai where the clip has their joints and frames, else estimated, see
+        `estimated_landmarks`.
+    names : the clip's joints by the person's joints, where `joint_names` does not have them.
+
+    Raises
+    ------
+    InputError : the skeleton lacks joints, or does not have a person's size (a wrong unit).
     """
-    landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
+    landmarks = landmarks or _known_landmarks(clip, names) or estimated_landmarks(clip, names)
     targets = joint_targets(clip, landmarks)
     frames = _ball_frames(clip, landmarks)
     torso = _fit_torso(targets)
@@ -138,6 +159,7 @@ def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
     positions = {joint: clip.positions[:, clip.joint(source)] for joint, source in landmarks.joints.items()}
     joint, child, fraction = landmarks.head
     offset = fraction * clip.offsets[clip.joint(child)]
+    offset = offset + np.asarray(landmarks.head_offset)
     positions["head_centre"] = clip.positions[:, clip.joint(joint)] + clip.orientations[:, clip.joint(joint)] @ offset
     positions["pelvis"] = 0.5 * (positions["left_hip"] + positions["right_hip"])
     return np.stack([positions[name] for name in JOINT_NAMES], axis=1)
@@ -145,6 +167,79 @@ def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
 
 def _missing(clip: MotionClip, landmarks: Landmarks) -> list[str]:
     return sorted({*landmarks.joints.values(), *landmarks.head[:2]} - set(clip.joints))
+
+
+def _known_landmarks(clip: MotionClip, names: Mapping[str, str] | None) -> Landmarks | None:
+    """Return the landmarks of CMU or Bandai, if the clip has their joints and these bend about the same axes."""
+    for landmarks in (CMU, BANDAI):
+        if not names and not _missing(clip, landmarks):
+            estimated = estimated_landmarks(clip, landmarks.joints).lefts
+            cosines = [np.dot(left, estimated[name]) for name, left in landmarks.lefts.items() if name != "neck"]
+            if min(cosines) > _SAME_AXIS:
+                return landmarks
+    return None
+
+
+def estimated_landmarks(clip: MotionClip, names: Mapping[str, str] | None = None) -> Landmarks:
+    """Return the landmarks of any skeleton whose joints have known names, by the clip's motion.
+
+    A hinge is the mean normal of the plane of a limb, in the frame of its upper joint, and for straight limbs the
+    direction that points to the left if the limb moved from the neutral pose without a twist. The head is on average
+    turned as the torso. Its centre is at the end site of the neck, if that is the head, else 0.06 of the body height
+    above the head's joint: half of the distance to the vertex, 0.94 to 1.0 H less the base of the skull at 0.88 H.
+
+    names : the clip's joints by the person's joints, where `joint_names` does not have them. Raises InputError, with
+    the person's joints, if the clip lacks joints.
+    """
+    found = skeleton_joints(clip.joints, clip.parents.tolist(), names, f"clip {clip.name}")
+    if missing := [joint for joint in JOINT_NAMES[1:] if joint not in found]:
+        raise InputError(
+            f"clip {clip.name}: found no joint for {', '.join(missing)}; name them by the key landmarks, "
+            f"e.g. {missing[0]}: {clip.joints[-1]}; the skeleton has {', '.join(clip.joints[:12])}"
+        )
+    at = {joint: clip.positions[:, clip.joint(name)] for joint, name in found.items()}
+    across = at["left_hip"] - at["right_hip"] + at["left_shoulder"] - at["right_shoulder"]
+    torso = _frame(at["neck"] - 0.5 * (at["left_hip"] + at["right_hip"]), across)
+    lefts, bones = {}, {}
+    for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip"):
+        side, part = name.split("_")
+        middle, lower = (at[f"{side}_{joint}"] for joint in _BELOW[part])
+        upper_bone, lower_bone = _unit(middle - at[name]), _unit(lower - middle)
+        normal = np.cross(upper_bone, lower_bone) * (1.0 if part == "hip" else -1.0)  # elbows bend the other way
+        lefts[name] = _in_frame(clip, found[name], normal + _STRAIGHT * _untwisted_left(torso, upper_bone))
+        bones[name] = _in_frame(clip, found[name], upper_bone)
+    head, is_end = found["head_centre"], clip.joint(found["head_centre"]) not in clip.parents
+    joint = found["neck"] if is_end and clip.joints[clip.parents[clip.joint(head)]] == found["neck"] else head
+    lefts["neck"] = _in_frame(clip, joint, torso[..., 1])
+    up = _in_frame(clip, joint, _unit(at["head_centre"] - at["neck"]))
+    legs = ("left_hip", "left_knee"), ("left_knee", "left_ankle")
+    height = sum(float(np.linalg.norm(at[a] - at[b], axis=-1).mean()) for a, b in legs) / _LEG
+    raised = 0.06 * height if joint == head else 0.0
+    joints_only = {name: found[name] for name in JOINT_NAMES if name not in ("pelvis", "head_centre")}
+    return Landmarks(
+        "its names", joints_only, (joint, head, float(joint != head)), up, lefts, _times(up, raised), bones
+    )
+
+
+def _times(vector: Vector, factor: float) -> Vector:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor
+
+
+def _in_frame(clip: MotionClip, joint: str, vectors: FloatArray) -> Vector:
+    """Return the mean direction of vectors (F, 3) in the frame of a joint."""
+    mean = np.einsum("fba,fb->a", clip.orientations[:, clip.joint(joint)], vectors)
+    x, y, z = (mean / max(float(np.linalg.norm(mean)), 1e-12)).tolist()
+    return x, y, z
+
+
+def _untwisted_left(torso: FloatArray, bone: FloatArray) -> FloatArray:
+    """Return the torso's left (F, 3) rotated with a limb by the smallest rotation from hanging to the unit vectors
+    `bone` (F, 3), times 1 + the cosine of its angle: 0 for a limb that points up, where it is undefined."""
+    down, left = -torso[..., 2], torso[..., 1]
+    axis, cosine = np.cross(down, bone), np.sum(down * bone, axis=-1, keepdims=True)
+    turned = np.cross(axis, left)
+    rotated: FloatArray = (1.0 + cosine) * (left + turned) + np.cross(axis, turned)
+    return rotated
 
 
 def _ball_frames(clip: MotionClip, landmarks: Landmarks) -> dict[str, FloatArray]:
@@ -156,7 +251,7 @@ def _ball_frames(clip: MotionClip, landmarks: Landmarks) -> dict[str, FloatArray
         else:
             side, part = name.split("_")
             joint, child = landmarks.joints[name], landmarks.joints[f"{side}_{_BELOW[part][0]}"]
-            up = -clip.offsets[clip.joint(child)]
+            up = -np.asarray(landmarks.bones.get(name, clip.offsets[clip.joint(child)]))
         frames[name] = clip.orientations[:, clip.joint(joint)] @ _frame(up, np.asarray(left))
     return frames
 

@@ -3,8 +3,8 @@
 import csv
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,22 +120,42 @@ def find_sources(paths: Iterable[str | Path]) -> list[Path]:
     return list(sources.values())
 
 
-def read_clip(path: str | Path, unit: str = "cm") -> MotionClip:
+@dataclass(frozen=True)
+class Reading:
+    """How motion files are read; None: by the file, its format's convention and the person's size and posture.
+
+    unit : of length, one of `units_axes.UNITS`. up : the file's vertical axis, x, y, z, -x, -y or -z. rate_hz : of an
+    .amc file. asf : skeleton of .amc files. landmarks : the file's joints by the person's joints, e.g.
+    {left_knee: LeftLeg}, where `joint_names` does not have them.
+    """
+
+    unit: str | None = None
+    up: str | None = None
+    rate_hz: float | None = None
+    asf: str | Path | None = None
+    landmarks: Mapping[str, str] | None = None
+
+
+BY_FILE = Reading()
+
+
+def read_clip(path: str | Path, reading: Reading = BY_FILE) -> MotionClip:
     """Return the skeleton and motion of one .amc file (with its .asf in the same folder) or .bvh file.
 
-    The rate of an .amc is that of the CMU index (index.csv in the file's folder or its parent), if any. unit : of the
-    lengths in a .bvh file. Raises InputError if the file cannot be read or is of another kind.
+    The rate of an .amc is that of `reading`, else of the CMU index (index.csv in the file's folder or its parent), if
+    any. Raises InputError if the file cannot be read or is of another kind.
     """
     path = Path(path)
     if path.suffix.lower() == ".amc":
         row = _index_row(path)
-        return read_amc(path, rate_hz=row.rate_hz) if row else read_amc(path)
+        rate_hz = row.rate_hz if reading.rate_hz is None and row else reading.rate_hz
+        return read_amc(path, reading.asf, rate_hz, reading.unit, reading.up)
     if path.suffix.lower() == ".bvh":
-        return read_bvh(path, unit)
+        return read_bvh(path, reading.unit, reading.up, reading.landmarks)
     raise InputError(f"{path}: expected a motion file ({', '.join(SUFFIXES)})")
 
 
-def load_motion(path: str | Path, unit: str = "cm") -> Motion:
+def load_motion(path: str | Path, reading: Reading = BY_FILE) -> Motion:
     """Return the retargeted motion of a clip, see `read_clip`.
 
     Subject and activity are those of the CMU index (index.csv in the file's folder or its parent), if any; else those
@@ -145,7 +165,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     another kind.
     """
     path = Path(path)
-    clip = read_clip(path, unit)
+    clip = read_clip(path, reading)
     bandai = re.fullmatch(r"(dataset-\d+)_([^_]+)_([^_]+)_\d+", path.stem)
     subject = activity = licence = UNKNOWN
     if path.suffix.lower() == ".amc":
@@ -156,7 +176,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     elif bandai:
         subject, activity, licence = BANDAI.get(bandai[1], bandai[1]), bandai[2], BANDAI_LICENCE
     try:
-        motion = retarget(clip)
+        motion = retarget(clip, names=reading.landmarks)
     except InputError as error:  # add the file to the message
         raise InputError(f"{path}: {error}") from None
     source = "/".join(path.resolve().parts[-2:])
@@ -165,18 +185,20 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
 
 
 @declares_traits(component_traits(assumptions=(LIMB_LENGTHS, LIMB_RADII)))
-def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
-    """Return the person with the skeleton of a motion file, see `load_motion`, all lengths times `scale`."""
-    return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
+def body_of_file(
+    *, file: str, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None,
+    scale: float = 1.0,
+) -> Body:  # fmt: skip
+    """Return the person with the skeleton of a motion file, all lengths times `scale`; see `Reading`."""
+    return person(load_motion(Path(file), Reading(unit=unit, up=up, landmarks=landmarks)).shape.scaled(scale))
 
 
 def import_sources(
-    paths: Iterable[str | Path], rate_hz: float | None = None, unit: str = "cm"
+    paths: Iterable[str | Path], rate_hz: float | None = None, reading: Reading = BY_FILE
 ) -> tuple[list[Motion], list[str]]:
     """Return the motions of all files and folders in `paths`, and an error message for each unreadable one.
 
-    rate_hz : rate to resample to; None: each file's rate. unit : of the BVH files. Raises InputError if the rate is not
-    positive.
+    rate_hz : rate to resample to; None: each file's rate. Raises InputError if the rate is not positive.
     """
     if rate_hz is not None:
         check_rate("import", rate_hz)
@@ -188,7 +210,7 @@ def import_sources(
             errors.append(str(error))
     for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
         try:
-            motion = load_motion(file, unit)
+            motion = load_motion(file, reading)
         except InputError as error:
             errors.append(str(error))
             continue

@@ -9,7 +9,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
+from workbench.datasets.files.point_formats import (
+    READERS,
+    in_order,
+    read_csv,
+    read_hdf5,
+    read_npy,
+    read_npz,
+    read_pcd,
+    read_ply,
+)  # fmt: skip
 from workbench.datasets.point_files import PointFiles
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
@@ -114,12 +123,11 @@ HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
     ("name", "text", "words"),
     [
         ("a.ply", HEAD + "1 2 3\n4 5\n", ["line 10", "3 numbers (x, y, z)", "'4 5'"]),
-        ("a.ply", HEAD + "1 2 3\n4 nan 6\n", ["line 10", "finite number for y", "'nan'"]),
+        ("a.ply", HEAD + "1 2 3\n4 inf 6\n", ["line 10", "finite number for y", "'inf'"]),
         ("a.ply", HEAD + "1 2 3\n", ["2 rows", "1 lines"]),
         ("a.ply", HEAD.replace("double z", "list uchar int z"), ["line 7", "list uchar int z"]),
         ("a.ply", HEAD.replace("ascii 1.0", "ascii 2.0"), ["line 2", "ascii 2.0"]),
-        ("a.csv", "", ["line 1", "columns x, y and z"]),
-        ("a.csv", "x,y,z\n", ["found none"]),
+        ("a.csv", "a,b,c\n", ["line 1", "columns x, y and z"]),
         ("a.csv", "x,y,z\n1,2,3\n1,2\n", ["line 3", "'1,2'"]),
         ("a.csv", "x,y,z\n1,2,3\n1,inf,3\n", ["line 3", "y", "'inf'"]),
         ("a.csv", "x,y,z,x\n1,2,3,4\n", ["line 1"]),
@@ -133,9 +141,9 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path, name, text, words):
 
 def test_wrong_rows_of_binary_files_are_named(tmp_path):
     points = np.ones((5, 3))
-    points[3, 1] = np.nan
+    points[3, 1] = np.inf
     (tmp_path / "a.ply").write_bytes(binary_ply(points, "<"))
-    assert "vertex 4: expected finite x, y, z, found [1.0, nan, 1.0]" in refused(read_ply, tmp_path / "a.ply")
+    assert "vertex 4: expected finite x, y, z, found [1.0, inf, 1.0]" in refused(read_ply, tmp_path / "a.ply")
     (tmp_path / "b.ply").write_bytes(binary_ply(np.ones((5, 3)), "<")[:-1])
     assert "5 vertices of 24 bytes, 120, found 119" in refused(read_ply, tmp_path / "b.ply")
     np.savez(tmp_path / "a.npz", points=points)
@@ -148,7 +156,7 @@ def test_wrong_rows_of_binary_files_are_named(tmp_path):
 @pytest.mark.parametrize(
     "arrays",
     [{"a": np.ones((2, 3)), "b": np.ones((2, 3))}, {"points": np.ones((2, 2))}, {"points": np.ones(3)}, {},
-     {"points": np.array([["a", "b", "c"]])}, {"points": np.ones((2, 3), complex)}, {"points": np.ones((0, 3))},
+     {"points": np.array([["a", "b", "c"]])}, {"points": np.ones((2, 3), complex)},
      {"points": np.array([[None, 1, 2]])}],
 )  # fmt: skip
 def test_npz_files_of_something_else_are_refused(tmp_path, arrays):
@@ -255,3 +263,86 @@ def test_other_sources_are_named(tmp_path):
     (tmp_path / "sub" / "a.ply").mkdir()
     with pytest.raises(InputError, match="expected a file, found a folder"):
         _ = PointFiles(str(tmp_path / "sub")).info
+
+
+def pcd(points, binary):
+    head = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y rgb z\nSIZE 4 4 4 8\nTYPE F F U F\nCOUNT 1 1 1 1\n"
+    head += f"WIDTH {len(points)}\nHEIGHT 1\nPOINTS {len(points)}\nDATA {'binary' if binary else 'ascii'}\n"
+    rows = [struct.pack("<ffId", x, y, 7, z) if binary else f"{x} {y} 7 {z}\n".encode() for x, y, z in points]
+    return head.encode() + b"".join(rows)
+
+
+POINTS = np.array([[1.5, -2.25, 0.5], [0.25, 4.0, -1.0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.csv", b"X,Y,Z\n1.5,-2.25,0.5\n0.25,4,-1\n"),
+        ("a.csv", b"\xef\xbb\xbf//X (m);Y (m);Z (m);I\r\n1,5;-2,25;0,5;3\r\n0,25;4;-1;3\r\n"),
+        ("a.csv", b'"x_m","y_m","z_m"\n1.5,-2.25,0.5\nnan,nan,nan\n1,,2\n0.25,4,-1\n'),
+        ("a.xyz", b"1.5 -2.25 0.5 9\n0.25 4 -1 9\n"),
+        ("a.pcd", pcd(POINTS, binary=True)),
+        ("a.pcd", pcd(POINTS, binary=False)),
+        ("a.ply", (ascii_ply(np.vstack([POINTS, [np.nan, 1.0, 2.0]]))).encode()),
+    ],
+)
+def test_the_same_points_are_read_from_every_format(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    assert np.array_equal(READERS[name[1:]](tmp_path / name), POINTS)
+
+
+def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
+    fields = np.zeros(2, [("x", "f8"), ("z", "f8"), ("y", "f4"), ("i", "u1")])
+    for k, axis in enumerate("xyz"):
+        fields[axis] = POINTS[:, k]
+    for values in (POINTS, np.hstack([POINTS, np.ones((2, 3))]), fields):
+        np.save(tmp_path / "a.npy", values)
+        np.savez(tmp_path / "a.npz", values)
+        assert np.array_equal(read_npy(tmp_path / "a.npy"), POINTS)
+        assert np.array_equal(read_npz(tmp_path / "a.npz"), POINTS)
+    (tmp_path / "a.npy").write_bytes(b"no array")
+    refused(read_npy, tmp_path / "a.npy")
+    for content in (b"VERSION 0.7\n", pcd(POINTS, True)[:-1], pcd(POINTS, True).replace(b"x y", b"u v")):
+        (tmp_path / "a.pcd").write_bytes(content)
+        refused(read_pcd, tmp_path / "a.pcd")
+
+
+@quick
+@given(times=st.lists(st.integers(0, 40_000), min_size=2, max_size=20, unique=True))
+def test_files_are_in_the_order_of_their_times(times):
+    """Sixteenths of a second, printed without trailing zeros."""
+    names = [f"cloud_{time / 16}.ply" for time in times]
+    assert in_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
+
+
+def test_numbers_are_counters_unless_their_decimals_vary():
+    names = [f"scan 1.{k}.ply" for k in range(1, 31)]
+    assert [name for name, _ in in_order(names[::-1])] == names
+    assert in_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
+
+
+def test_empty_and_missing_frames_are_gaps(tmp_path, caplog):
+    for time in (12.0, 12.1, 12.2, 12.5):
+        rows = "" if time == 12.1 else "1,2,3\n"
+        (tmp_path / f"{time}.csv").write_text(f"x,y,z\n{rows}")
+    (tmp_path / "._12.0.csv").write_text("a resource fork")
+    frames = list(PointFiles(str(tmp_path), rate_hz=20.0, up="y").frames())
+    assert [len(frame.points) for frame in frames] == [1, 0, 1, 0, 0, 1]
+    assert np.array_equal(frames[0].points, [[3.0, 1.0, 2.0]])
+    assert "2 of 6 files are missing" in caplog.text
+    assert "set rate_hz to 10, found 20" in caplog.text
+    for file in tmp_path.iterdir():
+        file.write_text("x,y,z\n")
+    with pytest.raises(InputError, match="expected points, found none in 6 frames"):
+        _ = PointFiles(str(tmp_path)).info
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, None), (100.0, None), (1000.0, None), (39.37007874, "inch")])
+def test_the_unit_is_that_of_a_person_or_given(tmp_path, factor, unit):
+    points = np.random.default_rng(0).uniform(-0.9, 0.9, (50, 3))
+    np.save(tmp_path / "0.npy", factor * points)
+    (frame,) = PointFiles(str(tmp_path), unit=unit).frames()
+    np.testing.assert_allclose(frame.points, points)
+    with pytest.raises(InputError, match="unit must be one of"):
+        PointFiles(str(tmp_path), unit="ell")

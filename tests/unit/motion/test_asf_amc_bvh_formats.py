@@ -236,3 +236,63 @@ def test_another_skeleton_may_be_named(tmp_path):
     assert longer.offsets == pytest.approx(2 * clip.offsets)
     with pytest.raises(InputError, match="expected a rate of"):
         read_amc(tmp_path / "5_01.amc", rate_hz=0.0)
+
+
+def amc(folder, text, name="5_01.amc", asf="5.asf"):
+    (folder / asf).write_text(sound_files.ASF)
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_the_skeleton_is_the_one_in_the_folder(tmp_path, caplog):
+    path = amc(tmp_path, sound_files.AMC, "subject7-walk-01.amc", "other.asf")
+    assert len(read_amc(path)) == 2
+    assert "its skeleton is taken to be that of other.asf" in caplog.text
+    caplog.clear()
+    (tmp_path / "subject7.asf").write_text(sound_files.ASF.replace("length 7", "length 14"))
+    (tmp_path / "subj.asf").write_text("not this one")
+    assert np.abs(read_amc(path, rate_hz=60.0).offsets).max() == pytest.approx(14 * 0.0254 / 0.45)
+    assert not caplog.records
+    (tmp_path / "subject7.asf").unlink()
+    (tmp_path / "subj.asf").rename(tmp_path / "third.asf")
+    with pytest.raises(InputError, match=r"no such file, found other.asf, third.asf; give the skeleton \(--asf\)"):
+        read_amc(path)
+
+
+def test_the_rate_is_given_or_in_the_file_or_assumed_and_reported(tmp_path, caplog):
+    path = amc(tmp_path, sound_files.AMC)
+    assert read_amc(path).rate_hz == 120.0
+    assert "an AMC file has no rate; read at 120 Hz" in caplog.text
+    caplog.clear()
+    assert read_amc(path, rate_hz=30.0).rate_hz == 30.0
+    path = amc(tmp_path, sound_files.AMC.replace(":DEGREES", ":samples-per-second 60\n:degrees"))
+    assert read_amc(path).rate_hz == 60.0
+    assert not caplog.records
+
+
+def test_frame_numbers_are_times(tmp_path, caplog):
+    frames = "".join(f"{number}\nroot {number} 0 0 0 0 0\nthigh 1 2\n" for number in (10, 12, 14, 20))
+    clip = read_amc(amc(tmp_path, ":DEGREES\n" + frames))
+    assert (clip.first_frame, len(clip), clip.rate_hz) == (10, 6, 60.0)
+    x = clip.positions[:, 0, WORLD.index(0)] * 0.45 / 0.0254
+    assert x == pytest.approx([10, 12, 14, 14, 14, 20])
+    assert "the frame numbers increase by 2" in caplog.text
+    assert "2 of 6 frames lack values" in caplog.text
+
+
+def test_a_missing_bone_keeps_its_last_value(tmp_path, caplog):
+    text = ":DEGREES\n1\nroot 0 0 0 0 0 0\nthigh 30 0\n2\nroot 0 0 0 0 0 0\n3\nroot 0 0 0 0 0 0\nthigh nan nan\n"
+    clip = read_amc(amc(tmp_path, text))
+    np.testing.assert_array_equal(clip.rotations, clip.rotations[[0, 0, 0]])
+    assert not np.allclose(clip.rotations[0, 1], np.eye(3))
+    assert "some frames lack thigh" in caplog.text
+    assert "2 of 3 frames lack values" in caplog.text
+    never = read_amc(amc(tmp_path, ":DEGREES\n1\nroot 0 0 0 0 0 0\n2\nroot 0 0 0 0 0 0\n"))
+    np.testing.assert_allclose(never.rotations[:, 1], np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-15)
+
+
+def test_the_unit_and_the_vertical_axis_may_be_given(tmp_path):
+    path = amc(tmp_path, sound_files.AMC)
+    usual, metres, upright = read_amc(path), read_amc(path, unit="m"), read_amc(path, up="z")
+    np.testing.assert_allclose(metres.offsets, usual.offsets * 0.45 / 0.0254)
+    np.testing.assert_allclose(upright.positions[..., [2, 0, 1]], usual.positions, atol=1e-15)

@@ -122,7 +122,7 @@ def test_a_bvh_file_holds_the_joints_of_the_pose(position, angles, height_m, uni
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "one.bvh"
         path.write_text(bvh_text(skeleton, poses, 30.0, unit))
-        clip = read_bvh(path, unit)
+        clip = read_bvh(path, unit, "y")
     # Depth first, as the hierarchy is written, is the skeleton's own order. Six decimals of metres: 0.87e-6 m for each
     # of up to four places in a chain; those of degrees, 1e-8 rad in up to nine turns, add 2e-7 m.
     np.testing.assert_allclose(clip.positions[0], joints(skeleton, poses)[0], atol=4e-6)

@@ -9,8 +9,10 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.motion.formats.joint_names import marker_joints
 from workbench.motion.formats.markers import in_world, joint_centres, joints_of, read_markers
-from workbench.motion.formats.motion_export import trc_text
+from workbench.motion.formats.motion_export import Track, export, trc_text
+from workbench.motion.formats.trc import RawMarkers
 from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
@@ -39,10 +41,11 @@ def test_unit_and_axes_are_told_by_the_person_whatever_the_header_says(unit, fac
     caplog.set_level(logging.INFO)
     truth = places()
     given = truth if up == "z" else truth[..., [1, 2, 0]]
-    markers = in_world("file", JOINT_NAMES, 50.0, factor * given, "mm")
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, factor * given, "mm"))
     np.testing.assert_allclose(markers.positions, truth, atol=1e-12)
-    assert f"read as {unit} with {up} up" in caplog.text
-    assert ("the header's unit is 'mm'" in caplog.text) == (unit != "mm")
+    assert f"read in {unit}" in caplog.text
+    assert f"{up} is up" in caplog.text
+    assert ("by the file it would be mm" in caplog.text) == (unit != "mm")
 
 
 def test_blank_cells_are_gaps_also_at_a_line_s_end(tmp_path):
@@ -60,7 +63,7 @@ def test_joints_are_named_in_many_ways_and_made_of_several_markers():
     names = ("RHip", "L_Hip", "Neck", "Head", "left knee", "LANK_medial", "LANK_lateral", "RShoulder")
     positions = np.random.default_rng(0).standard_normal((3, len(names), 3))
     positions[:, [2, 3, 7], 2] += 9.0
-    markers = in_world("file", names, 50.0, positions / 5.0, "m")
+    markers = in_world("file", RawMarkers(names, 50.0, positions / 5.0, "m"), "m")
     given = {"left_ankle": ["LANK_medial", "LANK_lateral"]}
     assert dict(joints_of(markers, given)) == {
         "pelvis": ("L_Hip", "RHip"), "neck": ("Neck",), "head_centre": ("Neck", "Head"), "left_hip": ("L_Hip",),
@@ -78,7 +81,7 @@ def test_joints_are_named_in_many_ways_and_made_of_several_markers():
 def test_positions_between_frames_are_linear_and_unknown_beside_gaps_and_outside():
     truth = places()
     truth[1, 4] = np.nan
-    markers = in_world("file", JOINT_NAMES, 50.0, truth, "m")
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, truth, "m"))
     found = markers.at(np.array([0.0, 0.005, 0.04, 0.05, 0.06, 0.0601, -0.001]))
     np.testing.assert_allclose(found[0], truth[0])
     np.testing.assert_allclose(found[1, 3], 0.75 * truth[0, 3] + 0.25 * truth[1, 3])
@@ -112,12 +115,120 @@ def test_c3d_is_read_as_trc_is(tmp_path):
 def test_what_cannot_be_told_is_refused(tmp_path):
     truth = places()
     for positions, names, said in (
-        (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, found x"),
-        (truth * [1.0, 1.0, -1.0], JOINT_NAMES, "y or z to be up, found -z"),
-        (truth, tuple(f"M{j}" for j in range(15)), "to determine the vertical axis"),
+        (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, but the head is above the feet along x"),
+        (truth, tuple(f"M{j}" for j in range(15)), "give the vertical axis"),
         (np.full_like(truth, np.nan), JOINT_NAMES, "found none in 4 frames"),
     ):
         with pytest.raises(InputError, match=said):
-            in_world("file", names, 50.0, positions, "m")
+            in_world("file", RawMarkers(names, 50.0, positions, "m"))
     with pytest.raises(InputError, match=r"the extension \.trc or \.c3d"):
-        read_markers(tmp_path / "a.csv")
+        read_markers(tmp_path / "a.txt")
+
+
+def test_the_own_table_is_read_to_its_last_digit(tmp_path):
+    truth = places()
+    truth[2, 5] = np.nan
+    track = Track(BODY.skeleton, np.array([7, 8, 11, 12]), np.array([7, 8, 11, 12]) / 30.0, truth, np.zeros((4, 25)))
+    export(tmp_path / "a.csv", track)
+    markers = read_markers(tmp_path / "a.csv")
+    assert (markers.names, markers.rate_hz, len(markers.positions)) == (JOINT_NAMES, 30.0, 6)
+    np.testing.assert_allclose(markers.positions[[0, 1, 4, 5]], truth, atol=0.51e-9)
+    assert np.isnan(markers.positions[2:4]).all()
+    (tmp_path / "b.csv").write_text("frame,time_s\n1,2\n")
+    with pytest.raises(InputError, match=r"b.csv, line 1: expected the columns frame, time_s"):
+        read_markers(tmp_path / "b.csv")
+
+
+def c3d_file(path, labels, positions, unit="mm", **parameters):
+    """Write markers at positions (F, M, 3), in the unit, with more parameters of POINT."""
+    ezc3d = pytest.importorskip("ezc3d")
+    file, points = ezc3d.c3d(), np.ones((4, positions.shape[1], len(positions)))
+    points[:3] = positions.transpose(2, 1, 0)
+    file["parameters"]["POINT"]["RATE"]["value"] = [50.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = list(labels)
+    file["parameters"]["POINT"]["UNITS"]["value"] = [unit]
+    for key, value in parameters.items():
+        file.add_parameter("POINT", key, value)
+    file["data"]["points"] = points
+    file.write(str(path))
+    return path
+
+
+def joints_in(path, **reading):
+    markers = read_markers(path, **reading)
+    return joint_centres(markers, markers.positions)
+
+
+def test_outputs_of_a_model_and_plates_do_not_mislead(tmp_path):
+    """Angles and moments far larger than the person, and the corners of a force plate 9 m away."""
+    truth = places()
+    others = np.tile([[3e4, 1.0, -5e4], [9.0, 9.0, 0.0], [20.0, 9e5, 7.0]], (4, 1, 1))
+    labels = [*[f"Anna:{name}" for name in JOINT_NAMES], "Anna:LKneeMoment", "FP0", "Anna:Custom"]
+    for unit, per_metre in (("mm", 1000.0), ("m", 1.0), ("cm", 100.0)):
+        points = np.concatenate([per_metre * truth, others], axis=1)
+        path = c3d_file(tmp_path / "a.c3d", labels, points, unit, SCALARS=["Anna:Custom"])
+        markers = read_markers(path)
+        assert markers.names == (*labels[:-3], "FP0")
+        np.testing.assert_allclose(joint_centres(markers, markers.positions), truth, atol=1e-6)
+
+
+def test_c3d_has_many_labels_gaps_and_a_vertical_axis(tmp_path, caplog):
+    truth = places()
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.uniform(-1.0, 1.0, (4, 260, 3)), truth], axis=1)
+    points[2, 265] = 0.0
+    path = c3d_file(tmp_path / "a.c3d", [*[f"M{k}" for k in range(260)], *JOINT_NAMES], 1000.0 * points)
+    expected = truth.copy()
+    expected[2, 5] = np.nan
+    np.testing.assert_allclose(joints_in(path), expected, atol=1e-6)
+    turned = truth[..., [1, 2, 0]]
+    for y_screen in ("+Y", "-Z"):  # a header that the person contradicts is not used
+        caplog.clear()
+        path = c3d_file(tmp_path / "b.c3d", JOINT_NAMES, 1000.0 * turned, X_SCREEN=["+X"], Y_SCREEN=[y_screen])
+        np.testing.assert_allclose(joints_in(path), truth, atol=1e-6)
+        assert ("y is taken to be up" in caplog.text) == (y_screen == "-Z")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"left_knee": "LKNE", "left_ankle": "LANK", "left_shoulder": "LSHO", "left_elbow": "LELB", "neck": "C7"},
+        {"left_knee": "L.Knee", "left_ankle": "L.Ankle", "left_shoulder": "L.Acromium", "neck": "C7"},
+        {"left_knee": "left_knee", "left_hip": "left_hip", "neck": "neck_center", "pelvis": "hips_center"},
+        {"left_hip": "V_L.Hip_JC", "left_knee": "V_L.Knee_JC", "left_ankle": "V_L.Ankle_JC"},
+        {"left_hip": "LHJC", "left_knee": "LKJC", "left_ankle": "LAJC"},
+    ],
+)
+def test_marker_sets_are_known(names):
+    found = marker_joints([f"Skeleton 1:{name}" for name in names.values()])
+    assert {joint: found[joint] for joint in names} == {j: (f"Skeleton 1:{name}",) for j, name in names.items()}
+
+
+def test_markers_on_both_sides_of_a_joint_are_preferred_and_people_are_separated(caplog):
+    pairs = ["LKneeOut", "LKneeIn", "LLFC", "LMFC", "LWRA", "LWRB", "RKNE", "R.Knee.Medial", "R.Knee"]
+    found = marker_joints(pairs)
+    assert found["left_knee"] == ("LKneeOut", "LKneeIn")
+    assert found["left_wrist"] == ("LWRA", "LWRB")
+    assert found["right_knee"] == ("R.Knee", "R.Knee.Medial")
+    assert not caplog.records
+    found = marker_joints([f"{person}:{name}" for person in ("Anna", "Bob") for name in JOINT_NAMES])
+    assert {name.split(":")[0] for names in found.values() for name in names} == {"Anna"}
+    assert "markers of 2 people; used are those of Anna" in caplog.text
+
+
+def test_axes_and_unit_may_be_given(tmp_path):
+    """Of a person who lies along x, and one who walks along another axis than the usual."""
+    truth = places()
+    lying = np.stack([-truth[..., 1], truth[..., 2], -truth[..., 0]], axis=-1)  # along the file's x
+    path = tmp_path / "a.trc"
+    path.write_text(trc_text("a.trc", JOINT_NAMES, lying, 50.0))
+    with pytest.raises(InputError, match="the key up or truth_up"):
+        read_markers(path)
+    np.testing.assert_allclose(joints_in(path, up="y"), lying, atol=1e-6)
+    path.write_text(trc_text("a.trc", JOINT_NAMES, truth, 50.0))  # y up, z forward
+    np.testing.assert_allclose(joints_in(path, up="y", forward="x"), np.stack(
+        [truth[..., 1], -truth[..., 0], truth[..., 2]], axis=-1), atol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(joints_in(path, unit="cm"), 10.0 * truth, atol=1e-5)
+    for wrong in ({"up": "w"}, {"unit": "ell"}, {"up": "y", "forward": "-y"}):
+        with pytest.raises(InputError, match=r"expected two different axes|must be one of"):
+            read_markers(path, **wrong)

@@ -1,4 +1,6 @@
-"""Strict readers of point clouds: PLY (Turk 1994; ascii and binary), NPZ, CSV and HDF5.
+"""Readers of point clouds: PLY (Turk 1994; ascii and binary), PCD, NPY, NPZ, CSV, XYZ and HDF5.
+
+A point with a coordinate that is not a number is omitted, and a frame may be without points.
 
 PLY has its own parser here, because the common package is under the GPL and this project under the MIT licence.
 """
@@ -16,12 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from workbench.datasets.files import natural_order
-from workbench.motion.formats.text import fail
+from workbench.motion.formats.text import MISSING, fail
 from workbench.utils import hdf5
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number
 
+_NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
 AXES = ("x", "y", "z")
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -29,6 +32,9 @@ _PLY_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_COLUMN = re.compile(
+    r"/*(?:p|pos|position|points?)?[_:. ]*([xyz])(?:[_ ]*[(\[]?(?:m|cm|mm|inch)[)\]]?)?", re.IGNORECASE
+)
 _HEADER_BYTES = 1 << 16
 _MAX_COORDINATE = 1e12  # larger ones are errors in any unit
 _DAMAGE_ERRORS = (
@@ -60,12 +66,66 @@ def read_ply(path: Path) -> FloatArray:
 
 
 def read_csv(path: Path) -> FloatArray:
-    """Read the points (K, 3) of a CSV file with a header that includes x, y and z; raises InputError with the line."""
+    """Read the points (K, 3) of a CSV or XYZ file, separated by commas, semicolons, tabs or blanks.
+
+    The header includes x, y and z, in any case, perhaps with a unit; without a header the first three columns are read.
+    An empty file is a frame without points. Raises InputError, with the line, for other content.
+    """
     lines = _stripped(_text(path, _bytes(path)).removeprefix("\ufeff").split("\n"))
-    columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
+    if not lines:
+        return np.empty((0, 3))
+    delimiter = next((mark for mark in "\t;," if mark in lines[0]), None)
+    cells = [cell.strip().strip('"') for cell in lines[0].split(delimiter)]
+    if delimiter != ",":
+        lines = [line.replace(",", ".") for line in lines]
+    if len(cells) >= 3 and all(_is_number(cell.replace(",", "."), finite=False) for cell in cells):
+        columns = [*AXES, *[f"column {k}" for k in range(4, len(cells) + 1)]]
+        return _rows(path, lines, 1, columns, delimiter, len(lines), False)
+    columns = [match[1].lower() if (match := _COLUMN.fullmatch(cell)) else cell for cell in cells]
     if len(set(columns)) < len(columns) or not set(AXES) <= set(columns):
-        raise InputError(f"{path}, line 1: expected the columns x, y and z, found {', '.join(columns)[:60]!r}")
-    return _rows(path, lines[1:], 2, columns, ",", len(lines) - 1, False)
+        raise InputError(f"{path}, line 1: expected the columns x, y and z, found {', '.join(cells)[:60]!r}")
+    return _rows(path, lines[1:], 2, columns, delimiter, len(lines) - 1, False)
+
+
+def read_pcd(path: Path) -> FloatArray:
+    """Read the points (K, 3) of a PCD file of the Point Cloud Library, ascii or binary; raises InputError unless the
+    file is complete and has fields x, y and z."""
+    content = _bytes(path)
+    end = re.search(rb"(?:^|\n)DATA[ \t]+(ascii|binary)[ \t]*\r?\n", content[:_HEADER_BYTES])
+    if end is None:
+        raise InputError(
+            f"{path}: expected a PCD file with DATA ascii or binary, found none; convert other ones to PLY"
+        )
+    header = {words[0]: words[1:] for line in _text(path, content[: end.end()]).split("\n") if (words := line.split())}
+    names, n = header.get("FIELDS", []), int(next(iter(header.get("POINTS", [])), "0")[:18])
+    kinds, sizes, counts = header.get("TYPE", []), header.get("SIZE", []), header.get("COUNT", ["1"] * len(names))
+    if not set(AXES) <= set(names) or not len(names) == len(kinds) == len(sizes) == len(set(names)):
+        raise InputError(f"{path}: expected the fields x, y and z with their types and sizes, found {', '.join(names)}")
+    check_number(path, "points", n, MAX_NUMBERS)
+    if end[1] == b"ascii":
+        lines = _stripped(_text(path, content[end.end() :]).split("\n"))
+        return _rows(path, lines, content[: end.end()].count(b"\n") + 1, names, None, n, False)
+    try:
+        codes = [f"({int(c)},)<{k.lower()}{int(s)}" for k, s, c in zip(kinds, sizes, counts, strict=True)]
+        kind = np.dtype([(name, code) for name, code in zip(names, codes, strict=True)])
+        values = np.frombuffer(content, kind, n, end.end())
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a complete PCD file: {_message(error)}") from None
+    return checked(path, np.stack([values[axis][:, 0].astype(np.float64) for axis in AXES], axis=1), "point")
+
+
+def read_npy(path: Path) -> FloatArray:
+    """Read the points of an NPY file, an array (K, 3 or more) or one with fields x, y, z; raises InputError for other
+    contents."""
+    _bytes(path, 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of old headers
+            values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except _DAMAGE_ERRORS as error:
+        raise InputError(f"{path}: expected a complete NPY file of numbers: {_message(error)}") from None
+    check_number(path, "numbers", int(np.size(values)), MAX_NUMBERS)
+    return _table(str(path), values)
 
 
 def read_npz(path: Path) -> FloatArray:
@@ -102,18 +162,38 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
         yield _table(f"{path}: {place}", file.arrays[place])
 
 
-READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by file extension: one frame per file
+READERS = {
+    ".ply": read_ply, ".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".csv": read_csv, ".xyz": read_csv,
+}  # fmt: skip  # by file extension: one frame per file
+
+
+def in_order(names: Sequence[str]) -> list[tuple[str, float | None]]:
+    """Return names of files in the order of their numbers, each with its last number, None without one.
+
+    A decimal point is part of a number (12.5 is after 12.0625), unless numbers of different lengths end in 0, as those
+    of versions do (1.10 is after 1.9).
+    """
+    stems = [Path(name).stem for name in names]
+    fractions = [fraction for stem in stems for fraction in re.findall(r"\d\.(\d+)", stem)]
+    versions = len({len(fraction) for fraction in fractions}) > 1 and any(re.fullmatch(r"\d+0", f) for f in fractions)
+    number = re.compile(r"(\d+)") if versions else _NUMBER
+
+    def key(stem: str) -> list[tuple[float, str]]:
+        return [(float(part), "") if number.fullmatch(part) else (-1.0, part) for part in number.split(stem)]
+
+    order = sorted(range(len(names)), key=lambda k: (key(stems[k]), names[k]))
+    found = [number.findall(stem) for stem in stems]
+    return [(names[k], float(found[k][-1]) if found[k] else None) for k in order]
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
-    """Return points (K, 3); raises InputError for none, and the first (rows from 1) that is not finite or too large."""
-    if not len(points):
-        raise InputError(f"{place}: expected points, found none")
-    bad = ~(np.abs(points) < _MAX_COORDINATE).all(axis=1)
+    """Return the points (K, 3) without NaN; raises InputError for the first (rows from 1) that is too large."""
+    bad = (np.abs(points) >= _MAX_COORDINATE).any(axis=1)
     if bad.any():
         k = int(np.argmax(bad))
         raise InputError(f"{place}, {row} {k + 1}: expected finite x, y, z, found {points[k].tolist()}")
-    return points
+    measured = np.isfinite(points).all(axis=1)
+    return points if measured.all() else points[measured]
 
 
 def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, int, bool]:
@@ -151,14 +231,15 @@ def _rows(
         raise InputError(f"{path}: expected {n} rows of points from line {first} on, found {len(lines)} lines")
     rows = lines[:n]
     if not rows:
-        raise InputError(f"{path}: expected points, found none")
-    try:
-        values = np.loadtxt(rows, dtype=np.float64, delimiter=delimiter, comments=None, ndmin=2)
-    except (ValueError, csv.Error):
-        values = np.empty((0, 0))
+        return np.empty((0, 3))
     at = [columns.index(axis) for axis in AXES]
-    if values.shape == (n, len(columns)) and (np.abs(values[:, at]) < _MAX_COORDINATE).all():
-        return values[:, at]
+    for attempt in (rows, _without_gaps(rows, delimiter)):
+        try:
+            values = np.loadtxt(attempt, dtype=np.float64, delimiter=delimiter, comments=None, ndmin=2)
+        except (ValueError, csv.Error):
+            continue
+        if values.shape == (n, len(columns)) and not (np.abs(values[:, at]) >= _MAX_COORDINATE).any():
+            return checked(path, values[:, at])
     for number, line in enumerate(rows, first):
         cells = line.split(delimiter)
         if len(cells) != len(columns):
@@ -169,20 +250,30 @@ def _rows(
     raise InputError(f"{path}: expected {n} rows of {len(columns)} numbers from line {first} on")
 
 
+def _without_gaps(rows: Sequence[str], delimiter: str | None) -> Iterator[str]:
+    """Yield rows with nan for missing cells."""
+    for row in rows:
+        cells = [cell.strip() for cell in row.split(delimiter)]
+        yield (delimiter or " ").join("nan" if cell.lower() in MISSING else cell for cell in cells)
+
+
 def _is_number(cell: str, finite: bool) -> bool:
     try:
         value = float(cell)
     except ValueError:
         return False
-    return "_" not in cell and (abs(value) < _MAX_COORDINATE or not finite)
+    return "_" not in cell and (not abs(value) >= _MAX_COORDINATE or not finite)
 
 
 def _table(place: str, values: AnyArray) -> FloatArray:
-    """Return an array (K, 3) of finite real numbers as float64; raises InputError for another one."""
+    """Return the first three columns of an array of real numbers, or its fields x, y, z, as float64; raises InputError
+    for another one."""
     values = np.asarray(values)
-    if values.ndim != 2 or values.shape[1] != 3 or values.dtype.kind not in "fiu":
+    if values.dtype.names and set(AXES) <= set(values.dtype.names):
+        values = np.stack([values[axis].ravel() for axis in AXES], axis=1)
+    if values.ndim != 2 or values.shape[1] < 3 or values.dtype.kind not in "fiu":
         raise InputError(f"{place}: expected points (K, 3) of numbers, found {values.shape} {values.dtype}")
-    return checked(place, values.astype(np.float64))
+    return checked(place, values[:, :3].astype(np.float64))
 
 
 def _bytes(path: Path, max_bytes: int = -1) -> bytes:

@@ -98,7 +98,7 @@ class LeastSquares:
         fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
         samples = steps(fit, frames, self.n_particles, rng_streams["prior"])
         for step, observed, messages in zip(samples, observations, warnings, strict=True):
-            inliers, kinds = step.diagnostics["inlier_fraction"], " and ".join(observed_kinds([observed]))
+            inliers, kinds = step.diagnostics.get("inlier_fraction", 0.0), " and ".join(observed_kinds([observed]))
             if kinds and inliers < MIN_INLIER_FRACTION:
                 message = f"frame {step.frame.index}: only {inliers:.0%} of the {kinds} lie near the body"
                 messages = (*messages, message)
@@ -182,7 +182,8 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
             poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
-        diagnostics = {"inlier_fraction": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        inliers = {"inlier_fraction": float(fit.inliers[t])} if np.isfinite(fit.inliers[t]) else {}
+        diagnostics = {**inliers, "iterations": fit.iterations}
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
             poses=poses, log_weights=log_weights, ancestors=ancestors,

@@ -67,9 +67,10 @@ class Fit:
 
     space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, α in standard deviations and μ in
     cycles, unwrapped, else the pose. state_covariance: (T, D, D). pose_jacobian: (T, P, D), of the poses by the states.
-    inliers: (T,) fraction of the residuals within the loss's scale, NaN in a frame without observations (0 in its
-    step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
-    initial and after every accepted step; without a motion model every frame's final one. timing_s: seconds per stage.
+    inliers: (T,) fraction of the residuals within the loss's scale, NaN in a frame without observations (omitted
+    in its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the
+    batch, initial and after every accepted step; without a motion model every frame's final one. timing_s: seconds per
+    stage.
     discrepancy_root: (T, P, k) A, the pose error by the model discrepancy being A z, z ~ N(0, I); `covariance` includes
     A Aᵀ.
     """

@@ -1,5 +1,6 @@
 """Acclaim files: an ASF skeleton and its AMC motions, as in the CMU database."""
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import permutations
@@ -9,11 +10,26 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from workbench.motion.clip import MotionClip, clip_of_file
-from workbench.motion.formats.text import Statement, fail, numbers, read_lines, statements
+from workbench.motion.clip import MotionClip
+from workbench.motion.formats.person_clip import person_clip
+from workbench.motion.formats.text import (
+    Statement,
+    fail,
+    gap_numbers,
+    last_values,
+    numbers,
+    points,
+    read_lines,
+    statements,
+)  # fmt: skip
+from workbench.motion.formats.units_axes import metres_per_unit
 from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, check_rate
 
+log = logging.getLogger(__name__)
+
+CMU_HZ = 120.0
 _INCH_M = 0.0254
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
 _ROTATIONS = ("rx", "ry", "rz")
@@ -53,12 +69,12 @@ class _AsfSkeleton:
     degrees: bool
 
 
-def _read_asf(path: str | Path) -> _AsfSkeleton:
+def _read_asf(path: str | Path, unit: str | None = None) -> _AsfSkeleton:
     """Return the skeleton of an ASF file.
 
-    Lengths are in units of 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad. Raises
-    InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that the
-    CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
+    Lengths are in `unit`, by default 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad.
+    Raises InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that
+    the CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -71,6 +87,7 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
             section.append((line, words))
     blocks = _blocks(path, sections.get(":bonedata", ()), len(lines))
     metres, degrees = _units(path, _properties(sections.get(":units", ())))
+    metres = metres if unit is None else metres_per_unit(path, None, "", unit)
     bones = {"root": _root(path, _properties(sections.get(":root", ())), len(lines))}
     for block in blocks:
         line, name = block["end"][0], " ".join(block.get("name", (0, []))[1])
@@ -83,75 +100,128 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
     return _AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), metres, degrees)
 
 
-def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 120.0) -> MotionClip:
+def read_amc(
+    path: str | Path, asf: str | Path | None = None, rate_hz: float | None = None, unit: str | None = None,
+    up: str | None = None,
+) -> MotionClip:  # fmt: skip
     """Return the clip of an AMC file.
 
     Parameters
     ----------
     path : the file. Its angles are in degrees or radians as the file states, else as the ASF states.
-    asf : the skeleton's file, by default the subject's in the same folder (35.asf for 35_02.amc).
-    rate_hz : Hz; the format has no rate. 120 Hz is that of the CMU database.
+    asf : the skeleton's file, by default one in the same folder: with the longest name with which the motion's begins
+        (35.asf for 35_02.amc), or the only one.
+    rate_hz : Hz, of the frame numbers; None: the file's :SAMPLES-PER-SECOND, else 120 Hz as in the CMU database.
+    unit : of length, one of `units_axes.UNITS`; None: the ASF's.
+    up : the vertical axis; None: y, unless the person then is not upright, see `units_axes.vertical_axis`.
 
     Raises
     ------
-    InputError : with the file and the line, for a missing, repeated or unknown bone, a wrong number of values, a value
-        that is not a number, frame numbers that are not consecutive, and a file without frames.
+    InputError : with the file and the line, for a repeated or unknown bone, a wrong number of values, a value that is
+        not a number, frame numbers that do not increase, and a file without frames.
     """
     path = Path(path)
-    check_rate(f"{path}: the rate", rate_hz)
     lines = read_lines(path)
-    skeleton = _read_asf(path.with_name(f"{path.stem.rpartition('_')[0] or path.stem}.asf") if asf is None else asf)
+    skeleton = _read_asf(_skeleton_file(path) if asf is None else asf, unit)
     channels = {joint: bone.channels for joint, bone in zip(skeleton.joints, skeleton.bones, strict=True)}
     rows, degrees = list(statements(lines)), skeleton.degrees
     n_keywords = next((k for k, (_, words) in enumerate(rows) if not words[0].startswith(":")), len(rows))
     for line, words in rows[:n_keywords]:
-        if words not in ([":DEGREES"], [":RADIANS"], [":FULLY-SPECIFIED"]):
-            fail(path, line, f"expected :DEGREES, :RADIANS or :FULLY-SPECIFIED, found {' '.join(words)[:60]!r}")
-        degrees = degrees if words == [":FULLY-SPECIFIED"] else words == [":DEGREES"]
-    first, frames = _frames(path, rows[n_keywords:], {joint: n for joint, each in channels.items() if (n := len(each))})
-    if not frames:
-        fail(path, len(lines), "expected frames, found none")
+        match [words[0].upper(), *words[1:]]:
+            case [":DEGREES" | ":RADIANS" as keyword]:
+                degrees = keyword == ":DEGREES"
+            case [":SAMPLES-PER-SECOND", *rate]:
+                (file_hz,) = numbers(path, line, rate, 1, "samples per second")
+                rate_hz = file_hz if rate_hz is None else rate_hz
+            case [":FULLY-SPECIFIED"]:
+                pass
+            case _:
+                fail(path, line, f"expected :DEGREES, :RADIANS or :FULLY-SPECIFIED, found {' '.join(words)[:60]!r}")
+    if rate_hz is None:
+        log.warning("%s: an AMC file has no rate; read at %g Hz, that of the CMU database (rate_hz)", path, CMU_HZ)
+    sizes = {joint: n for joint, each in channels.items() if (n := len(each))}
+    first, step, frames = _regular(path, _frames(path, rows[n_keywords:], sizes))
+    rate_hz = check_rate(f"{path}: the rate", CMU_HZ if rate_hz is None else rate_hz) / step
+    values = np.array([[value for bone in sizes for value in frame[bone]] for frame in frames])
+    return _clip(path, skeleton, rate_hz, first, last_values(path, values), degrees, up)
 
+
+def _clip(
+    path: Path, skeleton: _AsfSkeleton, rate_hz: float, first: int, values: FloatArray, degrees: bool, up: str | None,
+) -> MotionClip:  # fmt: skip
+    """Return the clip of the channels' values (F, C), bone after bone."""
+    n, column = len(values), 0
     offsets = np.array([skeleton.bones[parent].end if parent >= 0 else np.zeros(3) for parent in skeleton.parents])
-    rotations = np.broadcast_to(np.eye(3), (len(frames), len(skeleton.joints), 3, 3)).copy()
-    translations = np.broadcast_to(offsets, (len(frames), *offsets.shape)).copy()
-    for k, (joint, bone) in enumerate(zip(skeleton.joints, skeleton.bones, strict=True)):
+    rotations = np.broadcast_to(np.eye(3), (n, len(skeleton.joints), 3, 3)).copy()
+    translations = np.broadcast_to(offsets, (n, *offsets.shape)).copy()
+    for k, bone in enumerate(skeleton.bones):
         if bone.channels:
-            values = dict(zip(bone.channels, np.array([frame[joint] for frame in frames]).T, strict=True))
-            angles = np.stack([values.get(f"r{axis}", np.zeros(len(frames))) for axis in bone.order.lower()], axis=-1)
+            channels = dict(zip(bone.channels, values[:, column : column + len(bone.channels)].T, strict=True))
+            column += len(bone.channels)
+            angles = np.stack([channels.get(f"r{axis}", np.zeros(n)) for axis in bone.order.lower()], axis=-1)
             rotations[:, k] = bone.axis @ _rotation_matrices(bone.order, angles, degrees) @ bone.axis.T
             if k == 0:
                 translations[:, 0] = (
-                    np.stack([values[channel] for channel in _TRANSLATIONS], axis=-1) * skeleton.metres_per_unit
+                    np.stack([channels[channel] for channel in _TRANSLATIONS], axis=-1) * skeleton.metres_per_unit
                 )
-    return clip_of_file(path.stem, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations)
+    return person_clip(
+        path, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations, "m", "m", up
+    )
 
 
-def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> tuple[int, list[dict[str, list[float]]]]:
-    """Return the first frame's number, and every frame's values by bone. sizes : number of values by bone."""
-    first, frames, lines = 0, list[dict[str, list[float]]](), list[int]()
+def _skeleton_file(path: Path) -> Path:
+    """Return the skeleton's file of a motion in its folder; raises InputError for none or several."""
+    files = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf" and file.name[0] != ".")
+    named = [file for file in files if path.stem.lower().startswith(file.stem.lower())]
+    if not named and len(files) != 1:
+        missing = path.with_name(f"{path.stem.rpartition('_')[0] or path.stem}.asf")
+        found = f", found {', '.join(file.name for file in files[:5])}; give the skeleton (--asf)" if files else ""
+        raise InputError(f"{missing}: no such file{found}")
+    chosen = max(named, key=lambda file: len(file.stem)) if named else files[0]
+    if not named:
+        log.warning("%s: its skeleton is taken to be that of %s, the only one in its folder", path, chosen.name)
+    return chosen
+
+
+def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> dict[int, dict[str, list[float]]]:
+    """Return the values by bone by frame number; NaN for a missing bone. sizes : number of values by bone."""
+    frames: dict[int, dict[str, list[float]]] = {}
+    number = -1
     for line, words in rows:
-        number = first + len(frames) - 1
         if words[0].isdecimal() or not frames:
             index = int(words[0]) if len(words) == 1 and words[0].isdecimal() and len(words[0]) < 10 else None
-            if index is None or (frames and index != number + 1):
-                expected = f"the number {number + 1}" if frames else "the number"
+            if index is None or index <= number:
+                expected = f"a number above {number}" if frames else "the number"
                 fail(path, line, f"expected {expected} of a frame, found {' '.join(words)[:60]!r}")
-            first = first if frames else index
-            frames.append({})
-            lines.append(line)
+            number, frames[index] = index, {}
             check_number(path, "frames", len(frames), MAX_FRAMES)
             continue
         bone = words[0]
         if bone not in sizes:
             fail(path, line, f"expected a bone with channels in the skeleton, found {bone[:60]!r} in frame {number}")
-        if bone in frames[-1]:
+        if bone in frames[number]:
             fail(path, line, f"expected {bone} once in frame {number}, found it again")
-        frames[-1][bone] = numbers(path, line, words[1:], sizes[bone], f"{bone} in frame {number}")
-    for k, frame in enumerate(frames):
-        if missing := ", ".join(bone for bone in sizes if bone not in frame):
-            fail(path, lines[k], f"expected values of {missing} in frame {first + k}, found none")
-    return first, frames
+        frames[number][bone] = gap_numbers(path, line, points(words[1:]), sizes[bone], f"{bone} in frame {number}")
+    if absent := {bone for frame in frames.values() for bone in sizes if bone not in frame}:
+        log.warning("%s: some frames lack %s", path, ", ".join(bone for bone in sizes if bone in absent))
+    return {
+        number: {bone: frame.get(bone, [np.nan] * n) for bone, n in sizes.items()} for number, frame in frames.items()
+    }
+
+
+def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int, int, list[dict[str, list[float]]]]:
+    """Return the first frame's number, the usual step between numbers, and the frames at this step; those that are
+    missing have NaN. Raises InputError for no frames."""
+    if not frames:
+        fail(path, 1, "expected frames, found none")
+    numbers_ = np.array(list(frames))
+    step = int(np.gcd.reduce(np.diff(numbers_))) if len(frames) > 1 else 1
+    if step > 1:
+        log.warning("%s: the frame numbers increase by %d; the rate is that of the numbers over %d", path, step, step)
+    wanted = range(int(numbers_[0]), int(numbers_[-1]) + 1, step)
+    check_number(path, "frames", len(wanted), MAX_FRAMES)
+    empty = {bone: [np.nan] * len(values) for bone, values in frames[int(numbers_[0])].items()}
+    return wanted[0], step, [frames.get(number, empty) for number in wanted]
 
 
 def _properties(section: Iterable[Statement]) -> _Properties:

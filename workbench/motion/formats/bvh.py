@@ -3,22 +3,36 @@
 BVH has no specification; the output follows Biovision's files and is readable by this reader and by Blender.
 """
 
-from collections.abc import Iterator
+import logging
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
 
 from workbench.body.skeleton import Skeleton
-from workbench.motion.clip import FILE_FROM_WORLD, MotionClip, clip_of_file
-from workbench.motion.formats.text import Statement, fail, numbers, read_lines
-from workbench.utils.arrays import FloatArray
-from workbench.utils.errors import InputError
+from workbench.motion.clip import FILE_FROM_WORLD, MotionClip
+from workbench.motion.formats.joint_names import skeleton_joints
+from workbench.motion.formats.person_clip import person_clip
+from workbench.motion.formats.text import (
+    Statement,
+    fail,
+    gap_numbers,
+    last_values,
+    numbers,
+    points,
+    read_lines,
+    statements,
+)  # fmt: skip
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
 
-_METRES = {"cm": 0.01, "m": 1.0}
+log = logging.getLogger(__name__)
+
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
@@ -35,51 +49,91 @@ class _Joint:
     channels: tuple[str, ...] = ()
 
 
-def read_bvh(path: str | Path, unit: str = "cm") -> MotionClip:
-    """Return the clip of a BVH file with lengths in `unit`, "cm" or "m"; frames count from 1.
+def read_bvh(
+    path: str | Path, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None
+) -> MotionClip:
+    """Return the clip of a BVH file; frames count from 1.
 
-    A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
-    channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files). End sites
-    become joints <parent>_end. A frame time that equals 1/N s to its printed digits means N Hz. Raises InputError, with
-    the file and the line, for other content, a truncated file, and an unknown unit.
+    A joint has rotation channels, position channels or both, in any order, or none; its rotation is intrinsic, in the
+    order of its channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files).
+    End sites become joints <parent>_end. Of several roots the one with most of a person's joints is read. A frame time
+    that equals 1/N s to its printed digits means N Hz. A value that is not a number repeats the channel's last one.
+
+    Parameters
+    ----------
+    path : the file.
+    unit, up : unit of length (`units_axes.UNITS`) and vertical axis; None: by the person's size and posture, by
+        convention cm and y.
+    landmarks : the file's joints by the person's joints, where `joint_names` does not have them.
+
+    Raises
+    ------
+    InputError : with the file and the line, for other content and a truncated row, and for an implausible size.
     """
     path = Path(path)
-    if unit not in _METRES:
-        raise InputError(f"{path}: the unit of a BVH file must be one of {', '.join(_METRES)}, found {unit!r}")
     lines = read_lines(path)
     joints, line = _read_hierarchy(path, lines)
     rate_hz, values = _read_motion(path, lines, line, sum(len(joint.channels) for joint in joints))
+    names, parents, columns = _person(path, joints, landmarks)
+    offsets, rotations, translations = _local_motion([joints[k] for k in columns], list(columns.values()), values)
+    return person_clip(path, rate_hz, 1, names, parents, offsets, rotations, translations, "cm", unit, up, landmarks)
 
-    offsets = np.array([joint.offset for joint in joints]) * _METRES[unit]
+
+def _person(
+    path: Path, joints: list[_Joint], landmarks: Mapping[str, str] | None
+) -> tuple[tuple[str, ...], IntArray, dict[int, int]]:
+    """Return the names and parents of the joints below the root with most of a person's joints, and the first column
+    of each of these joints, by its index in the file."""
+    firsts = np.cumsum([0, *[len(joint.channels) for joint in joints]]).tolist()
+    starts = [k for k, joint in enumerate(joints) if joint.parent < 0]
+    people = []
+    for start, end in zip(starts, [*starts[1:], len(joints)], strict=True):
+        names = tuple(joint.name for joint in joints[start:end])
+        parents = [joint.parent - start if joint.parent >= 0 else -1 for joint in joints[start:end]]
+        n_found = (
+            len(skeleton_joints(names, parents)) if landmarks is None else len(set(landmarks.values()) & set(names))
+        )
+        people.append((n_found, names, np.array(parents), {k: firsts[k] for k in range(start, end)}))
+    _, names, parent_array, columns = max(people, key=lambda person: person[0])
+    if len(people) > 1:
+        log.warning("%s: %d roots; read is %s with its %d joints", path, len(people), names[0], len(names))
+    return names, parent_array, columns
+
+
+def _local_motion(
+    joints: list[_Joint], firsts: list[int], values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return offsets (K, 3), rotations (F, K, 3, 3) and translations (F, K, 3) of joints to their parents, in the
+    file's unit and axes. firsts : each joint's first column of the values."""
+    offsets = np.array([joint.offset for joint in joints])
     translations = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
     rotations = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
-    column = 0
-    for k, joint in enumerate(joints):
-        channels = dict(zip(joint.channels, values[:, column : column + len(joint.channels)].T, strict=True))
-        column += len(joint.channels)
+    for k, (joint, first) in enumerate(zip(joints, firsts, strict=True)):
+        channels = dict(zip(joint.channels, values[:, first : first + len(joint.channels)].T, strict=True))
         if rotation_channels := [name for name in joint.channels if name in _ROTATIONS]:
-            order = "".join(name[0] for name in rotation_channels)  # upper case means intrinsic in scipy
+            order: Any = "".join(name[0] for name in rotation_channels)  # upper case means intrinsic in scipy
             angles = np.stack([channels[name] for name in rotation_channels], axis=-1)
             rotations[:, k] = scipy.spatial.transform.Rotation.from_euler(order, angles, degrees=True).as_matrix()
-        if len(channels) == 6:
-            translations[:, k] = np.stack([channels[name] for name in _POSITIONS], axis=-1) * _METRES[unit]
-    parents = np.array([joint.parent for joint in joints])
-    names = tuple(joint.name for joint in joints)
-    return clip_of_file(path.stem, rate_hz, 1, names, parents, offsets, rotations, translations)
+        for axis, name in enumerate(_POSITIONS):
+            if name in channels:
+                translations[:, k, axis] = channels[name]
+    return offsets, rotations, translations
 
 
 def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
     """Return the joints, and the index of the line after MOTION."""
-    if lines[0].split() != ["HIERARCHY"]:
-        fail(path, 1, f"expected HIERARCHY, found {lines[0].strip()[:60]!r}")
+    rows = _statements(lines)
+    line, words = next(rows, (1, [""]))
+    if [word.upper() for word in words] != ["HIERARCHY"]:
+        fail(path, line, f"expected HIERARCHY, found {' '.join(words)[:60]!r}")
     joints: list[_Joint] = []
     branch: list[int] = []  # joints with open braces
     is_new = False  # the last joint has no opening brace yet
-    for line, words in _statements(lines):
+    for line, words in rows:
         joint, found = joints[branch[-1]] if branch else None, repr(" ".join(words)[:60])
         if is_new != (words == ["{"]):
             fail(path, line, f"expected {'{' if is_new else 'a statement'}, found {found}")
-        match words:
+        match [words[0].upper(), *words[1:]]:
             case ["MOTION"]:
                 if branch or not joints:
                     fail(path, line, "expected a ROOT, and the closing brace of every joint, before MOTION")
@@ -87,18 +141,18 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
             case ["{"]:
                 branch.append(len(joints) - 1)
                 is_new = False
-            case ["ROOT" | "JOINT" | "End" as kind, *name] if joint is None or not joint.is_end:
-                if (kind == "ROOT") == bool(joints) or (joint is None) != (kind == "ROOT"):
-                    fail(path, line, f"expected one ROOT, and joints between its braces, found {found}")
+            case ["ROOT" | "JOINT" | "END" as kind, *name] if joint is None or not joint.is_end:
+                if (joint is None) != (kind == "ROOT"):
+                    fail(path, line, f"expected a ROOT, and joints between its braces, found {found}")
                 joints.append(_new_joint(path, line, joints, kind, " ".join(name), branch[-1] if branch else -1))
                 is_new = True
             case ["OFFSET", *offset] if joint:
-                joint.offset = numbers(path, line, offset, 3, f"the offset of {joint.name}")
+                joint.offset = numbers(path, line, points(offset), 3, f"the offset of {joint.name}")
             case ["CHANNELS", *channels] if joint and not joint.is_end:
                 joint.channels = _channels(path, line, channels, joint.name)
             case ["}"] if joint:
-                if joint.offset is None or not (joint.channels or joint.is_end):
-                    fail(path, line, f"expected the OFFSET and CHANNELS of {joint.name} before its end")
+                if joint.offset is None:
+                    fail(path, line, f"expected the OFFSET of {joint.name} before its end")
                 branch.pop()
             case _:
                 fail(path, line, f"expected a statement of the hierarchy here, found {found}")
@@ -106,58 +160,66 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
 
 
 def _statements(lines: list[str]) -> Iterator[Statement]:
-    """Yield the number and words of the lines after the first; a brace at the end of a joint's line is separate."""
-    for line, text in enumerate(lines[1:], 2):
-        words = text.split()
+    """Yield the number and words of the lines; a brace at the end of a joint's line is separate."""
+    for line, words in statements(lines):
         if len(words) > 1 and words[-1] == "{":
             yield line, words[:-1]
             words = ["{"]
-        if words:
-            yield line, words
+        yield line, words
 
 
 def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str, parent: int) -> _Joint:
-    if kind == "End":
+    if kind == "END":
         name = f"{joints[parent].name}_end" if name.lower() == "site" else ""
-    if not name or any(joint.name == name for joint in joints):
-        fail(path, line, f"expected a new joint's name, found {name!r}")
+    if not name:
+        fail(path, line, f"expected a joint's name, found {name!r}")
+    root = max((k for k, joint in enumerate(joints) if joint.parent < 0), default=0) if parent >= 0 else len(joints)
+    names, n, first = {joint.name for joint in joints[root:]}, 2, name
+    while name in names:  # several end sites of a joint, or one name of two fingers
+        name, n = f"{first}_{n}", n + 1
     check_number(path, "joints", len(joints) + 1, MAX_JOINTS)
-    return _Joint(name, parent, kind == "End")
+    return _Joint(name, parent, kind == "END")
 
 
 def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str, ...]:
     """Return the names of a joint's channels; words : their number, then the names."""
-    names = tuple(words[1:])
-    if words[:1] != [str(len(names))] or sorted(names) not in (sorted(_ROTATIONS), sorted(_POSITIONS + _ROTATIONS)):
+    names = tuple(word.capitalize() for word in words[1:])
+    if words[:1] != [str(len(names))] or len(set(names)) < len(names) or not set(names) <= {*_POSITIONS, *_ROTATIONS}:
         found = " ".join(words)[:80]
-        fail(path, line, f"expected 3 rotations, or 3 positions and 3 rotations, for {joint}, found {found!r}")
+        fail(path, line, f"expected the number of rotations and positions of {joint}, and their names, found {found!r}")
     return names
 
 
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:
     """Return the rate, Hz, and the channel values (F, n_channels) of the lines after MOTION."""
-    n_frames = int(_header(path, lines, start, "Frames:", "a whole number of frames"))
-    rate_hz = _rate(path, start + 2, _header(path, lines, start + 1, "Frame Time:", "seconds a frame"))
-    rows = lines[start + 2 :]
-    while rows and not rows[-1].strip():
-        rows.pop()
+    rows = [(line, words) for line, words in statements(lines) if line > start]
+    end = [(len(lines), ["the end of the file"])] * 2
+    (count_line, count), (time_line, time) = [*rows, *end][:2]
+    n_frames = _header(path, count_line, count, "Frames:", "a whole number of frames")
+    rate_hz = _rate(path, time_line, _header(path, time_line, time, "Frame Time:", "seconds a frame"))
+    rows = rows[2:]
+    if not rows:
+        fail(path, time_line, "expected lines of frames after the header, found none")
     if len(rows) != n_frames:
-        fail(path, start + 2 + len(rows), f"expected {n_frames} lines of frames after the header, found {len(rows)}")
-    check_number(path, "frames", n_frames, MAX_FRAMES)
-    values = [numbers(path, start + 3 + k, row.split(), n_channels, f"frame {k + 1}") for k, row in enumerate(rows)]
-    return rate_hz, np.array(values)
+        log.warning("%s: the header has %d frames, the file %d; read are all of them", path, n_frames, len(rows))
+    check_number(path, "frames", len(rows), MAX_FRAMES)
+    values = [
+        gap_numbers(path, line, points(words), n_channels, f"frame {k}") for k, (line, words) in enumerate(rows, 1)
+    ]
+    return rate_hz, last_values(path, np.array(values).reshape(len(rows), n_channels))
 
 
-def _header(path: Path, lines: list[str], index: int, key: str, what: str) -> Decimal:
+def _header(path: Path, line: int, words: list[str], key: str, what: str) -> Decimal:
     """Return the number after `key`, above 0 and below 1e9, with its printed digits; whole where `key` is Frames."""
-    text = " ".join(lines[index].split()) if index < len(lines) else "the end of the file"
+    text = " ".join(words)
+    number = re.fullmatch(key.replace(" ", r"\s*").replace(":", r"\s*:?\s*") + r"(\S+)", text, re.IGNORECASE)
     try:
-        value = Decimal(text.removeprefix(key).strip())
+        value = Decimal(number[1].replace(",", ".")) if number else Decimal(0)
     except InvalidOperation:
         value = Decimal(0)
     in_range = value.is_finite() and Decimal("1e-9") < value < Decimal("1e9")
-    if not text.startswith(key) or not in_range or (key == "Frames:" and value % 1):
-        fail(path, index + 1, f"expected '{key}' and {what}, found {text[:60]!r}")
+    if not in_range or (key == "Frames:" and value % 1):
+        fail(path, line, f"expected '{key}' and {what}, found {text[:60]!r}")
     return value
 
 

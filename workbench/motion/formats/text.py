@@ -1,26 +1,46 @@
 """Text parsing of motion files, with errors that name the file and the line."""
 
+import codecs
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+
+from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file
 
+log = logging.getLogger(__name__)
+
+_GAPS = "nan -nan +nan nan(ind) -nan(ind) -1.#ind 1.#qnan -1.#qnan null none na n/a -"
+MISSING = frozenset(["", *_GAPS.split(" ")])
+"""Cells of a table, in lower case, that mean a value is missing."""
 Statement = tuple[int, list[str]]
 """The number of a line, from 1, and its words."""
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, with any line ending; raises InputError if it is missing or not text."""
+    """Return the lines of a text file, with any line ending; raises InputError if it is missing or not text.
+
+    Text that is neither UTF-8 nor UTF-16 with a byte-order mark is read as Windows' cp1252.
+    """
     check_file(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from None
-    return text.removesuffix("\n").split("\n")
+    for encoding in (
+        ("utf-16",) if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ("utf-8-sig", "cp1252")
+    ):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
+    raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8")
 
 
 def statements(lines: Sequence[str]) -> Iterator[Statement]:
@@ -47,3 +67,33 @@ def numbers(path: Path, line: int, words: Sequence[str], count: int, what: str) 
     if len(values) != count or not all(abs(value) < 1e12 for value in values) or "_" in "".join(words):
         fail(path, line, f"expected numbers for {what}, found {' '.join(words)[:60]!r}")
     return values
+
+
+def points(words: Sequence[str]) -> list[str]:
+    """Return the words with decimal points instead of decimal commas."""
+    return [word.replace(",", ".") for word in words]
+
+
+def gap_numbers(path: Path, line: int, words: Sequence[str], count: int, what: str) -> list[float]:
+    """Return exactly `count` numbers, NaN for the words in MISSING; raises InputError for anything else."""
+    if len(words) != count or MISSING.isdisjoint(map(str.lower, words)):
+        return numbers(path, line, words, count, what)
+    measured = iter(
+        numbers(path, line, present := [word for word in words if word.lower() not in MISSING], len(present), what)
+    )
+    return [np.nan if word.lower() in MISSING else next(measured) for word in words]
+
+
+def last_values(path: Path, values: FloatArray) -> FloatArray:
+    """Return values (F, C) with NaN replaced by the column's last number, its first before it, or 0; logged."""
+    missing = np.isnan(values)
+    if not missing.any():
+        return values
+    log.warning(
+        "%s: %d of %d frames lack values, which repeat the last ones", path, missing.any(axis=1).sum(), len(values)
+    )
+    rows = np.where(missing, -1, np.arange(len(values))[:, None])
+    last = np.maximum.accumulate(rows, axis=0)
+    first = np.argmax(~missing, axis=0)
+    filled = np.take_along_axis(values, np.where(last < 0, first, last), axis=0)
+    return np.where(np.isnan(filled), 0.0, filled)

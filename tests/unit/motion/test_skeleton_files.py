@@ -1,0 +1,187 @@
+"""BVH files with the joints, units, axes and grammar of other programs: each imports as the walk that it is."""
+
+import logging
+
+import numpy as np
+import pytest
+from skeleton_files import STYLES, walk, walk_bvh
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import JOINT_NAMES, person_skeleton
+from workbench.motion.formats.bvh import bvh_text, read_bvh
+from workbench.motion.retarget import estimated_landmarks, retarget
+from workbench.motion.sources import Reading, load_motion
+from workbench.utils.errors import InputError
+
+BODY = [k for k, name in enumerate(JOINT_NAMES) if name != "head_centre"]
+
+
+def check_walk(motion, places_m=0.003, twist_rad=0.12):
+    """Check that a motion is the walk: its lengths, its joints but the head, and its twists."""
+    truth = walk()
+    assert motion.rate_hz == 30.0
+    assert motion.shape.thigh == pytest.approx(truth.shape.thigh, abs=1e-4)
+    expected, found = (joints(person_skeleton(each.shape), each.poses) for each in (truth, motion))
+    np.testing.assert_allclose(found[:, BODY], expected[:, BODY], atol=places_m)
+    skeleton = person_skeleton(truth.shape)
+    twists = [skeleton.dof(f"{side}_{joint}_twist") for side in ("left", "right") for joint in ("hip", "shoulder")]
+    assert np.abs(motion.poses[:, twists] - truth.poses[:, twists]).max() < twist_rad
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_skeletons_of_other_programs_are_imported(tmp_path, style):
+    """Whatever the axes of their joints' frames, and without a rest pose that a person can have."""
+    check_walk(load_motion(walk_bvh(tmp_path, style, seed=3)))
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1, 2])
+def test_hinges_are_found_in_any_frame(tmp_path, seed):
+    clip = read_bvh(walk_bvh(tmp_path, seed=seed))
+    landmarks = estimated_landmarks(clip)
+    for name, left in landmarks.lefts.items():
+        assert np.linalg.norm(left) == pytest.approx(1.0)
+        assert seed is not None or left[1] > 0.9, name  # of our own frames, in which y is left
+    check_walk(retarget(clip, landmarks))
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize(
+    ("unit", "per_metre"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0), ("inch", 1 / 0.0254), ("cmu", 0.45 / 0.0254)]
+)
+def test_unit_and_vertical_axis_are_those_of_a_person(tmp_path, caplog, up, unit, per_metre):
+    caplog.set_level(logging.INFO)
+    path = walk_bvh(tmp_path, unit=per_metre, up=up, seed=1)
+    check_walk(load_motion(path))
+    assert f"read in {unit}" in caplog.text
+    warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(warned) == (unit != "cm") + (up != "y")
+    caplog.clear()
+    check_walk(load_motion(path, Reading(unit=unit, up=up)))
+    assert not caplog.records
+
+
+def test_a_size_that_nobody_has_is_refused_with_the_key(tmp_path):
+    with pytest.raises(InputError, match=r"expected a person of 0.9 to 2.3 m.*give the unit"):
+        load_motion(walk_bvh(tmp_path, unit=30_000.0))
+
+
+def test_the_own_export_is_imported(tmp_path):
+    motion = walk()
+    for unit in ("cm", "m"):
+        path = tmp_path / f"{unit}.bvh"
+        path.write_text(bvh_text(person_skeleton(motion.shape), motion.poses, motion.rate_hz, unit))
+        again = load_motion(path)
+        check_walk(again)
+        head = [joints(person_skeleton(each.shape), each.poses)[:, JOINT_NAMES.index("head_centre")]
+                for each in (motion, again)]  # fmt: skip
+        np.testing.assert_allclose(*head, atol=0.003)
+
+
+def rows(text):
+    return text.index("MOTION"), text.split("MOTION")[1].split("\n")
+
+
+def one_frame_more(text):
+    return text.replace("Frames: 61", "Frames: 60")
+
+
+def one_frame_less(text):
+    return text.replace("Frames: 61", "Frames: 62")
+
+
+def prop(text):
+    """Return the text with a prop before the person."""
+    head = "ROOT Prop\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n}\n"
+    start = text.index("Frame Time: 0.0333333\n") + len("Frame Time: 0.0333333\n")
+    body = "".join(f"1 2 3 4 5 6 {row}\n" for row in text[start:].splitlines())
+    return "HIERARCHY\n" + head + text[len("HIERARCHY\n") : start] + body
+
+
+VARIANTS = {
+    "blank lines": lambda text: text.replace("MOTION\n", "\nMOTION\n\n").replace("\nFrame Time", "\n\nFrame Time"),
+    "more rows": one_frame_more,
+    "fewer rows": one_frame_less,
+    "lower case": lambda text: text.replace("rotation", "ROTATION").lower().replace("hips", "Hips"),
+    "decimal commas": lambda text: text.replace(".", ","),
+    "CRLF and a byte-order mark": lambda text: "\ufeff" + text.replace("\n", "\r\n"),
+    "UTF-8 names": lambda text: text.replace("Hips", "Hüfte"),
+    "two roots": prop,
+    "two people": lambda text: prop(text).replace("Prop", "Hips"),
+    "two end sites": lambda text: text.replace("}\n}\nJOINT", "}\nEnd Site\n{\nOFFSET 1 0 0\n}\n}\nJOINT", 1),
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_variants_of_the_grammar_are_read(tmp_path, variant):
+    check_walk(load_motion(walk_bvh(tmp_path, lines=VARIANTS[variant])))
+
+
+def test_windows_1252_is_read(tmp_path):
+    path = walk_bvh(tmp_path, lines=lambda text: text.replace("Hips", "Hüfte"))
+    path.write_bytes(path.read_text(encoding="utf-8").encode("cp1252"))
+    check_walk(load_motion(path))
+
+
+def test_a_hinge_may_have_one_rotation(tmp_path):
+    """In the walk's own frames a knee rotates about the file's x only."""
+
+    def hinge(text):
+        head, motion = text.split("MOTION")
+        column, lines, knees = 0, [], []
+        for line in head.splitlines():
+            if line.startswith("CHANNELS"):
+                is_knee = "Leg" in lines[-3] and "Up" not in lines[-3]
+                knees += [column + 3 * line.startswith("CHANNELS 6")] * is_knee
+                column += int(line.split()[1])
+                line = "CHANNELS 1 Xrotation" if is_knee else line
+            lines.append(line)
+        count, time, *frames = motion.strip().split("\n")
+        unused = {column for knee in knees for column in (knee, knee + 2)}  # of Z, X and Y
+        kept = [" ".join(x for k, x in enumerate(row.split()) if k not in unused) for row in frames]
+        assert len(knees) == 2
+        return "\n".join([*lines, "MOTION", count, time, *kept, ""])
+
+    check_walk(load_motion(walk_bvh(tmp_path, lines=hinge)))
+
+
+def test_missing_values_repeat_the_last_ones(tmp_path, caplog):
+    def gap(text):
+        lines = text.split("\n")
+        first = lines.index("Frame Time: 0.0333333") + 1
+        lines[first + 5] = " ".join(["nan"] * len(lines[first].split()))
+        return "\n".join(lines)
+
+    clip, whole = read_bvh(walk_bvh(tmp_path, lines=gap)), read_bvh(walk_bvh(tmp_path))
+    np.testing.assert_array_equal(clip.positions[5], whole.positions[4])
+    np.testing.assert_array_equal(clip.positions[6:], whole.positions[6:])
+    assert "1 of 61 frames lack values" in caplog.text
+
+
+def test_other_names_are_given(tmp_path):
+    path = walk_bvh(tmp_path, lines=lambda text: text.replace("LeftLeg", "Anna Knie links"))
+    with pytest.raises(InputError, match="found no joint for left_knee; name them by the key landmarks"):
+        load_motion(path)
+    check_walk(load_motion(path, Reading(landmarks={"left_knee": "Anna Knie links"})))
+    for landmarks in ({"tail": "Hips"}, {"left_knee": "Tail"}):
+        with pytest.raises(InputError, match=r"landmarks: .*[Tt]ail"):
+            load_motion(path, Reading(landmarks=landmarks))
+
+
+def test_who_lies_along_x_needs_the_key(tmp_path):
+    def lying(text):
+        """Return the text with the walk in a frame of the laboratory that is turned by 90°."""
+        head, motion = text.split("Frame Time: 0.0333333\n")
+        hips = "ROOT Hips\n{\nOFFSET 0.000000 0.000000 0.000000\n"
+        lab = "ROOT Lab\n{\nOFFSET 0 0 0\nCHANNELS 1 Zrotation\n" + hips.replace("ROOT", "JOINT")
+        assert hips in head
+        head = head.replace(hips, lab).replace("MOTION", "}\nMOTION")
+        return head + "Frame Time: 0.0333333\n" + "".join(f"-90 {row}\n" for row in motion.splitlines())
+
+    path = walk_bvh(tmp_path, lines=lying)
+    with pytest.raises(InputError, match=r"along x in 100% of the frames; if the person lies, give the vertical axis"):
+        load_motion(path)
+    lies, stands = (load_motion(path, Reading(up=up)) for up in ("y", "x"))
+    expected = joints(person_skeleton(walk().shape), walk().poses)[:, BODY, 2]
+    for motion, axis in ((lies, 1), (stands, 2)):  # the file's x is the world's y if its y is up
+        places = joints(person_skeleton(motion.shape), motion.poses)[:, BODY, axis]
+        np.testing.assert_allclose(places, expected, atol=0.003)
