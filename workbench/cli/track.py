@@ -8,7 +8,7 @@ from typer import Argument, Exit, Option
 
 from workbench.cli.export import estimated_track
 from workbench.cli.run import run
-from workbench.motion.formats.motion_export import export
+from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.errors import InputError
 
@@ -63,7 +63,7 @@ def track(
     words += [] if camera is None else [f"dataset.calibration_file={camera}"]
     if code := run([*words, *overrides]):
         raise Exit(code)
-    recorded = estimated_track(read_sound_run(output / "run.rrd"))
+    recorded = with_missing_frames(estimated_track(read_sound_run(output / "run.rrd")))
     for name in _EXPORTS:
         export(output / name, recorded, metres=False)
     print(f"exported: {', '.join(str(output / name) for name in _EXPORTS)}")

@@ -23,6 +23,8 @@ _STRIDE_S = 0.5
 """Half the time over which the pelvis' velocity is a difference; twice this is about a stride."""
 _STEP_S = 0.07
 """The same for an ankle, whose swing takes 0.4 s."""
+_LONG_GAP_S = 0.5
+"""Time between two frames above which the motion between them is no jump."""
 _FEET = ("pelvis", "left_ankle", "right_ankle")
 _ERRORS = ("mpjpe_abs_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px")
 
@@ -106,7 +108,7 @@ class MeasurementCollector:
                 "errors": errors, "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)),
                 "uncertain": tuple(each for each in groups if errors.get(f"expected_error_{each}_mm", 0.0) > LARGE_MM),
                 "feet": estimate[list(map(skeleton.joint, _FEET))] if has_feet else np.full((3, 3), np.nan),
-                "views": views, "motion": self._motion(frame.views, views),
+                "views": views, "motion": self._motion(frame.time_s, frame.views, views),
                 "annotation_height_px": np.nan if annotations is None else height_px(annotations) / self._scale,
             }
         )  # fmt: skip
@@ -129,8 +131,12 @@ class MeasurementCollector:
         error_px = float(np.nanmedian(residuals)) / self._scale if np.isfinite(residuals).any() else np.nan
         return error_px, height_px(keypoints) / self._scale, in_image, int(observed.sum()) >= _MIN_JOINTS
 
-    def _motion(self, views: tuple[View, ...], measured: Mapping[str, tuple[float, float, bool, bool]]) -> float:
-        """Return the motion of the keypoints since the frame before, whose keypoints are replaced."""
+    def _motion(
+        self, time_s: float, views: tuple[View, ...], measured: Mapping[str, tuple[float, float, bool, bool]]
+    ) -> float:
+        """Return the motion of the keypoints since the frame before, whose keypoints are replaced; NaN after a gap."""
+        if self._rows and time_s - self._rows[-1]["time_s"] > _LONG_GAP_S:
+            self._last = {}
         last, self._last = self._last, {v.camera.name: keypoint_pixels(v) for v in views if v.keypoints is not None}
         steps = [
             np.linalg.norm(keypoints - last[name], axis=1) / (measured[name][1] * self._scale)
