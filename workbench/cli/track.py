@@ -8,6 +8,7 @@ from typer import Argument, Exit, Option
 
 from workbench.cli.export import estimated_track
 from workbench.cli.run import run
+from workbench.datasets.files.decode import count_frames
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.errors import InputError
@@ -26,7 +27,7 @@ def track(
         Path | None,
         Option(metavar="FILE.toml", help="Calibration; default: one camera, estimated from the person's height."),
     ] = None,
-    model: Annotated[str, Option(metavar="full|PATH", help="Model of the detector, see workbench detect.")] = "full",
+    model: Annotated[str, Option(metavar="full|heavy|PATH", help="Detector, see workbench detect.")] = "full",
     output: Annotated[
         Path | None,
         Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one."),
@@ -50,6 +51,12 @@ def track(
         raise InputError(f"{', '.join(missing)}: no such video")
     if len(videos) > 1 and camera is None:
         raise InputError("several videos are one scene: expected their calibration, --camera FILE.toml")
+    for video in videos:
+        if count_frames(video, 2) < 2:
+            raise InputError(
+                f"{video}: expected a video or a folder of two images or more, found fewer; workbench detect finds the "
+                "joints in a single image"
+            )
     if output is None:
         output = Path("recordings", "runs", "video", f"{videos[0].stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
     words = ["experiment=video", f"dataset.detector={model}", f"hydra.run.dir={output}"]

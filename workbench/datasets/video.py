@@ -69,7 +69,7 @@ class Video:
     height_m : of the person, for a camera that is estimated; None: an adult's, ADULT_M.
     only_visible : omit the frames before and after the person is detected, and those in gaps longer than MAX_BRIDGE_S
         of `visible_frames`.
-    detector : "full", BlazePose's model, which is downloaded once, or the path of another landmark model.
+    detector : "full" or "heavy", BlazePose's models, which are downloaded once, or the path of a landmark model.
     cache : folder for detections and the model.
     """
 

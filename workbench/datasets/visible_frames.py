@@ -41,5 +41,5 @@ def visible_frames(source: str, detected: IntArray, span: tuple[int, int], rate_
     for first, last in ends:
         frames = frames[(frames < first) | (frames > last)]
         if first <= last:
-            log.info("%s: no person is detected in frames %d to %d, which are omitted", source, first, last)
+            log.info("%s: the person is not detected in frames %d to %d, which are omitted", source, first, last)
     return frames
