@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.detection import landmark_network
 from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region
 from workbench.datasets.detection.people_detector import PeopleDetector
 from workbench.datasets.files.decode import decode
@@ -64,3 +65,16 @@ def test_another_file_is_no_model(tmp_path):
     (tmp_path / "model.tflite").write_bytes(b"no model")
     with pytest.raises(InputError, match="expected a BlazePose landmark model"):
         LandmarkNetwork(tmp_path / "model.tflite")
+
+
+def test_litert_agrees_with_opencv(data, monkeypatch):
+    pytest.importorskip("ai_edge_litert")
+    path = data / "blazepose" / "pose_landmark_full.tflite"
+    (image,) = decode(data / "sports2d_walk" / "demo.mp4", 100, 100)
+    litert = LandmarkNetwork(path)(image, Region(960.0, 690.0, 560.0))
+    monkeypatch.setattr(landmark_network, "find_spec", lambda _: None)
+    opencv = LandmarkNetwork(path)(image, Region(960.0, 690.0, 560.0))
+    assert not np.array_equal(litert.pixels, opencv.pixels)
+    np.testing.assert_allclose(litert.pixels, opencv.pixels, atol=0.01)
+    np.testing.assert_allclose(litert.world, opencv.world, atol=1e-4)
+    np.testing.assert_allclose(litert.confidence, opencv.confidence, atol=1e-4)
