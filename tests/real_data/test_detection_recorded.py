@@ -3,15 +3,20 @@
 import numpy as np
 import pytest
 
+from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.detection import landmark_network
+from workbench.datasets.detection.detection_files import detect_video
 from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region
 from workbench.datasets.detection.people_detector import PeopleDetector
 from workbench.datasets.files.decode import decode
 from workbench.datasets.files.joint_annotations import read_annotations
+from workbench.motion.formats.markers import joint_centres, read_markers
 from workbench.utils.errors import InputError
 
 LANDMARKS = {"shoulder": 11, "elbow": 13, "wrist": 15, "hip": 23, "knee": 25, "ankle": 27}
 FRAMES = range(98, 104)
+RATE_HZ = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +69,35 @@ def test_another_file_is_no_model(tmp_path):
     (tmp_path / "model.tflite").write_bytes(b"no model")
     with pytest.raises(InputError, match="expected a BlazePose landmark model"):
         LandmarkNetwork(tmp_path / "model.tflite")
+
+
+def test_litert_agrees_with_opencv(data, monkeypatch):
+    pytest.importorskip("ai_edge_litert")
+    path = data / "blazepose" / "pose_landmark_full.tflite"
+    (image,) = decode(data / "sports2d_walk" / "demo.mp4", 100, 100)
+    litert = LandmarkNetwork(path)(image, Region(960.0, 690.0, 560.0))
+    monkeypatch.setattr(landmark_network, "find_spec", lambda _: None)
+    opencv = LandmarkNetwork(path)(image, Region(960.0, 690.0, 560.0))
+    assert not np.array_equal(litert.pixels, opencv.pixels)
+    np.testing.assert_allclose(litert.pixels, opencv.pixels, atol=0.01)
+    np.testing.assert_allclose(litert.world, opencv.world, atol=1e-4)
+    np.testing.assert_allclose(litert.confidence, opencv.confidence, atol=1e-4)
+
+
+def test_left_and_right_of_a_man_in_one_camera_are_those_of_four_cameras(data, tmp_path):
+    """The network exchanges them in 22 of 99 frames."""
+    scene = data / "pose2sim_balance"
+    detect_video(scene / "cam02.mp4", tmp_path / "cam02", data / "blazepose" / "pose_landmark_full.tflite")
+    detected = read_annotations(tmp_path / "cam02", None, RATE_HZ)
+    camera = next(each for each in load_cameras(scene / "Calib_qualisys.toml") if each.name == "cam_02")
+    markers = read_markers(scene / "joints_triangulated.trc")
+    true = camera.project(joint_centres(markers, markers.at(detected.frames / RATE_HZ), {}))
+    for part in (("elbow", "wrist"), ("knee", "ankle")):
+        left, right = ([JOINT_NAMES.index(f"{side}_{limb}") for limb in part] for side in ("left", "right"))
+        own, other = (
+            np.linalg.norm(detected.pixels[:, left + right] - true[:, order], axis=2).sum(axis=1)
+            for order in (left + right, right + left)
+        )
+        separate = np.linalg.norm(true[:, left] - true[:, right], axis=2).max(axis=1) > 25.0
+        assert separate.sum() > 50
+        assert not (separate & (other < own)).any()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from workbench.datasets.detection.detection_files import detect_video
+from workbench.datasets.detection.detection_files import detect_video, has_people
 from workbench.datasets.detection.model_file import model_file
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
@@ -19,7 +19,7 @@ def detect(
         Path, Option("-o", "--output", metavar="DIR", help="Folder; a folder of each video's name is made in it.")
     ] = Path("detections"),
     model: Annotated[
-        str, Option(metavar="full|PATH", help="BlazePose's full model, downloaded once, or a model file.")
+        str, Option(metavar="full|heavy|PATH", help="BlazePose's model, downloaded once, or a model file.")
     ] = "full",
 ) -> None:
     """Detect the joints of every person in every frame, and write them as OpenPose's JSON files.
@@ -41,4 +41,7 @@ def detect(
     for video, name in zip(videos, names, strict=True):
         folder = output / name
         n_frames = detect_video(video, folder, path)
-        print(f"{video}: {n_frames} frames: dataset.keypoints={folder}")
+        if has_people(folder):
+            print(f"{video}: {n_frames} frames: dataset.keypoints={folder}")
+        else:
+            print(f"{video}: no person is detected in {n_frames} frames")

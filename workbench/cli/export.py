@@ -11,7 +11,7 @@ import typer
 from workbench.body.kinematics import joints
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
-from workbench.motion.formats.motion_export import Track, check_output, export
+from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
@@ -44,7 +44,7 @@ def export_recording(
     track = true_track(run) if truth else estimated_track(run)
     if intervals:
         track = replace(track, bands=_intervals(run, track.frames))
-    export(output, track, metres=metres)
+    export(output, track if truth else with_missing_frames(track), metres=metres)
     if (n_omitted := len(run.poses[0]) - len(track)) > 0:
         print(f"{run.path}: {n_omitted} frames without ground truth are omitted", file=sys.stderr)
     if run.status != "complete":

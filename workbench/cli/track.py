@@ -10,7 +10,8 @@ from typer import Argument, Exit, Option
 from workbench.cli.export import estimated_track
 from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
-from workbench.motion.formats.motion_export import export
+from workbench.datasets.files.decode import count_frames
+from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import RECORDING, read_summary
@@ -30,7 +31,7 @@ def track(
         Path | None,
         Option(metavar="FILE.toml", help="Calibration; default: one camera, estimated from the person's height."),
     ] = None,
-    model: Annotated[str, Option(metavar="full|PATH", help="Model of the detector, see workbench detect.")] = "full",
+    model: Annotated[str, Option(metavar="full|heavy|PATH", help="Detector, see workbench detect.")] = "full",
     each: Annotated[bool, Option("--each", help="Track every video by itself, as the jobs of a sweep.")] = False,
     output: Annotated[
         Path | None,
@@ -73,7 +74,7 @@ def track(
 
 
 def _check_videos(videos: list[str], one_scene: bool, calibrated: bool) -> None:
-    """Raise InputError unless there are videos, and a calibration for several of one scene."""
+    """Raise InputError unless there are videos of two frames or more, and a calibration for several of one scene."""
     if not videos:
         raise InputError("expected a video")
     if missing := [video for video in videos if not Path(video).exists()]:
@@ -82,6 +83,12 @@ def _check_videos(videos: list[str], one_scene: bool, calibrated: bool) -> None:
         raise InputError(
             "several videos are one scene: expected their calibration, --camera FILE.toml, or --each for a run of each"
         )
+    for video in map(Path, videos if one_scene else []):
+        if count_frames(video, 2) < 2:
+            raise InputError(
+                f"{video}: expected a video or a folder of two images or more, found fewer; workbench detect finds the "
+                "joints in a single image"
+            )
 
 
 def _new_folder(video: str, kind: str) -> Path:
@@ -90,7 +97,7 @@ def _new_folder(video: str, kind: str) -> Path:
 
 def _export(folder: Path) -> None:
     """Write the estimated motion of a run beside its recording."""
-    motion = estimated_track(read_sound_run(folder / RECORDING))
+    motion = with_missing_frames(estimated_track(read_sound_run(folder / RECORDING)))
     for name in _EXPORTS:
         export(folder / name, motion, metres=False)
     print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")

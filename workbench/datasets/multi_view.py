@@ -21,8 +21,9 @@ from workbench.datasets.detection.detection_files import DETECT, cached_detectio
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_detections, target_annotations
 from workbench.datasets.truth_axes import in_axes_of_cameras
 from workbench.datasets.video import Video
+from workbench.datasets.visible_frames import visible_frames
 from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres, read_markers
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 Files = Mapping[str, str]
@@ -45,7 +46,7 @@ class MultiView:
     keypoints : annotation file or folder of OpenPose's JSON by camera, for some or all of them; "detect", for a camera
         or for all, to detect people by `detector`.
     person : target in the folders: an index in the first frame, of those used, in which the first of their cameras has
-        a detection, or {camera: index}; None: the largest and most confident one, see `select_target`.
+        a detection, or {camera: index}; None and "moving": see `select_target`.
     truth : TRC or C3D file with markers, or our own CSV of joints; gaps: see `markers.in_world`.
     truth_unit, truth_up, truth_forward : unit of length of the truth, m, cm, mm or inch, and its axes that are the
         world's z and x, e.g. y and -z; None: by the file, the person (`markers.in_world`) and the detections
@@ -53,6 +54,8 @@ class MultiView:
     truth_first_frame : frame of the sources that corresponds to the truth's first.
     joint_markers : markers whose mean is a joint, by joint, where their names do not identify them.
     detector, cache : as for `Video`.
+    only_visible : as for `Video`, where no camera has annotations; a person is visible in a frame that has a detection
+        in any camera.
     """
 
     @staticmethod
@@ -65,10 +68,11 @@ class MultiView:
     def __init__(
         self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,
         n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None,
-        keypoints: Files | str = _NO_FILES, person: int | Mapping[str, int] | None = None, truth: str | None = None,
-        truth_first_frame: int = 0, truth_unit: str | None = None, truth_up: str | None = None,
-        truth_forward: str | None = None,
+        keypoints: Files | str = _NO_FILES, person: int | str | Mapping[str, int] | None = None,
+        truth: str | None = None, truth_first_frame: int = 0, truth_unit: str | None = None,
+        truth_up: str | None = None, truth_forward: str | None = None,
         joint_markers: MarkersOf = NO_MARKERS, detector: str = "full", cache: str = "~/.cache/workbench",
+        only_visible: bool = False,
     ) -> None:  # fmt: skip
         names = list(sources) if cameras is None else list(cameras)
         if isinstance(keypoints, str):
@@ -86,7 +90,7 @@ class MultiView:
         files = [(sources[name], name, annotation_files.get(name)) for name in names]
         self._videos = [Video(source, calibration_file, name, *common, keypoints=file) for source, name, file in files]
         self._names, self._folders, self._person = names, folders, person
-        self._detector, self._cache = detector, Path(cache)
+        self._detector, self._cache, self._only_visible = detector, Path(cache), only_visible
         self._truth, self._truth_first_frame, self._joint_markers = truth, truth_first_frame, joint_markers
         self._truth_axes = (truth_unit, truth_up, truth_forward)
 
@@ -100,7 +104,7 @@ class MultiView:
             raise InputError(f"multi_view: expected sources of one rate, found {rates} Hz")
         _ = self._true_joints  # read now, so that errors are raised before the first frame
         return SequenceInfo(
-            name=", ".join(one.cameras[0].name for one in infos), n_frames=self._n_frames, rate_hz=rates_hz[0],
+            name=", ".join(one.cameras[0].name for one in infos), n_frames=len(self._used), rate_hz=rates_hz[0],
             source_rate_hz=next((one.source_rate_hz for one in infos if one.source_rate_hz is not None), None),
             cameras=tuple(one.cameras[0] for one in infos), scale=infos[0].scale,
             has_keypoints=any(one.has_keypoints for one in infos) or bool(self._target),
@@ -110,7 +114,10 @@ class MultiView:
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, up to the end of the shortest source."""
         synchronized = zip(*(video.frames() for video in self._videos), strict=False)
+        used = set(self._used.tolist())
         for i, frames in enumerate(islice(synchronized, self._n_frames)):
+            if frames[0].index not in used:
+                continue
             truth = None if self._true_joints is None else Truth(joints=self._true_joints[i])
             views = tuple(self._with_keypoints(view, frames[0].index) for one in frames for view in one.views)
             yield replace(frames[0], views=views, truth=truth)
@@ -142,6 +149,15 @@ class MultiView:
     @property
     def _n_frames(self) -> int:
         return min(video.info.n_frames for video in self._videos)
+
+    @cached_property
+    def _used(self) -> IntArray:
+        """Numbers of the frames used, increasing."""
+        first, last = self._videos[0].first, self._videos[0].first + self._n_frames - 1
+        if not self._only_visible or not self._target or any(video.keypoints for video in self._videos):
+            return np.arange(first, last + 1)
+        detected = np.unique(np.concatenate([joints.detected_frames for joints in self._target.values()]))
+        return visible_frames(", ".join(self._names), detected, (first, last), self._videos[0].true_rate_hz)
 
     @cached_property
     def _true_joints(self) -> FloatArray | None:

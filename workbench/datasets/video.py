@@ -21,7 +21,8 @@ from workbench.datasets.detection.detection_files import DETECT, cached_detectio
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.joint_annotations import JointAnnotations, read_annotations
 from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
-from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.datasets.visible_frames import visible_frames
+from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
 
@@ -66,8 +67,9 @@ class Video:
     person : index of the target among those detected in the first frame with a detection; None: the largest and most
         confident one; "moving": of all in any frame the most prominent one who moves.
     height_m : of the person, for a camera that is estimated; None: an adult's, ADULT_M.
-    only_visible : restrict the frames to those from the first to the last in which the person is detected.
-    detector : "full", BlazePose's model, which is downloaded once, or the path of another landmark model.
+    only_visible : omit the frames before and after the person is detected, and those in gaps longer than MAX_BRIDGE_S
+        of `visible_frames`.
+    detector : "full" or "heavy", BlazePose's models, which are downloaded once, or the path of a landmark model.
     cache : folder for detections and the model.
     """
 
@@ -110,7 +112,6 @@ class Video:
     @cached_property
     def info(self) -> SequenceInfo:
         """The camera of the resized images, and the annotations."""
-        n_frames = self.last - self.first + 1
         first, camera = next(decode(self.path)), self.source_camera
         self._check_size(first)
         if first.shape[:2] != (camera.height, camera.width):
@@ -123,18 +124,20 @@ class Video:
         annotated = np.empty(0) if self._keypoints is None else self._keypoints.frames
         input_counts = {} if self._keypoints is None else self._keypoints.counts
         return SequenceInfo(
-            name=self.path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
+            name=self.path.name, n_frames=len(self._used), rate_hz=self.true_rate_hz, scale=self.scale,
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
-            has_keypoints=bool(((annotated >= self.first) & (annotated <= self.last)).any()),
+            has_keypoints=bool(np.isin(annotated, self._used).any()),
             input_counts=input_counts,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, because seeking in a video file is unreliable."""
         (camera,) = self.info.cameras
-        index = self.first - 1
+        index, used = self.first - 1, set(self._used.tolist())
         for index, image in enumerate(decode(self.path, self.first, self.last), self.first):
+            if index not in used:
+                continue
             self._check_size(image)
             view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index))
             annotated = None if self._truth is None else self._truth.at(index)
@@ -173,27 +176,23 @@ class Video:
     @property
     def first(self) -> int:
         """Number of the first frame used."""
-        return self._visible[0]
+        return int(self._used[0])
 
     @property
     def last(self) -> int:
         """Number of the last frame used."""
-        return self._visible[1]
+        return int(self._used[-1])
 
     @cached_property
-    def _visible(self) -> tuple[int, int]:
-        """Numbers of the first frame and the last, of those in which the person is detected if only these are used."""
-        first, last = self.first_frame, self._last
-        if not self.only_visible or self.keypoints is None:
-            return first, last
-        detected = self._read(self.keypoints, (first, last))
-        frames = detected.frames[np.isfinite(detected.pixels[..., 0]).any(axis=1)]
-        if not len(frames):
-            raise InputError(f"{self.source}: expected a person in frames {first} to {last}, found none")
-        visible = int(frames[0]), int(frames[-1])
-        if visible != (first, last):
-            log.info("%s: a person is detected in frames %d to %d, which are used", self.path.name, *visible)
-        return visible
+    def _used(self) -> IntArray:
+        """Numbers of the frames used, increasing."""
+        span = self.first_frame, self._last
+        if not self.only_visible or self._detected is None:
+            return np.arange(span[0], span[1] + 1)
+        detected = self._detected.detected_frames
+        if self._detected.confidence is None:  # a person is visible between two annotated frames
+            detected = np.arange(detected[0], detected[-1] + 1)
+        return visible_frames(self.path.name, detected, span, self.true_rate_hz)
 
     @cached_property
     def _last(self) -> int:
@@ -208,8 +207,13 @@ class Video:
         return n - 1 if last is None else last_needed
 
     @cached_property
+    def _detected(self) -> JointAnnotations | None:
+        """The person's annotated or detected joints in the frames that are set."""
+        return None if self.keypoints is None else self._read(self.keypoints)
+
+    @cached_property
     def _keypoints(self) -> JointAnnotations | None:
-        return None if self.keypoints is None else _select_frames(self._read(self.keypoints), self.eval_frames, False)
+        return None if self._detected is None else _select_frames(self._detected, self.eval_frames, False)
 
     @cached_property
     def _truth(self) -> JointAnnotations | None:
@@ -218,10 +222,10 @@ class Video:
             return None
         return _select_frames(self._read(self.eval_annotations), self.eval_frames, bool(self.eval_frames))
 
-    def _read(self, path: str, within: tuple[int, int] | None = None) -> JointAnnotations:
+    def _read(self, path: str) -> JointAnnotations:
         if path == DETECT:
             path = str(cached_detections(self.path, self.detector, Path(self.cache)))
-        return read_annotations(path, self.person, self.true_rate_hz, within or (self.first, self.last))
+        return read_annotations(path, self.person, self.true_rate_hz, (self.first_frame, self._last))
 
     def _estimated_camera(self) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints."""

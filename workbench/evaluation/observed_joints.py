@@ -10,6 +10,8 @@ from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 _MIN_JOINTS = 4
 """Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
+_LONG_GAP_S = 0.5
+"""Time between two frames above which the motion between them is no jump."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +55,13 @@ class ObservedJoints:
     @property
     def motion(self) -> FloatArray:
         """Motion (F,) of the keypoints since the frame before: the median over joints of the distance in heights of
-        the person, then over cameras."""
+        the person, then over cameras; NaN after a gap."""
         pixels, heights = self.pixels(), self.heights_px.T
-        moved = np.full(heights.shape, np.nan)
+        moved, steps_s = np.full(heights.shape, np.nan), np.diff(self.times_s, prepend=self.times_s[:1])
+        after_gap = steps_s > _LONG_GAP_S if len(steps_s) else np.zeros(heights.shape[1], dtype=bool)
         for v, t in np.ndindex(*heights.shape):
             steps = np.linalg.norm(pixels[v, t] - pixels[v, t - 1], axis=1)
-            if t and heights[v, t] > 0.0 and np.isfinite(steps).any():
+            if t and not after_gap[t] and heights[v, t] > 0.0 and np.isfinite(steps).any():
                 moved[v, t] = np.nanmedian(steps) / heights[v, t]
         valid = np.isfinite(moved).any(axis=0)
         return np.array([np.nanmedian(moved[:, t]) if valid[t] else np.nan for t in range(len(valid))])

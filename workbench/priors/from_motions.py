@@ -5,6 +5,7 @@ documented there, as are the errors.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 from typing import Any, TypeVar
@@ -66,8 +67,13 @@ def linear(
     activities: Sequence[str] = (), rate_hz: float | None = None, frames_hz: float | None = None,
     noise_scale: float = 1.0,
 ) -> Linear:  # fmt: skip
-    """Return the linear prior over all motions."""
-    return _learned(training.linear_motion, Linear, locals())
+    """Return the linear prior over all motions.
+
+    Generated gaits are of average people who walk: their prior over postures is omitted, as it would exclude those of
+    other people and activities. A fit then has the angles' nominal values.
+    """
+    prior = _learned(training.linear_motion, Linear, locals())
+    return replace(prior, model=replace(prior.model, pose_prior=None)) if motions == "builtin" else prior
 
 
 @declares_traits(Activity.traits)

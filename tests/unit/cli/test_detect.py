@@ -34,7 +34,7 @@ def model(tmp_path, monkeypatch):
 def test_every_video_has_its_folder(film, model, tmp_path, capsys):
     assert main(["detect", str(film), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
     folder = tmp_path / "out" / film.stem
-    assert str(folder) in capsys.readouterr().out
+    assert "no person" in capsys.readouterr().out
     assert len(list(folder.glob("*.json"))) > 1
 
 
@@ -53,3 +53,8 @@ def test_a_file_that_is_no_video(model, tmp_path, capsys):
     (tmp_path / "walk.mp4").write_bytes(b"no video")
     assert main(["detect", str(tmp_path / "walk.mp4"), "-o", str(tmp_path / "out"), "--model", str(model)]) == 2
     assert "walk.mp4" in capsys.readouterr().err
+
+
+def test_a_single_image_is_searched(film, model, tmp_path):
+    assert main(["detect", str(film / "1.png"), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
+    assert len(list((tmp_path / "out" / "1").glob("*.json"))) == 1

@@ -12,6 +12,8 @@ from seen_walkers import around, walked
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
+from workbench.datasets.detection import detection_files
+from workbench.datasets.detection.landmark_network import PersonLandmarks, Region
 from workbench.recording.read.reader import read
 
 
@@ -64,3 +66,18 @@ def test_what_is_missing_is_one_message(arguments, tmp_path, monkeypatch, capsys
         (tmp_path / name).write_bytes(b"")
     assert main(["track", *arguments]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_single_image_and_a_video_without_a_person_are_refused(video, tmp_path, monkeypatch, capsys):
+    nobody = PersonLandmarks(np.zeros((33, 2)), np.zeros(33), np.zeros((33, 3)), 0.0, Region(0.0, 0.0, 9.0))
+    monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda _: lambda image, region: nobody)
+    (tmp_path / "model.tflite").write_bytes(b"model")
+    overrides = ["--model", str(tmp_path / "model.tflite"), f"paths.cache={tmp_path / 'cache'}"]
+    assert main(["track", str(video / "000.png"), *overrides]) == 2
+    assert "workbench detect" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["track", str(video), "-o", str(tmp_path / "out"), *overrides, "dataset.rate_hz=30"])
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert f"{video}: expected a person" in message
+    assert "8 frames" in message

@@ -1,6 +1,7 @@
 """Who is who: people cross, are hidden, leave and come back; left and right are put right again."""
 
 import logging
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from openpose_scenes import points, standing, write
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association.assignment import Tracks
 from workbench.datasets.association.detections import DetectorView
+from workbench.datasets.association.keypoint_kalman import LEGS
 from workbench.datasets.association.left_right import PARTS, _cheapest, _cost, exchanged_labels, with_corrected_labels
 from workbench.datasets.association.target_selection import select_target
 from workbench.datasets.association.track_stitching import stitched, without_short
@@ -209,7 +211,24 @@ def test_what_was_exchanged_is_found(names, frames):
 def test_the_path_is_the_cheapest_of_all():
     rng = np.random.default_rng(0)
     for _ in range(5):
-        costs = 3.0 * rng.random((6, 2, 2, 2))
-        paths = [np.array([bool(number >> t & 1) for t in range(6)]) for number in range(64)]
+        costs = 3.0 * rng.random((5, 4, 4, 4))
+        paths = [np.array(path) for path in product(range(4), repeat=5)]
         best = min(paths, key=lambda path: _cost(costs, path))
         np.testing.assert_array_equal(_cheapest(costs), best)
+
+
+def test_arms_decide_which_of_two_labellings_of_the_legs_is_right():
+    """The legs coincide before and after frames most of which are exchanged, so that their own motion cannot decide."""
+    view, rng, n = DetectorView(None, np.ones(len(JOINT_NAMES), bool)), np.random.default_rng(0), 40
+    joints = np.full((1, n, len(JOINT_NAMES), 3), np.nan)
+    for part, limb in enumerate(PARTS):
+        for j, name in enumerate(JOINT_NAMES):
+            if name.split("_")[-1] in limb:
+                joints[0, :, j] = [0.4 if name.startswith("left") else -0.4, 0.1 * j + part, 1.0]
+                joints[0, :, j, :2] += rng.normal(0.0, 0.01, (n, 2))
+                if part == PARTS.index(LEGS):
+                    joints[0, [10, 11, 12, 28, 29, 30], j, 0] = 0.0
+    swapped = np.zeros((1, n, len(PARTS)), bool)
+    swapped[0, [13, 14, 15, 17, 18, 20, 21, 22, 24, 25, 27]] = True
+    found = exchanged_labels([view], with_corrected_labels(joints, swapped), 60.0)
+    np.testing.assert_array_equal(found, swapped)

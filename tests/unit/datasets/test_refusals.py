@@ -31,7 +31,7 @@ KEYS = [
     )],
     *[(Blank, key, value) for key, value in (("n_frames", 0), ("first_frame", -1), ("rate_hz", 0.0))],
     *[(PointFiles, key, value) for key, value in (
-        ("unit", "inch"), ("rate_hz", 0.0), ("max_points", 0), ("first_frame", -1), ("n_frames", 0), ("seed", -1),
+        ("unit", "yard"), ("rate_hz", 0.0), ("max_points", 0), ("first_frame", -1), ("n_frames", 0), ("seed", -1),
         ("initialization", "soon"),
     )],
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from workbench.core.prior import Smoothness
 from workbench.core.residual import SQUARED
 from workbench.inference.least_squares.foot_contact import (
     MIN_CONTACT_S,
+    contact_pairs,
     detect_foot_contacts,
     foot_contact_constraints,
     image_speeds,
@@ -46,6 +47,16 @@ def test_the_foot_that_stands_is_told_from_the_one_that_swings(cameras):
     assert stand[:, 0].all()
     assert not stand[:, 1].any()  # nor where it turns round, for less than MIN_CONTACT_S
     assert MIN_CONTACT_S > 2.0 * 0.1
+
+
+def test_a_contact_ends_where_frames_are_missing():
+    times, poses = lifting(20)
+    times = np.where(np.arange(20) < 12, times, times + 1.0)
+    stand = detect_foot_contacts(SKELETON, observed(SKELETON, frames(SKELETON, times, poses, CAMERAS, 1.0)), times)
+    assert stand[:12, 0].all()
+    assert not stand[12:].any()  # shorter than MIN_CONTACT_S by themselves
+    pairs = contact_pairs(np.ones((20, 2), bool), times)
+    assert sorted(map(tuple, pairs.tolist())) == [(t, k) for t in range(19) if t != 11 for k in (0, 1)]
 
 
 def test_a_foot_that_a_camera_sees_move_or_nobody_sees_does_not_stand():

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ import trc
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.motion.formats.motion_export import Track, csv_text, frame_rate, trc_text
+from workbench.motion.formats.motion_export import (
+    SUFFIXES,
+    Track,
+    csv_text,
+    export,
+    frame_rate,
+    trc_text,
+    with_missing_frames,
+)
 from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))
@@ -37,6 +46,36 @@ def test_another_program_reads_them(tmp_path):
     assert data["Time"] == pytest.approx(np.arange(7) / 25.0)
     places = np.stack([np.array(data[name]) for name in JOINT_NAMES], axis=1)
     np.testing.assert_allclose(places[..., [2, 0, 1]] / 1000.0, given.positions, atol=0.51e-7)
+
+
+def test_omitted_frames_are_empty_rows_and_a_bvh_repeats_the_pose_before(tmp_path, caplog):
+    rows = np.array([0, 1, 2, 5, 6])
+    whole = track()
+    given = replace(
+        whole, frames=whole.frames[rows], times_s=whole.times_s[rows], positions=whole.positions[rows],
+        poses=whole.poses[rows], bands={"low": np.arange(5.0)},
+    )  # fmt: skip
+    filled = with_missing_frames(given)
+    np.testing.assert_array_equal(filled.frames, whole.frames)
+    np.testing.assert_allclose(filled.times_s, whole.times_s)
+    np.testing.assert_array_equal(filled.positions[rows], given.positions)
+    assert np.isnan(filled.positions[[3, 4]]).all()
+    assert np.isnan(filled.bands["low"][[3, 4]]).all()
+    for suffix in SUFFIXES:
+        export(tmp_path / f"walk{suffix}", filled)
+    table = list(csv.reader(io.StringIO((tmp_path / "walk.csv").read_text())))
+    assert [set(row[2:]) == {""} for row in table[1:]] == [False, False, False, True, True, False, False]
+    assert set((tmp_path / "walk.trc").read_text().splitlines()[-3].split("\t")[2:]) == {"nan"}
+    motion = (tmp_path / "walk.bvh").read_text().splitlines()[-7:]
+    assert motion[2] == motion[3] == motion[4] != motion[5]
+    assert "2 frames between 43 and 44" in caplog.text
+
+
+def test_frames_of_any_constant_step_are_complete():
+    whole = track()
+    assert len(with_missing_frames(replace(whole, frames=5 * whole.frames))) == len(whole)
+    far = replace(whole, frames=np.array([0, 1, 2, 3, 4, 5, 10**9]))
+    assert with_missing_frames(far) is far
 
 
 def test_only_the_units_of_opensim():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.prior import Gaussian
+from workbench.core.prior import RECORDED_SMOOTHNESS, Gaussian
 from workbench.motion.models.linear_motion import N_POSE, LinearMotion
+from workbench.priors.from_motions import linear
 from workbench.priors.linear import Linear
 from workbench.utils.errors import InputError
 
@@ -67,3 +68,9 @@ def test_it_says_what_it_is_and_refuses_other_rates(prior):
         prior.noise_covariance(np.zeros(2 * N_POSE), 2.0 * DT_S)
     with pytest.raises(InputError, match="noise_scale"):
         Linear(prior.model, noise_scale=0.0)
+
+
+def test_generated_gaits_are_no_prior_over_postures(tmp_path):
+    learned = linear(motions="builtin", cache=str(tmp_path)).capabilities
+    assert learned.pose_prior is None
+    assert learned.smoothness == RECORDED_SMOOTHNESS

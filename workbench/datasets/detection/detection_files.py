@@ -68,26 +68,33 @@ def detect_video(video: Path, folder: Path, model: Path) -> int:
     return index + 1
 
 
+def has_people(folder: Path) -> bool:
+    """Return whether any frame of a folder that `detect_video` wrote shows a person."""
+    return any(_parsed(path).get("people") for path in sorted(folder.glob("*.json")))
+
+
 def cached_detections(video: Path, model: str, cache: Path) -> Path:
     """Return the folder in a cache with a video's detections, which are made where they are missing.
 
     Parameters
     ----------
     video : a file, or a folder of images.
-    model : "full", or the path of a landmark model, see `model_file`.
+    model : "full", "heavy" or the path of a landmark model, see `model_file`.
     cache : folder for what can be made again.
 
     Raises
     ------
     InputError
-        As `model_file` and `detect_video`.
+        As `model_file` and `detect_video`, and for a video without a person.
     """
     if next(decode(video, 0, 0), None) is None:  # before anything is downloaded
         raise InputError(f"{video}: expected at least one frame, found none")
     path = model_file(model, cache)
     folder = cache.expanduser() / "detections" / f"{video.stem}_{_sha256(video)[:16]}_{_sha256(path)[:8]}"
     log.info("people detected in %s: %s", video, folder)
-    detect_video(video, folder, path)
+    n_frames = detect_video(video, folder, path)
+    if not has_people(folder):
+        raise InputError(f"{video}: expected a person, found none in {n_frames} frames")
     return folder
 
 
@@ -119,7 +126,7 @@ class _Files:
         n = 0
         while self.path(n).is_file():
             n += 1
-        if n and self._parsed(n - 1).get("source") != self._source:
+        if n and _parsed(self.path(n - 1)).get("source") != self._source:
             raise InputError(f"{self._folder}: has detections of another video or model; choose another folder by -o")
         return n
 
@@ -152,15 +159,16 @@ class _Files:
     def read(self, index: int) -> list[Person]:
         """Return the people of a frame that `write` wrote; InputError for any other content."""
         try:
-            return [_of_json(person) for person in self._parsed(index)["people"]]
+            return [_of_json(person) for person in _parsed(self.path(index))["people"]]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{self.path(index)}: expected detections by the workbench, found {error!r}") from None
 
-    def _parsed(self, index: int) -> Mapping[str, Any]:
-        content = parse_json(self.path(index), self.path(index).read_bytes())
-        if not isinstance(content, dict):
-            raise InputError(f"{self.path(index)}: expected detections by the workbench")
-        return content
+
+def _parsed(path: Path) -> Mapping[str, Any]:
+    content = parse_json(path, path.read_bytes())
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: expected detections by the workbench")
+    return content
 
 
 def _as_json(person: Person) -> dict[str, Any]:

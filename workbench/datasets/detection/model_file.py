@@ -1,28 +1,59 @@
 """The file of a landmark model: a path of the user's own, or BlazePose's, downloaded once into the cache.
 
 BlazePose's landmark models are by The MediaPipe Authors, under the Apache License 2.0. They are not part of the
-workbench: `full` is taken out of a wheel on PyPI, whose other contents are not installed.
+workbench: each is taken out of a published package, whose other contents are not installed.
 """
 
 import hashlib
+import http.client
 import logging
 import subprocess
 import sys
+import tarfile
 import tempfile
+import urllib.request
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
+
+from tqdm import tqdm
 
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-FULL = "pose_landmark_full.tflite"
-FULL_SHA256 = "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f"
-_WHEEL = "mediapipe==0.10.21"
-_MEMBER = f"mediapipe/modules/pose_landmark/{FULL}"
 _PLATFORM = ("--platform", "manylinux_2_28_x86_64", "--python-version", "3.12", "--only-binary", ":all:")
 _TIMEOUT_S = 600.0
+_CHUNK_BYTES = 1 << 18
+
+
+@dataclass(frozen=True)
+class PublishedModel:
+    """A landmark model in a package.
+
+    file: name of its file. sha256: of it. package: as pip writes it, or npm, with a leading @. member: path of the file
+    in the package. size_mb: of the package.
+    """
+
+    file: str
+    sha256: str
+    package: str
+    member: str
+    size_mb: int
+
+
+MODELS = {
+    "full": PublishedModel(
+        "pose_landmark_full.tflite", "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f",
+        "mediapipe==0.10.21", "mediapipe/modules/pose_landmark/pose_landmark_full.tflite", 35,
+    ),
+    "heavy": PublishedModel(
+        "pose_landmark_heavy.tflite", "59e42d71bcd44cbdbabc419f0ff76686595fd265419566bd4009ef703ea8e1fe",
+        "@mediapipe/pose@0.5.1675469404", "package/pose_landmark_heavy.tflite", 41,
+    ),
+}  # fmt: skip
+"""BlazePose's landmark models by name: `full` is the faster, `heavy` the more accurate one."""
 
 
 def model_file(model: str, cache: Path) -> Path:
@@ -30,7 +61,7 @@ def model_file(model: str, cache: Path) -> Path:
 
     Parameters
     ----------
-    model : "full" for BlazePose's, which is downloaded into `cache` where it is not there yet; else a path.
+    model : a name in MODELS, whose file is downloaded into `cache` where it is not there yet; else a path.
     cache : folder for what can be made again.
 
     Raises
@@ -38,40 +69,66 @@ def model_file(model: str, cache: Path) -> Path:
     InputError
         For a path that is no file, and where the model can neither be found nor downloaded.
     """
-    if model != "full":
+    if model not in MODELS:
         path = Path(model).expanduser()
         if not path.is_file():
-            raise InputError(f"{model}: no such model; expected 'full' or the path of a BlazePose landmark model")
+            names = ", ".join(MODELS)
+            raise InputError(f"{model}: no such model; expected {names} or the path of a BlazePose landmark model")
         return path
-    path = cache.expanduser() / "models" / FULL
+    published = MODELS[model]
+    path = cache.expanduser() / "models" / published.file
     if not path.is_file():
-        log.info("downloading BlazePose's landmark model (Apache License 2.0) out of %s from PyPI, 35 MB", _WHEEL)
-        content = _downloaded(path)
+        log.info(
+            "downloading BlazePose's landmark model %s (Apache License 2.0) out of %s, %d MB",
+            model, published.package, published.size_mb,
+        )  # fmt: skip
+        content = _downloaded(published, path)
         with whole_file(path, parents=True) as part:
             part.write_bytes(content)
-    if _sha256(path.read_bytes()) != FULL_SHA256:
-        raise InputError(f"{path}: not BlazePose's {FULL} of {_WHEEL}; delete the file to download it again")
+    if _sha256(path.read_bytes()) != published.sha256:
+        raise InputError(f"{path}: not the file of {published.package}; delete the file to download it again")
     return path
 
 
-def _downloaded(path: Path) -> bytes:
-    """Return the content of the model, out of the wheel that pip downloads."""
-    by_hand = f"put {FULL} of {_WHEEL} at {path}, or choose a model file by --model PATH"
+def _downloaded(model: PublishedModel, path: Path) -> bytes:
+    """Return the content of a model, out of its package."""
+    by_hand = f"put {model.file} of {model.package} at {path}, or choose a model file by --model PATH"
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", *_PLATFORM, "-d", folder, _WHEEL]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise InputError(f"BlazePose's landmark model: cannot be downloaded ({error}); {by_hand}") from None
-        wheels = list(Path(folder).glob("*.whl"))
-        if done.returncode or len(wheels) != 1:
-            reason = next(iter(done.stderr.strip().splitlines()[-1:]), "pip failed")
-            raise InputError(f"BlazePose's landmark model: cannot be downloaded ({reason}); {by_hand}")
-        with zipfile.ZipFile(wheels[0]) as wheel:
-            content = wheel.read(_MEMBER)
-    if _sha256(content) != FULL_SHA256:
-        raise InputError(f"BlazePose's landmark model: {_WHEEL} holds another file than expected; {by_hand}")
+            content = (_of_npm if model.package.startswith("@") else _of_pip)(model, Path(folder))
+        except (OSError, subprocess.SubprocessError, http.client.HTTPException, tarfile.TarError, KeyError) as error:
+            raise InputError(f"{model.file}: cannot be downloaded ({error}); {by_hand}") from None
+    if _sha256(content) != model.sha256:
+        raise InputError(f"{model.file}: {model.package} holds another file than expected; {by_hand}")
     return content
+
+
+def _of_pip(model: PublishedModel, folder: Path) -> bytes:
+    """Return a model out of the wheel that pip downloads; raises OSError where it does not."""
+    command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", *_PLATFORM, "-d", str(folder)]
+    done = subprocess.run([*command, model.package], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+    wheels = list(folder.glob("*.whl"))
+    if done.returncode or len(wheels) != 1:
+        raise OSError(next(iter(done.stderr.strip().splitlines()[-1:]), "pip failed"))
+    with zipfile.ZipFile(wheels[0]) as wheel:
+        return wheel.read(model.member)
+
+
+def _of_npm(model: PublishedModel, folder: Path) -> bytes:
+    """Return a model out of a package on npm."""
+    archive, (name, version) = folder / "package.tgz", model.package.rsplit("@", 1)
+    address = f"https://registry.npmjs.org/{name}/-/{name.rsplit('/', 1)[-1]}-{version}.tgz"
+    with urllib.request.urlopen(address, timeout=_TIMEOUT_S) as response, archive.open("wb") as file:
+        size = int(response.headers.get("Content-Length") or 0) or None
+        with tqdm(desc=model.file, total=size, unit="B", unit_scale=True, disable=None) as progress:
+            while chunk := response.read(_CHUNK_BYTES):
+                file.write(chunk)
+                progress.update(len(chunk))
+    with tarfile.open(archive) as package:
+        member = package.extractfile(model.member)
+        if member is None:
+            raise KeyError(model.member)
+        return member.read()
 
 
 def _sha256(content: bytes) -> str:

@@ -38,7 +38,7 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
     A video is decoded from its start, because seeking is inexact. The iteration ends early where the source does.
     Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder.
     """
-    if source.is_dir():
+    if _has_images(source):
         files = image_files(source)
         for file in files[first : None if last is None else last + 1]:
             yield _rgb(_image(file))
@@ -60,7 +60,7 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 def count_frames(source: Path, at_most: int | None = None) -> int:
     """Return the number of decodable images, up to `at_most`, by decoding them; warns where a video file declares more
     frames, and raises InputError as `decode` does."""
-    if source.is_dir():
+    if _has_images(source):
         return len(image_files(source))
     n = 0
     with _opened(source) as video, tqdm(desc=f"counting frames of {source.name}", unit="frame", disable=None) as bar:
@@ -74,8 +74,8 @@ def count_frames(source: Path, at_most: int | None = None) -> int:
 
 
 def frame_rate(source: Path) -> float | None:
-    """Return the frame rate of a video file, Hz; None without one, and for a folder."""
-    if source.is_dir():
+    """Return the frame rate of a video file, Hz; None without one, and for images."""
+    if _has_images(source):
         return None
     with _opened(source) as video:
         rate = float(video.get(cv2.CAP_PROP_FPS))
@@ -83,11 +83,19 @@ def frame_rate(source: Path) -> float | None:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return the images of a folder in natural order: frame_9 before frame_10; raises InputError for none."""
+    """Return the images of a folder in natural order, frame_9 before frame_10, or a single image; raises InputError for
+    none."""
+    if folder.is_file():
+        return [folder]
     files = [file.name for file in folder.iterdir() if file.suffix.lower() in _IMAGE_SUFFIXES]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(_IMAGE_SUFFIXES)}), found none")
     return [folder / name for name in natural_order(files)]
+
+
+def _has_images(source: Path) -> bool:
+    """Return whether a source is a folder of images or a single image."""
+    return source.is_dir() or (source.is_file() and source.suffix.lower() in _IMAGE_SUFFIXES)
 
 
 @contextmanager

@@ -43,6 +43,11 @@ class JointAnnotations:
     confidence: FloatArray | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def detected_frames(self) -> IntArray:
+        """The numbers of the frames with any joint, increasing."""
+        return self.frames[np.isfinite(self.pixels[..., 0]).any(axis=1)]
+
     def at(self, frame: int) -> tuple[FloatArray, BoolArray] | None:
         """Return pixels (J, 2) and visibility (J,) of a frame's annotations; None without any."""
         if frame not in self.frames:

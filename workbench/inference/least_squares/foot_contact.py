@@ -14,7 +14,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed, person_px
 from workbench.core.residual import Loss, robust
 from workbench.inference.least_squares.all_frames import FramePairResidual
-from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 ANKLES = ("left_ankle", "right_ankle")
 MAX_CONTACT_SPEED = 0.15
@@ -28,6 +28,8 @@ MIN_CONTACT_S = 0.25
 DRIFT_M = 0.013
 """Displacement of the ankle of a foot in contact along each axis in one second, proportional to √time: rms over 17
 activities in the CMU and Bandai recordings, over 0.07 to 0.5 s."""
+MAX_PAIR_S = 0.5
+"""Longest time between two frames of one contact."""
 DRIFT_LOSS = Loss("huber", 2.0)
 """Robust, because a foot that moves straight towards the camera also seems at rest."""
 
@@ -65,11 +67,16 @@ def foot_contact_constraints(
 ) -> list[tuple[int, FramePairResidual]]:
     """Return a residual of the ankle's displacement for every contact (T, 2) that lasts from one frame to the next,
     with the number of the first frame."""
-    both_frames = foot_contacts[:-1] & foot_contacts[1:]
     return [
         (int(t), _drift_residual(skeleton, skeleton.joint(ANKLES[k]), DRIFT_M * np.sqrt(times_s[t + 1] - times_s[t])))
-        for t, k in np.argwhere(both_frames)
+        for t, k in contact_pairs(foot_contacts, times_s)
     ]
+
+
+def contact_pairs(foot_contacts: BoolArray, times_s: FloatArray) -> IntArray:
+    """Return the first frames and the feet (K, 2) of contacts (T, 2) that last from one frame to the next."""
+    near = np.diff(times_s)[:, None] <= MAX_PAIR_S
+    return np.argwhere(foot_contacts[:-1] & foot_contacts[1:] & near)
 
 
 def median_foot_height(skeleton: Skeleton, poses: FloatArray, foot_contacts: BoolArray) -> float:
@@ -80,9 +87,11 @@ def median_foot_height(skeleton: Skeleton, poses: FloatArray, foot_contacts: Boo
 
 def _remove_short(contacts: BoolArray, times_s: FloatArray) -> BoolArray:
     """Return contacts (T,) without the intervals shorter than MIN_CONTACT_S."""
-    lasting, edges = contacts.copy(), np.flatnonzero(np.diff(contacts, prepend=False, append=False))
-    for first, end in edges.reshape(-1, 2):
-        lasting[first:end] = times_s[end - 1] - times_s[first] >= MIN_CONTACT_S
+    lasting = contacts.copy()
+    for frames in np.split(np.arange(len(contacts)), np.flatnonzero(np.diff(times_s) > MAX_PAIR_S) + 1):
+        edges = np.flatnonzero(np.diff(contacts[frames], prepend=False, append=False)) + frames[0]
+        for first, end in edges.reshape(-1, 2):
+            lasting[first:end] = times_s[end - 1] - times_s[first] >= MIN_CONTACT_S
     return lasting
 
 

@@ -16,7 +16,7 @@ from workbench.core.observations import Observed
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares import pose_kernels as kernels
-from workbench.inference.least_squares.foot_contact import ANKLES, DRIFT_LOSS, DRIFT_M
+from workbench.inference.least_squares.foot_contact import ANKLES, DRIFT_LOSS, DRIFT_M, contact_pairs
 from workbench.inference.least_squares.residuals import (
     BALANCE_M,
     BALANCE_SIGMA_M,
@@ -247,7 +247,7 @@ class KeypointProblem:
     def _contact_pairs(self) -> tuple[IntArray, IntArray, FloatArray]:
         """Return the frames (K,) whose foot contacts last to the next frame, the ankles (K,), and the inverse standard
         deviations (K,), 1/m."""
-        frames, feet = np.argwhere(self.foot_contacts[:-1] & self.foot_contacts[1:]).T
+        frames, feet = contact_pairs(self.foot_contacts, self.times_s).T
         ankles = np.array([self.skeleton.joint(name) for name in ANKLES]) if len(frames) else np.zeros(2, np.int64)
         return frames, ankles[feet], 1.0 / (DRIFT_M * np.sqrt(np.diff(self.times_s)[frames]))
 

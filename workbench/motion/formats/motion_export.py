@@ -1,8 +1,9 @@
 """Export of tracked joints to files for Blender (BVH), OpenSim (TRC) or spreadsheets (CSV)."""
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,13 @@ from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
+log = logging.getLogger(__name__)
+
 SUFFIXES = (".bvh", ".trc", ".csv")
 _TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre
 _N_POSITIONS = 3
+_MAX_FRAMES = 1_000_000
+"""Of an export with its missing frames, 9 h at 30 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +49,7 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
     Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
+    Missing frames (NaN) are empty in CSV, nan in TRC, and repeat the pose before them in BVH, with a message.
     Raises InputError for another extension, a BVH without poses, BVH or TRC of fewer than two frames or of frames at
     unequal intervals, or the file cannot be written.
     """
@@ -57,9 +63,42 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
     elif track.poses is None:
         raise InputError(f"{path}: BVH requires joint angles, but only joint positions are known; choose .trc or .csv")
     else:
-        text = bvh_text(track.skeleton, track.poses, _rate(path, track), "m" if metres else "cm")
+        text = bvh_text(
+            track.skeleton, _held(path, track.frames, track.poses), _rate(path, track), "m" if metres else "cm"
+        )
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def with_missing_frames(track: Track) -> Track:
+    """Return a track with NaN in the frames that are omitted between its numbers, up to _MAX_FRAMES in all."""
+    if len(track) < 2:
+        return track
+    step = max(int(np.gcd.reduce(np.diff(track.frames))), 1)
+    rows = (track.frames - track.frames[0]) // step
+    if rows[-1] + 1 == len(track) or rows[-1] >= _MAX_FRAMES:
+        return track
+
+    def expanded(values: FloatArray) -> FloatArray:
+        whole = np.full((rows[-1] + 1, *values.shape[1:]), np.nan)
+        whole[rows] = values
+        return whole
+
+    frames = track.frames[0] + step * np.arange(rows[-1] + 1)
+    return replace(
+        track, frames=frames, times_s=np.interp(frames, track.frames, track.times_s),
+        positions=expanded(track.positions), poses=None if track.poses is None else expanded(track.poses),
+        bands={name: expanded(values) for name, values in track.bands.items()},
+    )  # fmt: skip
+
+
+def _held(path: Path, frames: IntArray, poses: FloatArray) -> FloatArray:
+    """Return poses (F, P) with the pose before in place of missing ones (NaN)."""
+    missing = np.isnan(poses).any(axis=1)
+    if missing.any():
+        listed = f"{missing.sum()} frames between {frames[missing][0]} and {frames[missing][-1]}"
+        log.warning("%s: no pose is known in %s; BVH cannot omit them, so they repeat the pose before", path, listed)
+    return poses[np.maximum.accumulate(np.where(missing, 0, np.arange(len(poses))))]
 
 
 def check_output(path: Path) -> None:
