@@ -1,8 +1,8 @@
 """Correction of left/right labels by the joints' motion and by the other views.
 
-The labels of arms and legs in each view are a hidden Markov chain with the states "as detected" and "exchanged". Its
-most likely path (Viterbi) has small second differences of the joints in the image and, with several cameras, small
-distances between rays.
+The labels in each view are a hidden Markov chain with four states: as detected, and exchanged in the legs, the arms or
+both, as by a detector that mistakes a person's front for the back. Its most likely path (Viterbi) has small second
+differences of the joints in the image and, with several cameras, small distances between rays.
 """
 
 from collections.abc import Sequence
@@ -12,13 +12,17 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association.detections import HEIGHT_M, SIGMA_M, DetectorView, median_height, triangulate_places
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
-from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 PARTS = (ARMS, LEGS)
-_LOG_TRANSITION = np.log(np.array([[0.99, 0.01], [0.2, 0.8]]))
-"""Log transition probabilities from labels as detected and exchanged (rows) to both (columns)."""
-_LOG_INITIAL = np.log(0.05)
-"""Log odds of exchanged labels in the first frame."""
+_STATES = np.array([[False, False], [False, True], [True, False], [True, True]])
+"""Whether arms and legs are exchanged, by state."""
+_LOG_TRANSITION = np.log(
+    np.array([[0.97, 0.01, 0.01, 0.01], [0.2, 0.78, 0.01, 0.01], [0.2, 0.01, 0.78, 0.01], [0.2, 0.01, 0.01, 0.78]])
+)
+"""Log transition probabilities from states (rows) to states (columns)."""
+_LOG_INITIAL = np.log(np.array([1.0, 0.05, 0.05, 0.05]))
+"""Log odds of the states in the first frame."""
 _ACCELERATION_M_S2 = 15.0
 """Standard deviation of a joint's acceleration, in addition to the detector's noise SIGMA_M."""
 _MAX_COST = 4.5
@@ -31,27 +35,24 @@ _ROWS = tuple(np.array([j for j, name in enumerate(JOINT_NAMES) if name.split("_
 def exchanged_labels(views: Sequence[DetectorView], joints: FloatArray, rate_hz: float) -> BoolArray:
     """Return whether left and right are exchanged, (V, T, 2), in arms and legs of V views in T frames.
 
-    Paths are first computed from each part's motion alone, then one at a time given all others, the one with the
+    Paths are first computed from each view's motion alone, then one at a time given all others, the one with the
     largest gain first, until there is no gain. joints: (V, T, J, 3), [u px, v px, confidence]; NaN without a detection.
     """
     places = np.array([[view.detection(one).places for one in rows] for view, rows in zip(views, joints, strict=True)])
-    swapped = np.zeros((*joints.shape[:2], len(PARTS)), dtype=bool)
-    parts = [*np.ndindex(len(views), len(PARTS))]
-    motion_costs = {(v, part): _motion_costs(places[v], part, rate_hz) for v, part in parts}
-    for (v, part), costs in motion_costs.items():
-        swapped[v, :, part] = _cheapest(costs)
+    motion_costs = [_motion_costs(one, rate_hz) for one in places]
+    paths = np.array([_cheapest(costs) for costs in motion_costs])
     for _ in range(_MAX_CHANGES if len(views) > 1 else 0):
-        current, best_gain, best = with_corrected_labels(places, swapped), 1e-6, None
-        for (v, part), costs in motion_costs.items():
-            total = costs + _ray_costs(views, current, places[v], v, part)[:, None, None, :]
+        current, best_gain, best = with_corrected_labels(places, _STATES[paths]), 1e-6, None
+        for v, costs in enumerate(motion_costs):
+            total = costs + _ray_costs(views, current, places[v], v)[:, None, None, :]
             path = _cheapest(total)
-            gain = _cost(total, swapped[v, :, part]) - _cost(total, path)
+            gain = _cost(total, paths[v]) - _cost(total, path)
             if gain > best_gain:
-                best_gain, best = gain, (v, part, path)
+                best_gain, best = gain, (v, path)
         if best is None:
             break
-        swapped[best[0], :, best[1]] = best[2]
-    return swapped
+        paths[best[0]] = best[1]
+    return np.asarray(_STATES[paths], bool)
 
 
 def with_corrected_labels(joints: FloatArray, swapped: BoolArray) -> FloatArray:
@@ -63,31 +64,35 @@ def with_corrected_labels(joints: FloatArray, swapped: BoolArray) -> FloatArray:
     return joints
 
 
-def _motion_costs(places: FloatArray, part: int, rate_hz: float) -> FloatArray:
-    """Return costs (T, 2, 2, 2) of a part's labels two frames ago, one frame ago and now: squared second
-    differences of a view's places (T, J, 2), normalized by the accelerations of a person of HEIGHT_M."""
+def _motion_costs(places: FloatArray, rate_hz: float) -> FloatArray:
+    """Return costs (T, 4, 4, 4) of the states two frames ago, one frame ago and now: squared second differences of a
+    view's places (T, J, 2), normalized by the accelerations of a person of HEIGHT_M."""
     scale = HEIGHT_M / (median_height(places) or HEIGHT_M)
     scale /= np.hypot(np.sqrt(6.0) * SIGMA_M, _ACCELERATION_M_S2 / rate_hz**2)
-    labelled, costs = _both_labellings(places, part), np.zeros((len(places), 2, 2, 2))
-    for before, last, now in np.ndindex(2, 2, 2):
-        differences = labelled[now, 2:] - 2.0 * labelled[last, 1:-1] + labelled[before, :-2]
-        costs[2:, before, last, now] = _robust(differences, scale)
+    costs = np.zeros((len(places), *[len(_STATES)] * 3))
+    for part in range(len(PARTS)):
+        labelled, of_part = _both_labellings(places, part), np.zeros((len(places), 2, 2, 2))
+        for before, last, now in np.ndindex(2, 2, 2):
+            differences = labelled[now, 2:] - 2.0 * labelled[last, 1:-1] + labelled[before, :-2]
+            of_part[2:, before, last, now] = _robust(differences, scale)
+        labels = _STATES[:, part].astype(np.intp)
+        costs += of_part[:, labels[:, None, None], labels[:, None], labels]
     return costs
 
 
-def _ray_costs(
-    views: Sequence[DetectorView], current: FloatArray, detected: FloatArray, v: int, part: int
-) -> FloatArray:
-    """Return costs (T, 2) of a part's labels in view v as detected (T, J, 2) and exchanged: squared distances of all
-    views' rays, with the other views' places in `current` (V, T, J, 2)."""
-    costs = np.zeros((current.shape[1], 2))
-    for state, labelled in enumerate(_both_labellings(detected, part)):
-        rows = current[:, :, _ROWS[part]]
-        rows[v] = labelled
-        points, _ = triangulate_places(views, rows)
-        for view, one in zip(views, rows, strict=True):
-            projected, depth = view.places(points)
-            costs[:, state] += _robust(projected - one, depth[..., None] / SIGMA_M)
+def _ray_costs(views: Sequence[DetectorView], current: FloatArray, detected: FloatArray, v: int) -> FloatArray:
+    """Return costs (T, 4) of the states of view v, detected (T, J, 2): squared distances of all views' rays, with the
+    other views' places in `current` (V, T, J, 2)."""
+    costs = np.zeros((current.shape[1], len(_STATES)))
+    for part in range(len(PARTS)):
+        for label, labelled in enumerate(_both_labellings(detected, part)):
+            rows = current[:, :, _ROWS[part]]
+            rows[v] = labelled
+            points, _ = triangulate_places(views, rows)
+            for view, one in zip(views, rows, strict=True):
+                projected, depth = view.places(points)
+                ray_costs = _robust(projected - one, depth[..., None] / SIGMA_M)
+                costs[:, _STATES[:, part] == bool(label)] += ray_costs[:, None]
     return costs
 
 
@@ -102,28 +107,26 @@ def _robust(differences: FloatArray, scale: FloatArray | float) -> FloatArray:
     return np.minimum(0.5 * squares, _MAX_COST).sum(axis=1)
 
 
-def _cost(costs: FloatArray, path: BoolArray) -> float:
-    """Return the cost of a path (T,); see `_motion_costs`."""
-    now = path.astype(np.intp)
-    last = np.append(now[:1], now[:-1])
+def _cost(costs: FloatArray, path: IntArray) -> float:
+    """Return the cost of a path of states (T,); see `_motion_costs`."""
+    last = np.append(path[:1], path[:-1])
     before = np.append(last[:1], last[:-1])
-    path_costs = costs[np.arange(len(now)), before, last, now] - _LOG_TRANSITION[last, now]
-    return float(path_costs.sum() - _LOG_INITIAL * path[0])
+    path_costs = costs[np.arange(len(path)), before, last, path] - _LOG_TRANSITION[last, path]
+    return float(path_costs.sum() - _LOG_INITIAL[path[0]])
 
 
-def _cheapest(costs: FloatArray) -> BoolArray:
-    """Return the cheapest path (T,), true where exchanged, through costs (T, 2, 2, 2); see `_motion_costs`."""
-    n = len(costs)
-    best, previous = np.zeros((2, 2)), np.zeros((n, 2, 2), dtype=np.intp)
-    # labels before the first frame equal those in it
-    best[0, 1], best[1, 0], best[1, 1] = np.inf, np.inf, -_LOG_INITIAL
+def _cheapest(costs: FloatArray) -> IntArray:
+    """Return the cheapest path of states (T,) through costs (T, 4, 4, 4); see `_motion_costs`."""
+    n, k = len(costs), len(_STATES)
+    previous = np.zeros((n, k, k), dtype=np.intp)
+    best = np.where(np.eye(k, dtype=bool), -_LOG_INITIAL, np.inf)  # states before the first frame equal that in it
     for t in range(n):
         totals = best[:, :, None] + costs[t] - _LOG_TRANSITION[None]  # two frames ago, one frame ago, now
         previous[t] = totals.argmin(axis=0)
         best = totals.min(axis=0)
-    path = np.zeros(n, dtype=bool)
+    path = np.zeros(n, dtype=np.intp)
     last, now = np.unravel_index(best.argmin(), best.shape)
     for t in range(n - 1, -1, -1):
-        path[t] = bool(now)
+        path[t] = now
         last, now = previous[t, last, now], last
     return path
