@@ -6,8 +6,8 @@ The woman of sports2d_walk with and without her camera, and the man of pose2sim_
 alone. px: 2-D joint error; abs, rel: joint error in the world and root-aligned, mm; sign: fraction of the limbs over 8
 cm in depth, seen from the camera, that point the wrong way. The man's truth is triangulated from another detector's
 joints. DIR: folders demo and cam01 to cam04 of detections; by default people are detected. The settings were chosen on
-cam01 and cam04; exchanged labels of cam02 prompted the joint correction of arms and legs, and its depth the use of signs
-alone.
+cam01 and cam04; exchanged labels in cam02 prompted the joint correction of arms and legs, and its depth the use of
+signs alone.
 """
 
 import argparse
