@@ -12,11 +12,16 @@ class View:
 
     keypoints: (J, 3) annotated or detected joints, [u px, v px, weight 0..1], in the order of JOINT_NAMES, NaN for a
     joint without one; None where the image was neither annotated nor searched.
+
+    world_landmarks: (J, 3) of a detector, m, relative positions of the joints along the axes of a camera that looks at
+    the person, x right, y down, z away from the camera, NaN for a joint without one; None for a detector without them.
+    Their size is that of an average person.
     """
 
     camera: Camera
     image: ByteArray
     keypoints: FloatArray | None = None
+    world_landmarks: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,12 @@ from workbench.utils.errors import InputError
 @dataclass(frozen=True, eq=False)
 class Keypoints:
     """Detected keypoints of one view: joints (M,) of the skeleton and their marks (M, 3), [u px, v px, weight above 0];
-    M ≥ 1."""
+    M ≥ 1. world_landmarks: (M, 3), m, see `View`; None without."""
 
     joints: IntArray
     marks: FloatArray
     camera: Camera
+    world_landmarks: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class Observables:
     "distance"; None if points are not used. residual: of points. sigma_px: of a keypoint, px of the image used; None if
     keypoints are not used. cameras: names of the cameras whose keypoints are used; None for all. common_bias_std_m:
     standard deviation of the bias shared by all points, and by the points of one body part, m. systematic_errors:
-    whether the errors of keypoints are those of a detector, which do not average out."""
+    whether the errors of keypoints are those of a detector, which do not average out. depth_sigma_m: of the depth of a
+    bone by a single camera's world landmarks, m; None if they are not used."""
 
     sigma: float | None = None
     residual: Kind = "distance"
@@ -46,6 +48,7 @@ class Observables:
     cameras: tuple[str, ...] | None = None
     common_bias_std_m: float = 0.0
     systematic_errors: bool = False
+    depth_sigma_m: float | None = None
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -93,18 +96,21 @@ def observed_kinds(observed: Sequence[Observed]) -> tuple[str, ...]:
     return ("points",) * points + ("keypoints",) * keypoints
 
 
-def usable_keypoints(skeleton: Skeleton, keypoints: FloatArray, camera: Camera) -> Keypoints | None:
-    """Return the finite keypoints with positive weight among (J, 3), in the order of JOINT_NAMES; None if there are
-    none."""
+def usable_keypoints(
+    skeleton: Skeleton, keypoints: FloatArray, camera: Camera, world_landmarks: FloatArray | None = None
+) -> Keypoints | None:
+    """Return the finite keypoints with positive weight among (J, 3), in the order of JOINT_NAMES, with their world
+    landmarks of (J, 3); None if there are none."""
     rows = np.flatnonzero(np.isfinite(keypoints).all(axis=1) & (np.nan_to_num(keypoints[:, 2]) > 0.0))
     joints = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
-    return Keypoints(joints, keypoints[rows], camera) if len(rows) else None
+    world = None if world_landmarks is None else world_landmarks[rows]
+    return Keypoints(joints, keypoints[rows], camera, world) if len(rows) else None
 
 
 def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
     """Return the usable keypoints of every view that has any, of the named cameras; None for all cameras."""
     usable = (
-        usable_keypoints(skeleton, view.keypoints, view.camera)
+        usable_keypoints(skeleton, view.keypoints, view.camera, view.world_landmarks)
         for view in frame.views
         if view.keypoints is not None and (cameras is None or view.camera.name in cameras)
     )

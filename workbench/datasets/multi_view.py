@@ -127,7 +127,8 @@ class MultiView:
         if (joints := self._target.get(view.camera.name)) is None:
             return view
         video = self._videos[self._names.index(view.camera.name)]
-        return replace(view, keypoints=video.scaled_annotations(joints, index))
+        keypoints, world = video.scaled_annotations(joints, index), joints.world_landmarks_at(index)
+        return replace(view, keypoints=keypoints, world_landmarks=world)
 
     @cached_property
     def _target(self) -> Mapping[str, JointAnnotations]:

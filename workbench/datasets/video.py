@@ -139,7 +139,8 @@ class Video:
             if index not in used:
                 continue
             self._check_size(image)
-            view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index))
+            world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
+            view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
             annotated = None if self._truth is None else self._truth.at(index)
             truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
             yield Frame(index, index / self.true_rate_hz, (view,), truth)

@@ -1,8 +1,10 @@
 """Likelihood of 2-D keypoints, detected or annotated, in every view."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -12,14 +14,21 @@ from workbench.body.limbs import Body
 from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
-from workbench.core.observations import Keypoints, Observables, Observed, usable_keypoints
+from workbench.core.frame_cache import FrameCache
+from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
 from workbench.likelihoods.base import PoseFrameLikelihood
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
+log = logging.getLogger(__name__)
+
 DEGREES_OF_FREEDOM = 4.0
 """Degrees of freedom of Student's t distribution; few give heavy tails, for confused joints."""
+SIGMA_HEIGHTS = 0.015
+"""σ in heights of the person in the image: detectors' errors are 1 to 2 %."""
+_MAX_FRAMES = 100
+"""Frames with keypoints whose median height is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +45,7 @@ class KeypointLikelihood:
     Parameters
     ----------
     body : the person's body.
-    sigma_px : σ, px of the images used.
+    sigma_px : σ, px of the images used; None: SIGMA_HEIGHTS of the person's height in the clip's images.
     likelihood_power : below 1 it flattens the posterior, since detection errors are correlated over frames and N
         particles cannot track a posterior much narrower than their spread.
     cameras : names of the cameras whose keypoints are used; None for all.
@@ -45,6 +54,9 @@ class KeypointLikelihood:
     systematic_errors : whether the keypoints are a real detector's. Least squares without a motion model then widens
         its covariances by the definitions of joints, the correlation over frames and displaced cameras, see
         `detector_errors`; the poses do not change.
+    depth_sigma_m : of least squares without a motion model and with a single camera: standard deviation, m, of the
+        depth of a bone that points against the sign by the detector's world landmarks, where it provides them; None:
+        they are not used. Their depths' errors are 0.1 m (root mean square).
     """
 
     @staticmethod
@@ -55,21 +67,44 @@ class KeypointLikelihood:
         )
 
     body: Body
-    sigma_px: float = 4.0
+    sigma_px: float | None = 4.0
     likelihood_power: float = 0.3
     cameras: Sequence[str] | None = None
     loss: str = "geman_mcclure"
     loss_scale: float = 1.5
     systematic_errors: bool = False
+    depth_sigma_m: float | None = None
+    clip: FrameCache | None = None
 
     def __post_init__(self) -> None:
-        check("keypoints", self, sigma_px=POSITIVE, likelihood_power=UP_TO_1, loss=one_of(*LOSSES), loss_scale=POSITIVE)
+        check("keypoints", self, likelihood_power=UP_TO_1, loss=one_of(*LOSSES), loss_scale=POSITIVE)
+        for name in ("sigma_px", "depth_sigma_m"):
+            if getattr(self, name) is not None:
+                check("keypoints", self, **{name: POSITIVE})
+        if self.sigma_px is None and self.clip is None:
+            raise InputError("keypoints: expected sigma_px, or a clip to measure the person's height in")
 
     @property
     def observables(self) -> Observables:
-        """The keypoints of the cameras used, with standard deviation sigma_px and the kind of their errors."""
+        """The keypoints of the cameras used, with their standard deviations and the kind of their errors."""
         cameras = None if self.cameras is None else tuple(self.cameras)
-        return Observables(sigma_px=self.sigma_px, cameras=cameras, systematic_errors=self.systematic_errors)
+        return Observables(
+            sigma_px=self.std_px, cameras=cameras, depth_sigma_m=self.depth_sigma_m,
+            systematic_errors=self.systematic_errors,
+        )  # fmt: skip
+
+    @cached_property
+    def std_px(self) -> float:
+        """σ, px."""
+        if self.sigma_px is not None:
+            return self.sigma_px
+        detected = (self._keypoints(frame) for frame in self.clip or ())
+        heights = [person_px(views) for views in islice(filter(None, detected), _MAX_FRAMES)]
+        if not heights:
+            raise InputError("keypoints: expected usable keypoints to derive sigma_px from, found none; set sigma_px")
+        sigma_px = SIGMA_HEIGHTS * max(float(np.median(heights)), 1.0)
+        log.info("standard deviation of a keypoint: %.1f px, %g of the person's height", sigma_px, SIGMA_HEIGHTS)
+        return sigma_px
 
     @property
     def residual_loss(self) -> Loss:
@@ -79,18 +114,16 @@ class KeypointLikelihood:
     def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the residuals of the frame's keypoints in the cameras used, whitened by sigma_px and their weights."""
         keypoints = [one for one in observed.keypoints if self.cameras is None or one.camera.name in self.cameras]
-        skeleton, sigma_px = self.body.skeleton, self.sigma_px
+        skeleton, sigma_px = self.body.skeleton, self.std_px
         return stacked([keypoint_residual(skeleton, one.camera, one.joints, one.marks, sigma_px) for one in keypoints])
 
     def whitening(self, weights: FloatArray) -> FloatArray:
         """Return the inverse standard deviations (M,), 1/px, of keypoints with weights (M,)."""
-        return np.asarray(np.sqrt(weights) / self.sigma_px)
+        return np.asarray(np.sqrt(weights) / self.std_px)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> PoseFrameLikelihood:
         """Return the likelihood of the frame's usable keypoints; constant if there are none."""
-        detected = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]
-        usable = [usable_keypoints(self.body.skeleton, *view) for view in detected]
-        observed = [keypoints for keypoints in usable if keypoints is not None]
+        observed = self._keypoints(frame)
         notes = () if observed else (f"frame {frame.index}: no usable keypoints",)
         return PoseFrameLikelihood("keypoints", partial(self._log_prob, observed), lambda expected_pose: self, notes)
 
@@ -98,10 +131,16 @@ class KeypointLikelihood:
         log_prob, positions = np.zeros(len(pose)), joints(self.body.skeleton, pose)
         for view in observed:
             residuals = view.camera.project(positions[:, view.joints]) - view.marks[:, :2]
-            squares = view.marks[:, 2] * (residuals**2).sum(axis=2) / (DEGREES_OF_FREEDOM * self.sigma_px**2)
+            squares = view.marks[:, 2] * (residuals**2).sum(axis=2) / (DEGREES_OF_FREEDOM * self.std_px**2)
             view_log_prob = -self.likelihood_power * (0.5 * DEGREES_OF_FREEDOM + 1.0) * np.log1p(squares).sum(axis=1)
             log_prob += np.nan_to_num(view_log_prob, nan=-np.inf, neginf=-np.inf)
         return log_prob
+
+    def _keypoints(self, frame: Frame) -> list[Keypoints]:
+        """Return the frame's usable keypoints by view."""
+        detected = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]
+        usable = [usable_keypoints(self.body.skeleton, *view) for view in detected]
+        return [keypoints for keypoints in usable if keypoints is not None]
 
     def _views(self, frame: Frame) -> tuple[View, ...]:
         if self.cameras is None:

@@ -1,9 +1,12 @@
 """The reader of marks: what is written comes back; what is wrong is named with its file and line."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.files.joint_annotations import COLUMNS, read_annotations
@@ -87,3 +90,38 @@ def test_a_file_without_marks_or_without_text_or_no_file_at_all(file, tmp_path):
         read_annotations(tmp_path / "none.csv")
     with pytest.raises(InputError, match="expected a folder of OpenPose's JSON files, found none"):
         read_annotations(tmp_path / "..")
+
+
+def with_world_landmarks(folder, world):
+    """Files of one BlazePose person, frame by frame, with the world landmarks of `world` (T, 33, 3)."""
+    folder.mkdir()
+    pixels = points("BLAZEPOSE_33", standing(100.0, 50.0))
+    for t, landmarks in enumerate(world):
+        person = {"pose_keypoints_2d": pixels.ravel().tolist(), "world_landmarks": landmarks.ravel().tolist()}
+        (folder / f"shot_{t:03d}.json").write_text(json.dumps({"people": [person]}))
+    return folder
+
+
+def test_world_landmarks_of_the_target_are_those_of_its_joints(tmp_path):
+    world = np.random.default_rng(0).standard_normal((6, 33, 3))
+    annotations = read_annotations(with_world_landmarks(tmp_path / "shots", world))
+    found = annotations.world_landmarks_at(4)
+    np.testing.assert_allclose(found[JOINT_NAMES.index("left_knee")], world[4, 25])
+    np.testing.assert_allclose(found[JOINT_NAMES.index("head_centre")], world[4, 7:9].mean(axis=0))
+    assert np.isnan(found[JOINT_NAMES.index("pelvis")]).all()
+    assert annotations.world_landmarks_at(99) is None
+    part = annotations.select(annotations.frames == 4)
+    np.testing.assert_array_equal(part.world_landmarks_at(4), found)
+
+
+@pytest.mark.parametrize("world", [np.zeros((2, 32, 3)), np.full((2, 33, 3), np.nan)])
+def test_world_landmarks_of_another_number_or_not_finite_are_an_error(tmp_path, world):
+    with pytest.raises(InputError, match="world_landmarks"):
+        read_annotations(with_world_landmarks(tmp_path / "shots", world))
+
+
+def test_files_without_world_landmarks_have_none(tmp_path):
+    pixels = points("BLAZEPOSE_33", standing(100.0, 50.0))
+    annotations = read_annotations(write(tmp_path / "shots", {t: [pixels] for t in range(4)}))
+    assert annotations.world_landmarks is None
+    assert annotations.world_landmarks_at(2) is None

@@ -39,6 +39,7 @@ class TargetPerson:
     ----------
     frames : (T,) numbers of the frames, increasing.
     joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection.
+        (V, T, J, 6) with world landmarks, see `People`.
     counts : numbers of people, of frames without a detection of the target, and of arms and legs in views with
         exchanged left/right labels.
     """
@@ -59,11 +60,12 @@ class _TrackedPeople:
     assigned: Sequence[Assignment]
 
     def of(self, number: int) -> FloatArray:
-        """Return one person's joints (V, T, J, 3)."""
-        joints = np.full((len(self.names), len(self.frames), len(JOINT_NAMES), 3), np.nan)
+        """Return one person's joints (V, T, J, 3), or (V, T, J, 6) if all views have world landmarks."""
+        width = min(rows.shape[2] for views in self.joints for rows in views if len(rows))
+        joints = np.full((len(self.names), len(self.frames), len(JOINT_NAMES), width), np.nan)
         for t, frame in enumerate(self.assigned):
             for view, row in (place for place, track_number in frame.items() if track_number == number):
-                joints[view, t] = self.joints[t][view][row]
+                joints[view, t] = self.joints[t][view][row, :, :width]
         return joints
 
 

@@ -34,6 +34,7 @@ class JointAnnotations:
     visible : (M, J), false for an annotation of an occluded joint, and without an annotation.
     confidence : (M, J) of a detector, 0..1, NaN without a detection; None for annotations.
     counts : see `TargetPerson`.
+    world_landmarks : (M, J, 3) of a detector, see `View`; None without.
     """
 
     source: str
@@ -42,6 +43,7 @@ class JointAnnotations:
     visible: BoolArray
     confidence: FloatArray | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    world_landmarks: FloatArray | None = None
 
     @property
     def detected_frames(self) -> IntArray:
@@ -64,11 +66,18 @@ class JointAnnotations:
         weights = np.where(self.visible[row], 1.0, occluded_weight) if self.confidence is None else self.confidence[row]
         return np.column_stack([self.pixels[row], np.where(np.isnan(self.pixels[row, :, 0]), np.nan, weights)])
 
+    def world_landmarks_at(self, frame: int) -> FloatArray | None:
+        """Return a frame's world landmarks (J, 3), m; None without any."""
+        if self.world_landmarks is None or frame not in self.frames:
+            return None
+        return np.asarray(self.world_landmarks[int(np.searchsorted(self.frames, frame))])
+
     def select(self, rows: BoolArray) -> "JointAnnotations":
         """Return the annotations of the frames with `rows` (M,) true."""
         confidence = None if self.confidence is None else self.confidence[rows]
         frames, pixels, visible = self.frames[rows], self.pixels[rows], self.visible[rows]
-        return JointAnnotations(self.source, frames, pixels, visible, confidence, self.counts)
+        world = None if self.world_landmarks is None else self.world_landmarks[rows]
+        return JointAnnotations(self.source, frames, pixels, visible, confidence, self.counts, world)
 
 
 def read_annotations(
@@ -115,8 +124,8 @@ def target_annotations(people: People, target: TargetPerson, view: int) -> Joint
     """Return the target person's detections in a view."""
     in_view = np.isin(target.frames, people.frames)
     pixels, confidence = target.joints[view][in_view, :, :2], target.joints[view][in_view, :, 2]
-    frames = target.frames[in_view]
-    return JointAnnotations(people.source, frames, pixels, np.isfinite(confidence), confidence, target.counts)
+    frames, world = target.frames[in_view], target.joints[view][in_view, :, 3:] if target.joints.shape[3] > 3 else None
+    return JointAnnotations(people.source, frames, pixels, np.isfinite(confidence), confidence, target.counts, world)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

@@ -17,6 +17,7 @@ from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
 from workbench.inference.least_squares import pose_kernels as kernels
 from workbench.inference.least_squares.foot_contact import ANKLES, DRIFT_LOSS, DRIFT_M, contact_pairs
+from workbench.inference.least_squares.landmark_depths import DepthArrays
 from workbench.inference.least_squares.residuals import (
     BALANCE_M,
     BALANCE_SIGMA_M,
@@ -83,7 +84,7 @@ class KeypointProblem:
 
     keypoints: under `loss`. times_s: (T,), increasing. foot_contacts: (T, 2) of ANKLES. ground_m: height of a standing
     person's ankles, m, None if unknown. pose_prior: Gaussians of the poses, means (T, P) and precisions (T, P, P); None
-    for the nominal values of each angle.
+    for the nominal values of each angle. depths: see `landmark_depths`; None: without.
     """
 
     skeleton: Skeleton
@@ -94,6 +95,7 @@ class KeypointProblem:
     foot_contacts: BoolArray
     ground_m: float | None = None
     pose_prior: tuple[FloatArray, FloatArray] | None = None
+    depths: DepthArrays | None = None
 
     @property
     def n_frames(self) -> int:
@@ -103,7 +105,8 @@ class KeypointProblem:
     def select_frames(self, frames: IntArray) -> "KeypointProblem":
         """Return the problem of the frames with these indices."""
         keypoints, contacts = self.keypoints.select_frames(frames), self.foot_contacts[frames]
-        return replace(self, keypoints=keypoints, times_s=self.times_s[frames], foot_contacts=contacts)
+        depths = None if self.depths is None else self.depths.select_frames(frames)
+        return replace(self, keypoints=keypoints, times_s=self.times_s[frames], foot_contacts=contacts, depths=depths)
 
     def expand(self, x: FloatArray) -> Quadratic:
         """Return the cost at poses x (T P,) and its Gauss–Newton model."""
@@ -255,7 +258,8 @@ class KeypointProblem:
     def _terms(self) -> tuple[Any, ...]:
         """Return the kernels' arguments from `chain` to `stance`."""
         loss = (_LOSSES[self.loss.name], float(self.loss.scale))
-        return chain(self.skeleton), self.keypoints.arrays, loss, NO_TARGETS, self._prior, self._stance
+        depths = (self.depths or DepthArrays.none(self.n_frames)).arrays
+        return chain(self.skeleton), self.keypoints.arrays, loss, NO_TARGETS, self._prior, depths, self._stance
 
     @cached_property
     def _prior(self) -> tuple[FloatArray, ...]:
@@ -333,7 +337,8 @@ def reach_targets(
     precisions = np.repeat(np.where(active, 0.0, _FIXED_PRECISION)[None], len(poses), axis=0)
     target_terms = (np.asarray(limb[1:]), np.ascontiguousarray(targets), np.array([sigma_m**-2.0]))
     prior = limits(skeleton, np.zeros((1, n_dofs)), np.zeros((1, n_dofs, n_dofs)))
-    terms = (chain(skeleton), keypoints.arrays, (kernels.SQUARED, 1.0), target_terms, prior, NO_STANCE)
+    depths = DepthArrays.none(len(poses)).arrays
+    terms = (chain(skeleton), keypoints.arrays, (kernels.SQUARED, 1.0), target_terms, prior, depths, NO_STANCE)
     kernels.fit_frames(fitted, False, precisions, terms, 8, 1e-2, np.empty(len(poses)))
     fitted[:, ~active] = poses[:, ~active]
     return fitted

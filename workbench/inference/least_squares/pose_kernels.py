@@ -13,6 +13,8 @@ Kernels take `terms`, a tuple of tuples, for J joints, P degrees of freedom, T f
 - loss: its code and scale of the keypoints' residuals;
 - prior: lower (P,), upper (P,), limit weight (1,), mean (1 or T, P), precision (1 or T, P, P) of the pose;
 - targets: joints (A,), their target positions (T, A, 3) m, weight (1,) 1/m²;
+- depths: first (T + 1,) bone of each frame, ends (K, 2) joints, directions (K, 3), whitening (K,) 1/m, see
+  `landmark_depths`, and the scale (1,) of their Huber loss;
 - stance: masses (J,), feet (2,) the ankles, or -1 without, balance (3,) forward m, left m, 1/m, ground (2,) m and 1/m,
   NaN height if unknown.
 """
@@ -280,6 +282,28 @@ def _add_stance(
 
 
 @_inner
+def _add_depths(
+    t: Any, depths: Any, chain: Any, positions: Any, axes: Any, rows: Any, gradient: Any, block: Any
+) -> Any:  # fmt: skip
+    """Add frame t's bones that point against their depth's sign; return their cost."""
+    first, ends, directions, whitening, scale = depths
+    movers, n_movers, cost, row = chain[4], chain[5], 0.0, np.empty(len(gradient))
+    for k in range(first[t], first[t + 1]):
+        row[:] = 0.0
+        residual = 0.0
+        for end, sign in ((ends[k, 0], -1.0), (ends[k, 1], 1.0)):
+            joint_rows(end, chain, positions, axes, rows)
+            for a in range(3):
+                component = sign * directions[k, a]
+                residual += component * positions[end, a]
+                for i in range(n_movers[end]):
+                    row[movers[end, i]] += whitening[k] * component * rows[i, a]
+        if residual < 0.0:
+            cost += _add_row(whitening[k] * residual, row, HUBER, scale[0], gradient, block)
+    return cost
+
+
+@_inner
 def _clear(gradient: Any, block: Any, joint_gradients: Any, joint_hessians: Any) -> None:
     for p in range(len(gradient)):
         gradient[p] = 0.0
@@ -299,7 +323,7 @@ def _frame(
 ) -> Any:  # fmt: skip
     """Write gradient (P,) and the lower triangle of block (P, P) of one frame; return its cost. workspace: rotations
     (J, 3, 3), positions (J, 3), axes (P, 3), m (J, 3), M (J, 3, 3), rows (m, 3), which are overwritten."""
-    chain, keypoints, loss, targets, prior, stance = terms
+    chain, keypoints, loss, targets, prior, depths, stance = terms
     rotations, positions, axes, joint_gradients, joint_hessians, rows = workspace
     _clear(gradient, block, joint_gradients, joint_hessians)
     _kinematics(pose, chain, rotations, positions, axes)
@@ -309,6 +333,7 @@ def _frame(
         if joint_hessians[j, 0, 0] + joint_hessians[j, 1, 1] + joint_hessians[j, 2, 2] > 0.0:
             add_joint(j, chain, positions, axes, joint_gradients[j], joint_hessians[j], rows, gradient, block)
     cost += _add_pose_prior(t, pose, prior, gradient, block)
+    cost += _add_depths(t, depths, chain, positions, axes, rows, gradient, block)
     return cost + _add_stance(pose, stance, chain, positions, axes, rows, gradient, block)
 
 

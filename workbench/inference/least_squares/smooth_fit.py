@@ -28,6 +28,7 @@ from workbench.inference.least_squares.hypotheses import (
     upright_poses,
 )
 from workbench.inference.least_squares.keypoint_problem import KeypointArrays, KeypointProblem
+from workbench.inference.least_squares.landmark_depths import DepthArrays
 from workbench.inference.least_squares.limb_flips import flip_limbs
 from workbench.inference.least_squares.residual_problem import ResidualProblem
 from workbench.inference.least_squares.residuals import nominal_pose_prior
@@ -115,7 +116,8 @@ class SmoothFit:
         likelihood, contacts = task.likelihood, detect_foot_contacts(task.skeleton, task.observations, task.times_s)
         rest = (task.times_s, likelihood.residual_loss, task.smoothness, contacts, self.ground_m)
         if observed_kinds(task.observations) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
-            return KeypointProblem(task.skeleton, KeypointArrays.of(task.observations, likelihood.whitening), *rest)
+            keypoints = KeypointArrays.of(task.observations, likelihood.whitening)
+            return KeypointProblem(task.skeleton, keypoints, *rest, depths=_depths(task))
         return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
 
 
@@ -124,8 +126,16 @@ def _initial_candidates(task: Task, start: FloatArray | None) -> FloatArray:
     if start is not None:
         return start[None]
     if keypoints := first_keypoints(task.observations):
-        return first_poses(task.skeleton, keypoints, task.sigma_px)
+        return first_poses(task.skeleton, keypoints, task.sigma_px, task.likelihood.observables.depth_sigma_m)
     return first_pose(task, None)[None]
+
+
+def _depths(task: Task) -> DepthArrays | None:
+    """Return the depths by world landmarks; None with several cameras, whose rays determine the depth."""
+    sigma_m = task.likelihood.observables.depth_sigma_m
+    if sigma_m is None or _single_camera(task.observations) is None:
+        return None
+    return DepthArrays.of(task.skeleton, task.observations, sigma_m)
 
 
 def keypoint_problem(
@@ -202,12 +212,16 @@ def candidates(
     return sorted(fits, key=lambda fit: fit[1])
 
 
-def first_poses(skeleton: Skeleton, views: Sequence[Keypoints], sigma_px: float) -> FloatArray:
-    """Return poses (n ≤ N_HYPOTHESES, P) within limits that agree with one frame of keypoints: minima from all
-    headings, the best first."""
+def first_poses(
+    skeleton: Skeleton, views: Sequence[Keypoints], sigma_px: float, depth_sigma_m: float | None = None
+) -> FloatArray:
+    """Return poses (n ≤ N_HYPOTHESES, P) within limits that agree with one frame of keypoints, and with a single view's
+    depths by world landmarks if depth_sigma_m is set: minima from all headings, the best first."""
     poses = upright_poses(skeleton, views, nominal_pose_prior(skeleton).mean)
     copies = [Observed(np.empty((0, 3)), tuple(views))] * len(poses)
     problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / REFERENCE_RATE_HZ, sigma_px, KEYPOINT_LOSS)
+    if depth_sigma_m is not None and len(views) == 1:
+        problem = replace(problem, depths=DepthArrays.of(skeleton, copies, depth_sigma_m))
     poses, costs = problem.fit_independently(poses)
     return distinct_poses(skeleton, poses[np.argsort(costs, kind="stable")], N_HYPOTHESES, MIN_START_SEPARATION_M)
 

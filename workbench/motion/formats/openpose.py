@@ -59,7 +59,8 @@ class People:
     """Detected people. source : the folder. layout : in LAYOUTS. frames : (M,) numbers of the frames, ascending.
 
     joints : (n, J, 3) per frame, for n people in the order of the file, [u px, v px, confidence 0..1] in the order of
-    JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person.
+    JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person. (n, J, 6) where the files
+    have world landmarks, [x, y, z] m about the middle of the hips along the camera's axes.
     """
 
     source: str
@@ -88,8 +89,9 @@ def read_openpose(folder: str | Path) -> People:
         raise InputError(f"{folder}: expected a person in some frame, found none in {len(people)} frames")
     candidates = [name for name, (n, _) in LAYOUTS.items() if n == len(detected[0])]
     name = min(candidates, key=lambda name: _limbs_px(LAYOUTS[name][1], detected))
-    joints = [[_joints(LAYOUTS[name][1], person) for person in frame] for frame in people]
-    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), 3) for frame in joints)
+    width = min(person.shape[1] for person in detected)
+    joints = [[_joints(LAYOUTS[name][1], person, width) for person in frame] for frame in people]
+    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
     return People(str(folder), name, np.array(sorted(files)), by_frame)
 
 
@@ -108,7 +110,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
 
 
 def _people(file: Path) -> list[FloatArray]:
-    """Return points (K, 3) of the people in one file, NaN without detection; K is 0 for an empty person."""
+    """Return points (K, 3) of the people in one file, (K, 6) with world landmarks, NaN without detection; K is 0 for an
+    empty person."""
     try:
         check_file(file)
         people = [_points(person) for person in parse_json(file, file.read_bytes())["people"]]
@@ -129,6 +132,11 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
         raise ValueError("numbers that are not finite")
     if len(points) and np.abs(points[:, :2]).max() > LARGEST_PX:
         raise ValueError(f"a coordinate beyond {LARGEST_PX:g} px")
+    if len(person.get("world_landmarks", ())):
+        world = np.array(person["world_landmarks"], dtype=np.float64).reshape(-1, 3)
+        if len(world) != len(points) or not np.isfinite(world).all():
+            raise ValueError(f"world_landmarks of {len(world)} points, or not finite")
+        points = np.hstack([points, world])
     points[points[:, 2] <= 0.0] = np.nan
     points[:, 2] = np.minimum(points[:, 2], 1.0)
     return points
@@ -142,10 +150,11 @@ def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
     return float(np.mean(medians)) if medians else np.inf
 
 
-def _joints(layout: Layout, points: FloatArray) -> FloatArray:
-    """Return joints (J, 3) at the mean of their points of (K, 3), with the smallest of their confidences."""
-    joints = np.full((len(JOINT_NAMES), 3), np.nan)
+def _joints(layout: Layout, points: FloatArray, width: int = 3) -> FloatArray:
+    """Return joints (J, width) at the mean of their points of (K, ≥ width), with the smallest of their confidences."""
+    joints = np.full((len(JOINT_NAMES), width), np.nan)
     for name, numbers in layout.items() if len(points) else ():
-        selected = points[list(numbers)]
-        joints[JOINT_NAMES.index(name)] = [*selected[:, :2].mean(axis=0), selected[:, 2].min()]
+        selected = points[list(numbers), :width]
+        joints[JOINT_NAMES.index(name)] = selected.mean(axis=0)
+        joints[JOINT_NAMES.index(name), 2] = selected[:, 2].min()
     return joints

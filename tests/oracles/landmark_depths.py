@@ -1,0 +1,34 @@
+"""Signs of bones' depths in plain NumPy, bone by bone, for `workbench.inference.least_squares.landmark_depths`."""
+
+import numpy as np
+
+from workbench.body.kinematics import forward, joint_jacobian
+from workbench.core.residual import ResidualFunction
+
+
+def depth_residual(skeleton, view, bones, sigma_m) -> ResidualFunction:
+    """Return the residual √w d · (x_b − x_a) / σ, with its Jacobian, of every bone (a, b) by name that has the opposite
+    sign by the world landmarks; 0 for the others, and where L |Δz| / |Δ| of the landmarks is below 0.08 m.
+
+    d is the direction to the mean of the undistorted keypoints, L the bone's length, w the lower weight of its ends.
+    """
+    rays = [*view.camera.undistorted(view.marks[:, :2]).mean(axis=0), 1.0]
+    direction = view.camera.rotation.T @ (np.array(rays) / np.linalg.norm(rays))
+    places = dict(zip(view.joints.tolist(), view.world_landmarks, strict=True))
+    weights = dict(zip(view.joints.tolist(), view.marks[:, 2], strict=True))
+
+    def residual(pose):
+        values, rows = [], []
+        positions, jacobian = forward(skeleton, pose[None]).positions[0], joint_jacobian(skeleton, pose[None])[0]
+        for a, b in ((skeleton.joint(first), skeleton.joint(last)) for first, last in bones):
+            if a in places and b in places:
+                length = np.linalg.norm(positions[b] - positions[a])
+                bone = places[b] - places[a]
+                whitening = np.sqrt(min(weights[a], weights[b])) / sigma_m
+                depth, predicted = length * bone[2] / np.linalg.norm(bone), direction @ (positions[b] - positions[a])
+                against = whitening if abs(depth) > 0.08 and depth * predicted < 0.0 else 0.0
+                values.append(against * predicted)
+                rows.append(against * direction @ (jacobian[b] - jacobian[a]))
+        return np.array(values), np.array(rows).reshape(-1, len(pose))
+
+    return residual
