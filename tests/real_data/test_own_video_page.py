@@ -12,7 +12,7 @@ import pytest
 from workbench.body.camera import load_cameras
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
-from workbench.datasets.detection.model_file import FULL
+from workbench.datasets.detection.model_file import MODELS
 from workbench.datasets.files.decode import decode
 
 PAGE = Path(__file__).parents[2] / ".docs" / "howto" / "own_video.md"
@@ -54,7 +54,7 @@ def folder(data, tmp_path_factory):
         (folder / "trials").mkdir(exist_ok=True)
         shutil.copy(folder / "walk.mp4", folder / "trials" / f"trial{number}.mp4")
     (folder / "cache" / "models").mkdir(parents=True)
-    shutil.copy(data / "blazepose" / FULL, folder / "cache" / "models")
+    shutil.copy(data / "blazepose" / MODELS["full"].file, folder / "cache" / "models")
     return folder
 
 
