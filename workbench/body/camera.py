@@ -1,8 +1,10 @@
 """The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -117,27 +119,35 @@ def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras of a TOML file in the format of Pose2Sim and Sports2D, in the order of the file. Each table
-    except [metadata] has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation
-    (m). Raises InputError if the file is missing, is not TOML, or a camera is incomplete."""
+    """Read the cameras of a TOML file in the format of Pose2Sim, Sports2D and Anipose, in the order of the file. Each
+    table with a matrix has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and
+    translation, in the file's unit; other tables and keys are ignored. Raises InputError if the file is missing, is not
+    TOML, or a camera is incomplete."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
     check_file(path, MAX_CONFIG)
     try:
-        tables = parse_toml(path, path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
         raise InputError(f"{path}: expected TOML: {error}") from None
-    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if key != "metadata")
+    tables = parse_toml(path, text)
+    if isinstance(inner := tables.get("cameras"), dict):
+        tables = inner
+    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if _is_camera(key, table))
     if not cameras:
-        raise InputError(f"{path}: expected at least one camera table, found none")
+        raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
     return cameras
 
 
-def _camera(path: Path, key: str, table: object) -> Camera:
-    if not isinstance(table, dict):
-        raise InputError(f"{path}: expected a table [{key}] for a camera, found {table!r}")
+def _is_camera(key: str, table: object) -> bool:
+    """Return whether a table has some of a camera's own keys."""
+    return key != "metadata" and isinstance(table, dict) and not {"matrix", "distortions"}.isdisjoint(table)
 
+
+def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     def numbers(name: str, *shapes: tuple[int, ...]) -> FloatArray:
         expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
         try:

@@ -1,0 +1,152 @@
+"""Layouts of 2-D detectors: which points are which joints, and which layout a detector's points have."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+
+Layout = Mapping[str, tuple[int, ...]]
+"""The detector's points by joint; a joint is at their mean."""
+
+_COCO_LIMBS = {
+    f"{side}_{joint}": (5 + 2 * j + s,)
+    for j, joint in enumerate(("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
+    for s, side in enumerate(("left", "right"))
+}
+_BLAZEPOSE_LIMBS = {
+    f"{side}_{joint}": (first + s,)
+    for joint, first in (("shoulder", 11), ("elbow", 13), ("wrist", 15), ("hip", 23), ("knee", 25), ("ankle", 27))
+    for s, side in enumerate(("left", "right"))
+}
+_BODY_ARMS = {
+    "right_shoulder": (2,), "right_elbow": (3,), "right_wrist": (4,),
+    "left_shoulder": (5,), "left_elbow": (6,), "left_wrist": (7,),
+}  # fmt: skip
+_BODY_25B = _COCO_LIMBS | {"neck": (17,), "head_centre": (17, 18)}
+_HALPE_26 = _COCO_LIMBS | {"neck": (18,), "head_centre": (17, 18), "pelvis": (19,)}
+_COCO_17 = _COCO_LIMBS | {"head_centre": (3, 4)}
+_MPI_LEGS = {
+    "right_hip": (8,), "right_knee": (9,), "right_ankle": (10,),
+    "left_hip": (11,), "left_knee": (12,), "left_ankle": (13,),
+}  # fmt: skip
+LAYOUTS: Mapping[str, tuple[int, Layout]] = {
+    "BODY_25": (25, _BODY_ARMS | {
+        "pelvis": (8,), "right_hip": (9,), "right_knee": (10,), "right_ankle": (11,),
+        "left_hip": (12,), "left_knee": (13,), "left_ankle": (14,), "head_centre": (17, 18),
+    }),
+    "BODY_25B": (25, _BODY_25B),
+    "BODY_135": (135, _BODY_25B),
+    "HALPE_26": (26, _HALPE_26),
+    "HALPE_136": (136, _HALPE_26),
+    "COCO_18": (18, _BODY_ARMS | _MPI_LEGS | {"head_centre": (16, 17)}),
+    "COCO_17": (17, _COCO_17),
+    "COCO_133": (133, _COCO_17),
+    "MPII_16": (16, {
+        "right_ankle": (0,), "right_knee": (1,), "right_hip": (2,), "left_hip": (3,), "left_knee": (4,),
+        "left_ankle": (5,), "pelvis": (6,), "neck": (8,), "head_centre": (8, 9), "right_wrist": (10,),
+        "right_elbow": (11,), "right_shoulder": (12,), "left_shoulder": (13,), "left_elbow": (14,), "left_wrist": (15,),
+    }),
+    "MPI_15": (15, _BODY_ARMS | _MPI_LEGS),
+    "BLAZEPOSE_33": (33, _BLAZEPOSE_LIMBS | {"head_centre": (7, 8)}),
+}  # fmt: skip
+"""Numbers of points, and points by joint. The centre of the head is half-way between neck and top of the head, if there
+is one, else between the ears. OpenPose's own "neck", the middle of the shoulders, is below ours and is excluded. The
+whole-body layouts, with points of face and hands, begin with those of a body."""
+_BONES = tuple(
+    (f"{side}_{a}", f"{side}_{b}")
+    for side in ("left", "right")
+    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+)
+_NEIGHBOURS: Mapping[str, tuple[tuple[int, ...], ...]] = {
+    "BODY_25": ((0, 15, 16, 17, 18), (14, 19, 20, 21), (11, 22, 23, 24)),
+    "BODY_25B": ((0, 1, 2, 3, 4), (15, 19, 20, 21), (16, 22, 23, 24)),
+}
+"""Points of the face and of either foot, the first of which is within a few centimetres of the others."""
+_CLEAR_LOG_RATIO = 0.2
+"""Smallest evidence of a clear decision."""
+
+
+def matching_layout(people: Sequence[FloatArray]) -> tuple[str, float]:
+    """Return the name of the layout of detected people (K, 3), and the evidence for it.
+
+    Of layouts with the same number of points, the anatomically right one connects neighbouring parts of a body: its
+    bones are short relative to the person's extent in the image. The evidence is the median over people of the log
+    ratio of their mean lengths under the second best layout and under this one, infinite without a second one.
+    Reprojection between cameras cannot decide: a point is the same point in all cameras under every layout. Raises
+    InputError for an unknown number.
+    """
+    n_points = len(people[0])
+    names = [name for name, (n, _) in LAYOUTS.items() if n == n_points]
+    if not names:
+        options = ", ".join(f"{n} ({name})" for name, (n, _) in LAYOUTS.items())
+        raise InputError(f"expected one of {options} points per person, found {n_points}")
+    if len(names) == 1:
+        return names[0], np.inf
+    points = np.stack(people)[..., :2]
+    lengths = np.stack([_mean_bone(name, points) for name in names])
+    usable = np.isfinite(lengths).all(axis=0) & (lengths > 0.0).all(axis=0)
+    ratios = np.log(lengths[:, usable]) - np.log(lengths[:, usable]).min(axis=0)
+    medians = np.median(ratios, axis=1) if usable.any() else np.zeros(len(names))
+    order = np.argsort(medians, kind="stable")
+    return names[order[0]], float(medians[order[1]] - medians[order[0]])
+
+
+def is_clear(evidence: float) -> bool:
+    """Return whether the evidence for a layout is clear, see `matching_layout`."""
+    return evidence >= _CLEAR_LOG_RATIO
+
+
+def layout_named(name: str, n_points: int) -> str:
+    """Return the name of a layout that is set; raises InputError for an unknown one or another number of points."""
+    if name not in LAYOUTS:
+        raise InputError(f"keypoint_layout: expected one of {', '.join(LAYOUTS)}, found {name!r}")
+    if LAYOUTS[name][0] != n_points:
+        raise InputError(f"keypoint_layout: {name} has {LAYOUTS[name][0]} points, found {n_points} per person")
+    return name
+
+
+def named_points(names: Sequence[str]) -> Layout:
+    """Return the points by joint of points that are named after joints, such as LeftKnee, l_knee or knee-left."""
+    plain = {re.sub(r"[^a-z0-9]", "", name.lower()): number for number, name in reversed(list(enumerate(names)))}
+    layout: dict[str, tuple[int, ...]] = {}
+    for joint in JOINT_NAMES:
+        found = [option for option in _spellings(joint) if all(name in plain for name in option)]
+        if found:
+            layout[joint] = tuple(plain[name] for name in found[0])
+    return layout
+
+
+def _spellings(joint: str) -> Iterable[tuple[str, ...]]:
+    """Yield the plain names of a joint's points, the best first."""
+    yield (joint.replace("_", ""),)
+    if joint == "pelvis":
+        yield from (("midhip",), ("hips",))
+    elif joint == "head_centre":
+        yield from (("head",), ("lear", "rear"), ("leftear", "rightear"), ("earleft", "earright"))
+    elif "_" in joint:
+        side, part = joint.split("_")
+        yield from ((side[0] + part,), (part + side,), (part + side[0],))
+
+
+def joints_of_points(layout: Layout, points: FloatArray) -> FloatArray:
+    """Return joints (J, 3) at the mean of their points of (K, 3), with the smallest of their confidences."""
+    joints = np.full((len(JOINT_NAMES), 3), np.nan)
+    for name, numbers in layout.items() if len(points) else ():
+        selected = points[list(numbers)]
+        joints[JOINT_NAMES.index(name)] = [*selected[:, :2].mean(axis=0), selected[:, 2].min()]
+    return joints
+
+
+def _mean_bone(layout: str, points: FloatArray) -> FloatArray:
+    """Return the mean length of a layout's bones in the image, of people (n, K, 2); NaN where none is detected."""
+    joints = LAYOUTS[layout][1]
+    pairs = [(joints[a][0], joints[b][0]) for a, b in _BONES]
+    pairs += [(group[0], other) for group in _NEIGHBOURS.get(layout, ()) for other in group[1:]]
+    first, second = np.array(pairs).T
+    lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
+    count = np.isfinite(lengths).sum(axis=1)
+    return np.where(count > 0, np.nansum(lengths, axis=1) / np.maximum(count, 1), np.nan)
