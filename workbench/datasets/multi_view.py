@@ -118,13 +118,12 @@ class MultiView:
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, up to the end of the shortest source."""
         if self._paired is None:
-            synchronized = islice(
-                zip(*(video.frames() for video in self._videos), strict=False), len(self._frame_numbers)
-            )
+            streams = [video.frames() for video in self._videos]
         else:
-            synchronized = zip(*map(_frames_numbered, self._videos, self._paired), strict=True)
+            streams = [_frames_numbered(*each) for each in zip(self._videos, self._paired, strict=True)]
+        synchronized = islice(zip(*streams, strict=False), len(self._frame_numbers))
         times_s = self._times_s
-        for i, frames in enumerate(islice(synchronized, len(self._frame_numbers))):
+        for i, frames in enumerate(synchronized):
             truth = None if self._true_joints is None else Truth(joints=self._true_joints[i])
             views = tuple(self._with_keypoints(view, frames[0].index) for one in frames for view in one.views)
             yield replace(frames[0], time_s=float(times_s[i]), views=views, truth=truth)

@@ -98,7 +98,7 @@ def estimated_offsets(
     if min(len(each.frames) / times[name].rate_hz for name, each in people.items()) < 2.0 * MAX_OFFSET_S:
         return {}
     n = int(MAX_OFFSET_S / step_s)
-    shifts_s = np.arange(-n, n + 1) * step_s
+    shifts_s = np.asarray(np.arange(-n, n + 1) * step_s, dtype=np.float64)
     rays = {name: _rays(each, cameras[name]) for name, each in people.items()}
     clocks = {name: times[name].at(each.frames) for name, each in people.items()}
     curves = {

@@ -84,10 +84,10 @@ def frame_times(source: Path, times_s: FloatArray) -> FrameTimes:
     intervals_s = np.diff(times_s)
     median_hz = float(1.0 / np.median(intervals_s))
     log.warning(
-        "%s: frame intervals of %.1f to %.1f ms, %.4g Hz on average; the times of the file are used (rate_hz assumes "
-        "a constant rate)", source, 1e3 * intervals_s.min(), 1e3 * intervals_s.max(), mean_hz,
+        "%s: frame intervals of %.1f to %.1f ms, %.4g Hz on average, %g Hz by the header; the file's times are used "
+        "(rate_hz assumes a constant rate)",
+        source, 1e3 * intervals_s.min(), 1e3 * intervals_s.max(), mean_hz, header_hz,
     )  # fmt: skip
-    _report_rate(source, header_hz, mean_hz)
     return FrameTimes(median_hz, times_s)
 
 

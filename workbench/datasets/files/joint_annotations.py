@@ -149,12 +149,13 @@ def read_people(
         if scaling:
             log.warning("%s: %s", each.source, scaling)
     people, decisions = people_of_points(points, layout)
-    for each in people.values():
-        log.info("%s: %s, %d frames", each.source, each.layout, len(each.frames))
+    for found in people.values():
+        log.info("%s: %s, %d frames", found.source, found.layout, len(found.frames))
     for name, decision in decisions.items():
         log.info("layout %s of all cameras by anatomy: %s", name, decision)
-    numbers = {name: each.numbers for name, each in images.items() if each.numbers is not None and name in people}
-    frames, assumptions = paired_frames({name: people[name].frames for name in numbers}, numbers)
+    numbers = {name: images[name].numbers for name in people}
+    images_by_name = {name: each for name, each in numbers.items() if each is not None}
+    frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
     for name, assumption in assumptions.items():
         log.warning("%s: %s", people[name].source, assumption)
     return people | {name: _at_frames(people[name], each) for name, each in frames.items()}

@@ -79,9 +79,8 @@ def checked(path: Path, found: Properties) -> Properties:
 
 
 def check_settings(path: Path, settings: Mapping[str, Any]) -> None:
-    """Raise InputError for a configuration with anything but texts, numbers, truths, lists and mappings by texts or whole
-    numbers;
-    and for components, paths and tolerances that are no mappings, and a seed that is no whole number."""
+    """Raise InputError for a configuration with anything but texts, numbers, truths, lists and mappings by texts or
+    whole numbers; and for components, paths and tolerances that are no mappings, and a seed that is no whole number."""
     _check_plain(path, settings, "configuration")
     for name in (*_GROUPS, *_MAPPINGS):
         if not isinstance(settings.get(name), dict | None):
