@@ -10,7 +10,7 @@ def video(path, n, rate_hz, size=(160, 120)):
     """Write an MP4 file of n frames, each as grey as its number times four, at a constant rate."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, size)
     for k in range(n):
-        writer.write(np.full((size[1], size[0], 3), 4 * k, np.uint8))
+        writer.write(np.full((size[1], size[0], 3), 4 * k % 256, np.uint8))
     writer.release()
     return path
 

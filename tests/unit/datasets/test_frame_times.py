@@ -39,7 +39,8 @@ def test_a_variable_rate_gives_the_times_of_the_file(tmp_path, caplog):
     frames = list(dataset.frames())
     assert [frame.time_s for frame in frames] == pytest.approx(UNEVEN_S[10:], abs=1e-4)
     shown = [frame.views[0].image.mean() / 4 for frame in frames]
-    assert shown == pytest.approx(list(range(10, N)), abs=0.7)
+    assert (np.diff(shown) > 0.0).all()
+    assert shown == pytest.approx(list(range(10, N)), abs=1.2)  # compressed
     assert dataset.info.rate_hz == pytest.approx(30.0, rel=1e-3)
     assert "33.3 to 66.7 ms" in caplog.text
     given = Video(str(path), str(tmp_path / "calibration.toml"), rate_hz=30.0)
@@ -85,5 +86,5 @@ def test_a_video_without_a_decodable_frame_names_its_codec_and_the_remedy(tmp_pa
     content = path.read_bytes()
     place = content.index(b"mp4v", content.index(b"stsd"))
     path.write_bytes((content[:place] + b"av01" + content[place + 4 :]).replace(b"esds", b"free"))
-    with pytest.raises(InputError, match="codec .*ffmpeg -i a.mp4 -c:v libx264"):
+    with pytest.raises(InputError, match=r"codec .*ffmpeg -i a\.mp4 -c:v libx264"):
         timestamps(path)

@@ -53,7 +53,8 @@ def scene(folder, times=None, cameras=VIEWS, people=person, size=SIZE, rates=Non
 
 def dataset(folder, **keys):
     usual = {
-        "sources": {name: str(folder / f"{name}.mp4") for name in VIEWS}, "calibration_file": str(folder / "calib.toml"),
+        "sources": {name: str(folder / f"{name}.mp4") for name in VIEWS},
+        "calibration_file": str(folder / "calib.toml"),
         "keypoints": {name: str(folder / "json" / name) for name in VIEWS},
     }  # fmt: skip
     return MultiView(**usual | keys)
@@ -89,15 +90,15 @@ def test_a_camera_that_began_late_is_shifted_by_its_keypoints_or_by_the_key(tmp_
     assert error_mm(dataset(folder, offsets_s={"left": 0.0}))[0] > 15.0
     with pytest.raises(InputError, match="no source for camera 'right'"):
         dataset(folder, offsets_s={"right": 0.1})
-    with pytest.raises(InputError, match="no time has frames of all cameras"):
+    with pytest.raises(InputError, match="expected times with frames of all cameras"):
         _ = dataset(folder, offsets_s={"left": 100.0}).info
 
 
 @pytest.mark.parametrize("late", ["front", "back"])
 def test_a_fraction_of_a_frame_is_interpolated(tmp_path, late):
     folder = scene(tmp_path, {late: times_of(late_s=0.05)})
-    assert error_mm(dataset(folder, offsets_s={late: 0.05}))[0] < 5.0
-    assert error_mm(dataset(folder, offsets_s={}))[0] > 8.0
+    assert error_mm(dataset(folder, offsets_s={late: 0.05}))[0] < 2.5
+    assert error_mm(dataset(folder, offsets_s={}))[0] > 5.0
 
 
 def test_cameras_of_different_rates_are_paired_by_time(tmp_path, caplog):
@@ -137,7 +138,7 @@ def test_images_and_keypoints_pair_by_their_numbers(tmp_path, start):
 def test_keypoints_numbered_from_1_belong_to_a_video_from_its_first_frame(tmp_path):
     folder = scene(tmp_path, number=1)
     (folder / "json" / "left" / f"shot_{N:012d}_keypoints.json").unlink()  # cameras count alike
-    assert error_mm(dataset(folder)) == (pytest.approx(0.0, abs=0.5), N)
+    assert error_mm(dataset(folder, n_frames=N - 1)) == (pytest.approx(0.0, abs=0.5), N - 1)
     assert dataset(folder, first_frame=10, n_frames=5).info.n_frames == 5
     assert error_mm(dataset(folder, first_frame=10, n_frames=5))[0] < 0.5
 
@@ -180,8 +181,12 @@ def test_every_layout_gives_the_same_person(tmp_path, layout):
 def test_a_layout_can_be_given(tmp_path):
     folder = scene(tmp_path)
     assert error_mm(dataset(folder, keypoint_layout="BODY_25"))[0] < 0.5
-    assert error_mm(dataset(folder, keypoint_layout="BODY_25B", offsets_s={}, unit="m"))[0] > 100.0
-    for layout, message in (("COCO_17", "COCO_17 has 17 points, found 25"), ("BODY", "expected one of BODY_25")):
+    right, other = (
+        next(dataset(folder, keypoint_layout=name, offsets_s={}, unit="m").frames()).views[0].keypoints
+        for name in ("BODY_25", "BODY_25B")
+    )
+    assert not np.array_equal(right, other, equal_nan=True)
+    for layout, message in (("COCO_17", "COCO_17 has 17 points, found 25"), ("BODY", "expected one of ")):
         with pytest.raises(InputError, match=message):
             _ = dataset(folder, keypoint_layout=layout).info
 

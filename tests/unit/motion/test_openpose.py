@@ -37,7 +37,7 @@ def test_the_published_numbers_of_points():
     assert LAYOUTS["COCO_18"][1]["left_hip"] == (11,)
 
 
-PLACES = st.floats(0.0, 2000.0, allow_nan=False)
+PLACES = st.floats(2.0, 2000.0, allow_nan=False)
 PERSON = st.one_of(
     st.just("empty"), st.just("zeros"),
     st.lists(st.one_of(st.none(), st.tuples(PLACES, PLACES, st.floats(0.01, 1.0))), min_size=17, max_size=17),
@@ -100,3 +100,4 @@ def test_what_is_no_such_folder_is_refused(tmp_path):
     assert "found none in 2" in refusal(write(tmp_path / "empty", {0: [], 1: []}))
     assert "already in" in refusal(write(write(tmp_path / "twice", {1: []}), {1: []}, "other_{}.json"))
     assert "frame's number" in refusal(write(tmp_path / "none", {1: []}, "keypoints.json"))
+    assert "coordinates in pixels" in refusal(write(tmp_path / "relative", {1: [points("COCO_17", joints) * 1e-3]}))

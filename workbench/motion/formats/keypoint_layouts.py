@@ -56,28 +56,36 @@ LAYOUTS: Mapping[str, tuple[int, Layout]] = {
 """Numbers of points, and points by joint. The centre of the head is half-way between neck and top of the head, if there
 is one, else between the ears. OpenPose's own "neck", the middle of the shoulders, is below ours and is excluded. The
 whole-body layouts, with points of face and hands, begin with those of a body."""
-_BONES = tuple(
-    (f"{side}_{a}", f"{side}_{b}")
+_BONES = {
+    (f"{side}_{a}", f"{side}_{b}"): length
     for side in ("left", "right")
-    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-)
+    for a, b, length in (
+        ("shoulder", "elbow", 0.186), ("elbow", "wrist", 0.146), ("shoulder", "hip", 0.288), ("hip", "knee", 0.245),
+        ("knee", "ankle", 0.246),
+    )
+}  # fmt: skip
+"""Lengths over a person's height: Winter, *Biomechanics and Motor Control of Human Movement*."""
 _NEIGHBOURS: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "BODY_25": ((0, 15, 16, 17, 18), (14, 19, 20, 21), (11, 22, 23, 24)),
     "BODY_25B": ((0, 1, 2, 3, 4), (15, 19, 20, 21), (16, 22, 23, 24)),
 }
-"""Points of the face and of either foot, the first of which is within a few centimetres of the others."""
-_CLEAR_LOG_RATIO = 0.2
+"""Points of the face and of either foot."""
+_NEIGHBOUR_LENGTH = 0.06
+"""Distance of the first point of each group from the others, over the height."""
+_MAX_LOG_RATIO = 1.5
+"""Largest deviation of a bone that counts, for robustness; foreshortened bones have all lengths down to zero."""
+_CLEAR = 0.1
 """Smallest evidence of a clear decision."""
 
 
 def matching_layout(people: Sequence[FloatArray]) -> tuple[str, float]:
     """Return the name of the layout of detected people (K, 3), and the evidence for it.
 
-    Of layouts with the same number of points, the anatomically right one connects neighbouring parts of a body: its
-    bones are short relative to the person's extent in the image. The evidence is the median over people of the log
-    ratio of their mean lengths under the second best layout and under this one, infinite without a second one.
-    Reprojection between cameras cannot decide: a point is the same point in all cameras under every layout. Raises
-    InputError for an unknown number.
+    Of layouts with the same number of points, the right one gives bones that have the proportions of a body: the mean
+    absolute log ratio of their lengths in the image to a body's, scaled to each person, is least. The evidence is the
+    median over people of its difference to the second best layout, infinite without a second one. Reprojection between
+    cameras cannot decide: a point is the same point in all cameras under every layout. Raises InputError for an unknown
+    number.
     """
     n_points = len(people[0])
     names = [name for name, (n, _) in LAYOUTS.items() if n == n_points]
@@ -87,17 +95,17 @@ def matching_layout(people: Sequence[FloatArray]) -> tuple[str, float]:
     if len(names) == 1:
         return names[0], np.inf
     points = np.stack(people)[..., :2]
-    lengths = np.stack([_mean_bone(name, points) for name in names])
-    usable = np.isfinite(lengths).all(axis=0) & (lengths > 0.0).all(axis=0)
-    ratios = np.log(lengths[:, usable]) - np.log(lengths[:, usable]).min(axis=0)
-    medians = np.median(ratios, axis=1) if usable.any() else np.zeros(len(names))
+    deviations = np.stack([_deviation(name, points) for name in names])
+    usable = np.isfinite(deviations).all(axis=0)
+    excess = deviations[:, usable] - deviations[:, usable].min(axis=0)
+    medians = np.median(excess, axis=1) if usable.any() else np.zeros(len(names))
     order = np.argsort(medians, kind="stable")
     return names[order[0]], float(medians[order[1]] - medians[order[0]])
 
 
 def is_clear(evidence: float) -> bool:
     """Return whether the evidence for a layout is clear, see `matching_layout`."""
-    return evidence >= _CLEAR_LOG_RATIO
+    return evidence >= _CLEAR
 
 
 def layout_named(name: str, n_points: int) -> str:
@@ -141,12 +149,19 @@ def joints_of_points(layout: Layout, points: FloatArray) -> FloatArray:
     return joints
 
 
-def _mean_bone(layout: str, points: FloatArray) -> FloatArray:
-    """Return the mean length of a layout's bones in the image, of people (n, K, 2); NaN where none is detected."""
+def _deviation(layout: str, points: FloatArray) -> FloatArray:
+    """Return the mean deviation of a layout's bones from a body's proportions, of people (n, K, 2); NaN for none."""
     joints = LAYOUTS[layout][1]
-    pairs = [(joints[a][0], joints[b][0]) for a, b in _BONES]
-    pairs += [(group[0], other) for group in _NEIGHBOURS.get(layout, ()) for other in group[1:]]
-    first, second = np.array(pairs).T
+    pairs = {(joints[a][0], joints[b][0]): length for (a, b), length in _BONES.items()}
+    groups = _NEIGHBOURS.get(layout, ())
+    pairs |= {(group[0], other): _NEIGHBOUR_LENGTH for group in groups for other in group[1:]}
+    first, second = np.array(list(pairs)).T
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
-    count = np.isfinite(lengths).sum(axis=1)
-    return np.where(count > 0, np.nansum(lengths, axis=1) / np.maximum(count, 1), np.nan)
+    ratios = np.log(np.maximum(lengths, 1e-9) / np.array(list(pairs.values())))
+    measured = np.isfinite(ratios)
+    scales = np.array(
+        [np.median(row[there]) if there.any() else np.nan for row, there in zip(ratios, measured, strict=True)]
+    )
+    deviations = np.minimum(np.abs(ratios - scales[:, None]), _MAX_LOG_RATIO)
+    count = measured.sum(axis=1)
+    return np.where(count > 2, np.where(measured, deviations, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)

@@ -87,11 +87,13 @@ def people_of_points(
                 matching_layout(people) if layout is None else (layout_named(layout, number), np.inf)
             )
         except InputError as error:
-            sources = ", ".join(each.source for each in points.values() if len(each.detected[0]) == number)
-            raise InputError(f"{sources}: {error}") from None
+            source = next(each.source for each in points.values() if len(each.detected[0]) == number)
+            raise InputError(f"{source}: {error}") from None
         if np.isfinite(evidence):
             certainty = "" if is_clear(evidence) else "not clear, set keypoint_layout; "
-            decisions[layouts[number]] = f"{certainty}bones {np.exp(evidence):.2f} times as long by the next layout"
+            decisions[layouts[number]] = (
+                f"{certainty}bones deviate {100 * np.expm1(evidence):.0f} % more by the next one"
+            )
     return {
         name: _people_of(each, "named points" if each.names else layouts[len(each.detected[0])])
         for name, each in points.items()
