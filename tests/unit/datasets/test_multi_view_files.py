@@ -147,7 +147,7 @@ def test_keypoints_numbered_from_1_belong_to_a_video_from_its_first_frame(tmp_pa
 def test_coordinates_relative_to_the_image_are_scaled(tmp_path, low, caplog):
     def relative(camera, time_s):
         found = person(camera, time_s)
-        found[:, :2] = low + (1.0 - low) * found[:, :2] / (np.array(SIZE) - 1.0)
+        found[:, :2] = low + (1.0 - low) * found[:, :2] / np.array(SIZE)
         return np.where(found[:, 2:] > 0.0, found, 0.0)
 
     assert error_mm(dataset(scene(tmp_path, people=relative)))[0] < 0.5

@@ -49,8 +49,8 @@ class DetectedPoints:
     def in_pixels(self, size: tuple[int, int] | None) -> tuple["DetectedPoints", str]:
         """Return the points in pixels of an image of `size`, width and height, and how they are scaled, if they are.
 
-        Coordinates within 0 to 1, or −1 to 1, are those of OpenPose's keypoint_scale 3 and 4, whose limits are the
-        centres of the outer pixels. Raises InputError for such coordinates without a size.
+        Coordinates within 0 to 1, or −1 to 1, are fractions of the image's size, as of MediaPipe; OpenPose's
+        keypoint_scale 3 and 4 differ by up to a pixel. Raises InputError for such coordinates without a size.
         """
         places = np.concatenate(self.detected)[:, :2]
         if not np.nanmax(np.abs(places)) <= _UNIT_RANGE:
@@ -58,7 +58,7 @@ class DetectedPoints:
         if size is None:
             raise InputError(f"{self.source}: expected coordinates in pixels, found numbers up to 1")
         low = -1.0 if np.nanmean(places < 0.0) > 0.05 else 0.0
-        factors = np.append((np.array(size) - 1.0) / (1.0 - low), 1.0)
+        factors = np.append(np.array(size) / (1.0 - low), 1.0)
         scaled = [[(person - [low, low, 0.0]) * factors for person in frame] for frame in self.points]
         return replace(self, points=tuple(scaled)), f"coordinates of {low:g} to 1 are scaled to {size[0]}×{size[1]} px"
 
