@@ -77,7 +77,7 @@ BOMBS = [
     )],
     *[("a_1.json", text) for text in (
         "[" * 100_000, '{"a":' * 100_000, "1" * 5000, '{"people": 3}', '{"people": [{}]}',
-        KEYPOINTS.replace("0.0, ", "", 1), *[KEYPOINTS.replace("1.0", new) for new in ('"a"', "1e400", "NaN", "1e8")],
+        KEYPOINTS.replace("0.0, ", "", 1), *[KEYPOINTS.replace("1.0", new) for new in ('"a"', "1e400", "1e8")],
         b"\xff\xfe\x00",
     )],
     *[("a.trc", TRC.replace("60\t60", f"{rate}\t60")) for rate in ("0", "-30", "nan", "inf", "1e300", "0.01")],

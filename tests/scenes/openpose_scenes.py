@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from workbench.motion.formats.openpose import LAYOUTS
+from workbench.motion.formats.keypoint_layouts import LAYOUTS
 
 
 def points(layout, joints, confidence=0.8):

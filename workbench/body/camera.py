@@ -1,16 +1,27 @@
 """The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
 
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from workbench.body.distortion import five_coefficients
 from workbench.body.shape import Triple
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, check_places, parse_toml
+
+log = logging.getLogger(__name__)
+
+_N_COEFFICIENTS = (4, 5, 8, 12, 14)
+"""Numbers of coefficients of OpenCV's lens models."""
+_MAX_LENS_ERROR_PX = 3.0
+"""Largest error of a lens, of the order of a detector's noise."""
 
 TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From a world with x ahead and z up to a level camera."""
@@ -117,27 +128,37 @@ def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras of a TOML file in the format of Pose2Sim and Sports2D, in the order of the file. Each table
-    except [metadata] has size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation
-    (m). Raises InputError if the file is missing, is not TOML, or a camera is incomplete."""
+    """Read the cameras of a TOML file in the format of Pose2Sim, Sports2D and Anipose, in the order of the file.
+
+    Each table with a matrix has size [w, h], matrix, distortions (4, 5, 8, 12 or 14 numbers), rotation (Rodrigues
+    vector or matrix) and translation, in the file's unit; other tables and keys are ignored. Raises InputError if the
+    file is missing, is not TOML, or a camera is incomplete.
+    """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
     check_file(path, MAX_CONFIG)
     try:
-        tables = parse_toml(path, path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
         raise InputError(f"{path}: expected TOML: {error}") from None
-    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if key != "metadata")
+    tables = parse_toml(path, text)
+    if isinstance(inner := tables.get("cameras"), dict):
+        tables = inner
+    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if _is_camera(key, table))
     if not cameras:
-        raise InputError(f"{path}: expected at least one camera table, found none")
+        raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
     return cameras
 
 
-def _camera(path: Path, key: str, table: object) -> Camera:
-    if not isinstance(table, dict):
-        raise InputError(f"{path}: expected a table [{key}] for a camera, found {table!r}")
+def _is_camera(key: str, table: object) -> bool:
+    """Return whether a table has some of a camera's own keys."""
+    return key != "metadata" and isinstance(table, dict) and not {"matrix", "distortions"}.isdisjoint(table)
 
+
+def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     def numbers(name: str, *shapes: tuple[int, ...]) -> FloatArray:
         expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
         try:
@@ -150,16 +171,26 @@ def _camera(path: Path, key: str, table: object) -> Camera:
             raise InputError(f"{path}: camera [{key}]: {name!r} must hold {expected} numbers, found {table[name]!r}")
         return values
 
-    if table.get("fisheye"):
-        raise InputError(f"{path}: camera [{key}] is a fisheye, expected a pinhole camera")
     width, height = numbers("size", (2,))
     if not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
         raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
     if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
         raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
     check_places(f"{path}: camera [{key}]", numbers("translation", (3,)))
-    rotation = cv2.Rodrigues(numbers("rotation", (3,)))[0].astype(np.float64)
-    distortion = np.resize(np.append(numbers("distortions", (4,), (5,)), 0.0), 5)
+    turn = numbers("rotation", (3,), (3, 3))
+    rotation = cv2.Rodrigues(turn)[0].astype(np.float64) if turn.ndim == 1 else turn
+    coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
+    distortion = np.resize(np.append(coefficients, 0.0), 5)
+    if fisheye or coefficients[5:].any():
+        distortion, error_px = five_coefficients(
+            (int(width), int(height)), numbers("matrix", (3, 3)), coefficients, fisheye
+        )
+        if not error_px <= _MAX_LENS_ERROR_PX:
+            raise InputError(
+                f"{path}: camera [{key}]: its lens differs by {error_px:.2g} px from five coefficients; "
+                "undistort the images first, and set fisheye = false and distortions of 0"
+            )
+        log.warning("%s: camera [%s]: its lens is approximated by five coefficients to %.2g px", path, key, error_px)
     return Camera(
         name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
         rotation=rotation, translation=numbers("translation", (3,)), distortion=distortion,

@@ -11,20 +11,22 @@ from typing import Any
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera, load_cameras
+from workbench.body.camera import Camera
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
-from workbench.datasets.files.decode import count_frames, decode, frame_rate
-from workbench.datasets.files.joint_annotations import JointAnnotations, read_annotations
+from workbench.datasets.files.calibration import camera_named, fitted, read_calibration
+from workbench.datasets.files.decode import declared_frames, decode, frame_rate, image_files, timestamps
+from workbench.datasets.files.frame_times import FrameTimes, frame_times, given_times
+from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_annotations
+from workbench.datasets.files.pairing import image_numbers
 from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
 from workbench.datasets.visible_frames import visible_frames
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_rate
 
 log = logging.getLogger(__name__)
 
@@ -71,6 +73,10 @@ class Video:
         of `visible_frames`.
     detector : "full" or "heavy", BlazePose's models, which are downloaded once, or the path of a landmark model.
     cache : folder for detections and the model.
+    unit : of lengths in calibration_file, m, cm, mm or a number of metres; None: m, or mm where only that is plausible.
+    up : vertical axis of the world of calibration_file, such as y or -y; None: z.
+    keypoint_layout : of a detector's points, such as BODY_25B; None: by their number and, where several layouts have
+        it, by anatomy.
     """
 
     @staticmethod
@@ -101,6 +107,9 @@ class Video:
     only_visible: bool = False
     detector: str = "full"
     cache: str = "~/.cache/workbench"
+    unit: str | float | None = None
+    up: str | None = None
+    keypoint_layout: str | None = None
 
     def __post_init__(self) -> None:
         check("video", self, scale=UP_TO_1, occluded_weight=UNIT)
@@ -112,10 +121,9 @@ class Video:
     @cached_property
     def info(self) -> SequenceInfo:
         """The camera of the resized images, and the annotations."""
-        first, camera = next(decode(self.path)), self.source_camera
-        self._check_size(first)
-        if first.shape[:2] != (camera.height, camera.width):
-            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
+        camera = self.source_camera
+        if self.image_size != (camera.width, camera.height):
+            size, expected = f"{self.image_size[0]}×{self.image_size[1]}", f"{camera.width}×{camera.height}"
             warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
         if min(camera.width, camera.height) * self.scale < _MIN_SIZE_PX:
             size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f} px"
@@ -143,19 +151,28 @@ class Video:
             view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
             annotated = None if self._truth is None else self._truth.at(index)
             truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
-            yield Frame(index, index / self.true_rate_hz, (view,), truth)
+            yield Frame(index, float(self.times.at(index)), (view,), truth)
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which existed before")
 
     @cached_property
+    def times(self) -> FrameTimes:
+        """Times of the source's frames: at rate_hz, or else of its timestamps."""
+        if self.rate_hz is not None:
+            return given_times(self.rate_hz)
+        return frame_times(self.path, self._timestamps_s)
+
+    @property
     def true_rate_hz(self) -> float:
         """Frames per second: rate_hz, or else the source's."""
-        rate = frame_rate(self.path) if self.rate_hz is None else self.rate_hz
-        if rate is None:
-            raise InputError(f"{self.source}: has no frame rate; set rate_hz")
-        if not 0.0 < rate < np.inf:
-            raise InputError(f"video: rate_hz must be positive, found {rate}")
-        return check_rate(f"{self.source}: rate_hz", rate)
+        return self.times.rate_hz
+
+    @cached_property
+    def _timestamps_s(self) -> FloatArray:
+        """Timestamps of the source's frames up to the last one set, s; of a folder the numbers of its images."""
+        if self.path.is_dir():
+            return np.arange(len(image_files(self.path)), dtype=np.float64)
+        return timestamps(self.path, None if self.n_frames is None else self.first_frame + self.n_frames)
 
     @cached_property
     def path(self) -> Path:
@@ -167,12 +184,26 @@ class Video:
         """The camera of the source's images."""
         if self.calibration_file is None:
             return self._estimated_camera()
-        cameras = {camera.name: camera for camera in load_cameras(Path(self.calibration_file).expanduser())}
-        if self.camera_name is not None and self.camera_name not in cameras:
-            raise InputError(
-                f"{self.calibration_file}: no camera called {self.camera_name!r}, expected one of {', '.join(cameras)}"
-            )
-        return next(iter(cameras.values())) if self.camera_name is None else cameras[self.camera_name]
+        cameras = read_calibration(self.calibration_file, self.unit, self.up)
+        camera = camera_named(cameras, self.camera_name, self.calibration_file)
+        return fitted(camera, self.image_size, self.source)
+
+    @cached_property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height of the first image, px."""
+        _ = self._timestamps_s  # raises an error for a source without frames
+        height, width = next(decode(self.path)).shape[:2]
+        return width, height
+
+    @cached_property
+    def source_images(self) -> SourceImages:
+        """Size and numbers of the source's images, for detections of them."""
+        if self.keypoints == DETECT:
+            return SourceImages(self.image_size)
+        if self.path.is_dir():
+            return SourceImages(self.image_size, image_numbers(self.path))
+        n_images = max(len(self._timestamps_s), 0 if self.n_frames is None else declared_frames(self.path))
+        return SourceImages(self.image_size, np.arange(n_images))
 
     @property
     def first(self) -> int:
@@ -199,10 +230,8 @@ class Video:
     def _last(self) -> int:
         """Number of the last frame of those that are set."""
         last = None if self.n_frames is None else self.first_frame + self.n_frames - 1
-        n = count_frames(self.path, None if last is None else last + 1)
+        n = len(self._timestamps_s)
         last_needed = self.first_frame if last is None else last
-        if n == 0:
-            raise InputError(f"{self.source}: expected frames, found none that can be decoded")
         if last_needed >= n:
             raise InputError(f"{self.source}: no frame {last_needed}, expected one of 0 to {n - 1}")
         return n - 1 if last is None else last_needed
@@ -226,7 +255,8 @@ class Video:
     def _read(self, path: str) -> JointAnnotations:
         if path == DETECT:
             path = str(cached_detections(self.path, self.detector, Path(self.cache)))
-        return read_annotations(path, self.person, self.true_rate_hz, (self.first_frame, self._last))
+        within = (self.first_frame, self._last)
+        return read_annotations(path, self.person, self.times, within, self.source_images, self.keypoint_layout)
 
     def _estimated_camera(self) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints."""
@@ -273,7 +303,7 @@ class Video:
             expected = f"expected annotations in first_frame={first}, found them in frames {frames}"
             raise InputError(f"{annotations.source}: {expected}")
         used = [int(index) for index in annotations.frames if first <= index <= last]
-        times_s = np.array(used) / self.true_rate_hz
+        times_s = self.times.at(np.array(used))
         return AnnotatedFrames(times_s, np.array([self.scaled_annotations(annotations, index) for index in used]))
 
     def scaled_annotations(self, annotations: JointAnnotations | None, index: int) -> FloatArray | None:

@@ -103,10 +103,8 @@ def test_cameras_of_a_file(tmp_path):
         ("size = [640.0, 480.0]\n", "", "camera [cam] has no 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
         ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
-        ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 numbers"),
-        ("[1.2, -0.4, 0.3]", "[1.2, nan, 0.3]", "'rotation' must hold 3 numbers"),
-        ("fisheye = false", "fisheye = true", "camera [cam] is a fisheye"),
-        ("[cam]\n", "cam = 3\n[metadata_of_cam]\n", "expected a table [cam] for a camera, found 3"),
+        ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 or 8 or 12 or 14 numbers"),
+        ("[1.2, -0.4, 0.3]", "[1.2, nan, 0.3]", "'rotation' must hold 3 or 3×3 numbers"),
     ],
 )
 def test_malformed_camera_files_are_refused(tmp_path, old, new, message):

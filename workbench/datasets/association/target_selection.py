@@ -14,7 +14,9 @@ from workbench.datasets.association.assignment import Assignment, track
 from workbench.datasets.association.detections import detector_view, median_height
 from workbench.datasets.association.left_right import PARTS, exchanged_labels, with_corrected_labels
 from workbench.datasets.association.track_stitching import extended_backwards, stitched, without_short
-from workbench.motion.formats.openpose import LAYOUTS, People
+from workbench.datasets.files.frame_times import FrameTimes
+from workbench.motion.formats.keypoint_layouts import LAYOUTS
+from workbench.motion.formats.openpose import People
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -71,7 +73,7 @@ class _TrackedPeople:
 
 def select_target(
     people: Mapping[str, People], cameras: Mapping[str, Camera] | None, rate_hz: float, person: Choice = None,
-    within: tuple[int, int | None] = (0, None),
+    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None,
 ) -> TargetPerson:  # fmt: skip
     """Return the detections of the target person in synchronized views of one frame rate.
 
@@ -83,6 +85,7 @@ def select_target(
     person : index of the target; None for the person in the first frame with a detection who is largest and most
         confidently detected over all frames and views.
     within : numbers of the first frame and of the last, None for the end.
+    uneven_s : times of all frames, s, where they are not at a constant rate; see `FrameTimes`.
 
     Raises
     ------
@@ -95,7 +98,7 @@ def select_target(
     views = [detector_view(each, several[name] if several else None) for name, each in people.items()]
     joints = [[_in_frame(each, frame) for each in people.values()] for frame in frames]
     detections = [[list(map(v.detection, rows)) for v, rows in zip(views, each, strict=True)] for each in joints]
-    times_s = frames / rate_hz
+    times_s = FrameTimes(rate_hz, uneven_s).at(frames)
     tracks = without_short(track(views, detections, times_s))
     assigned = stitched(extended_backwards(views, detections, times_s, tracks), times_s)
     tracked = _TrackedPeople(list(people), frames, joints, assigned)
@@ -203,7 +206,7 @@ def _report_joints(people: Mapping[str, People], joints: FloatArray, swapped: Bo
         if number:
             limbs = "arms" if "elbow" in part else "legs"
             log.info("left and right labels of %s corrected in %d detections", limbs, number)
-    names = {name for each in people.values() for name in LAYOUTS[each.layout][1]}
+    names = {name for each in people.values() if each.layout in LAYOUTS for name in LAYOUTS[each.layout][1]}
     detected = np.asarray(np.isfinite(joints[..., 0]).any(axis=(0, 1)), bool)
     if missing := [name for name, once in zip(JOINT_NAMES, detected, strict=True) if name in names and not once]:
         log.info("joints without detections, estimated by body and prior: %s", ", ".join(missing))

@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.datasets.files import natural_order
-from workbench.utils.arrays import ByteArray
+from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file
 
@@ -58,19 +58,31 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 
 
 def count_frames(source: Path, at_most: int | None = None) -> int:
-    """Return the number of decodable images, up to `at_most`, by decoding them; warns where a video file declares more
-    frames, and raises InputError as `decode` does."""
-    if _has_images(source):
-        return len(image_files(source))
-    n = 0
+    """Return the number of decodable images, up to `at_most`; warns and raises as `timestamps` does."""
+    return len(image_files(source)) if _has_images(source) else len(timestamps(source, at_most))
+
+
+def timestamps(source: Path, at_most: int | None = None) -> FloatArray:
+    """Return the presentation timestamps (F,), s, of a video file's decodable frames, up to `at_most`.
+
+    Warns where the file declares more frames than can be decoded. Raises InputError as `decode` does, and where no
+    frame can be decoded, with the codec.
+    """
+    times_s: list[float] = []
     with _opened(source) as video, tqdm(desc=f"counting frames of {source.name}", unit="frame", disable=None) as bar:
-        declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        while (at_most is None or n < at_most) and video.grab():
-            n += 1
+        declared, codec = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), int(video.get(cv2.CAP_PROP_FOURCC))
+        while (at_most is None or len(times_s) < at_most) and video.grab():
+            times_s.append(float(video.get(cv2.CAP_PROP_POS_MSEC)) / 1e3)
             bar.update()
-    if n < declared and (at_most is None or n < at_most):
-        warnings.warn(f"{source}: declares {declared} frames, but only {n} can be decoded", stacklevel=2)
-    return n
+    if not times_s:
+        name = codec.to_bytes(4, "little", signed=codec < 0).decode("ascii", "replace").strip("\0 ") or "unknown"
+        raise InputError(
+            f"{source}: expected frames, found none that OpenCV can decode (codec {name}); convert it: "
+            f"ffmpeg -i {source.name} -c:v libx264 -fps_mode passthrough {source.stem}_h264.mp4"
+        )
+    if len(times_s) < declared and (at_most is None or len(times_s) < at_most):
+        warnings.warn(f"{source}: declares {declared} frames, but only {len(times_s)} can be decoded", stacklevel=2)
+    return np.array(times_s)
 
 
 def frame_rate(source: Path) -> float | None:
@@ -82,12 +94,22 @@ def frame_rate(source: Path) -> float | None:
     return rate if np.isfinite(rate) and rate > 0.0 else None
 
 
+def declared_frames(source: Path) -> int:
+    """Return the number of frames that a video file declares."""
+    with _opened(source) as video:
+        return int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+
+
 def image_files(folder: Path) -> list[Path]:
     """Return the images of a folder in natural order, frame_9 before frame_10, or a single image; raises InputError for
     none."""
     if folder.is_file():
         return [folder]
-    files = [file.name for file in folder.iterdir() if file.suffix.lower() in _IMAGE_SUFFIXES]
+    files = [
+        file.name
+        for file in folder.iterdir()
+        if file.suffix.lower() in _IMAGE_SUFFIXES and not file.name.startswith(".")
+    ]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(_IMAGE_SUFFIXES)}), found none")
     return [folder / name for name in natural_order(files)]

@@ -4,14 +4,17 @@ import csv
 import logging
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association.target_selection import TargetPerson, select_target
-from workbench.motion.formats.openpose import People, read_openpose
+from workbench.datasets.files.frame_times import FrameTimes
+from workbench.datasets.files.pairing import paired_frames
+from workbench.motion.formats.keypoint_files import is_detections, read_points
+from workbench.motion.formats.openpose import People, people_of_points
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, check_file
@@ -80,21 +83,46 @@ class JointAnnotations:
         return JointAnnotations(self.source, frames, pixels, visible, confidence, self.counts, world)
 
 
+@dataclass(frozen=True, eq=False)
+class SourceImages:
+    """The images in which people are detected. size : width and height, px; None: unknown.
+
+    numbers : numbers of all images, which those of the detections refer to; None: detections are numbered by frame.
+    """
+
+    size: tuple[int, int] | None = None
+    numbers: IntArray | None = None
+
+
+AT_30_HZ, UNKNOWN_IMAGES = FrameTimes(30.0), SourceImages()
+"""Of detections that are read without their video."""
+
+
 def read_annotations(
-    path: str | Path, person: int | str | None = None, rate_hz: float = 30.0, within: tuple[int, int | None] = (0, None)
-) -> JointAnnotations:
-    """Read a CSV file of annotations, or one person's detections in a folder of OpenPose's files.
+    path: str | Path, person: int | str | None = None, times: FrameTimes = AT_30_HZ,
+    within: tuple[int, int | None] = (0, None), images: SourceImages = UNKNOWN_IMAGES, layout: str | None = None,
+) -> JointAnnotations:  # fmt: skip
+    """Read a CSV file of annotations, or one person's detections in a detector's folder or file.
 
     The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1.
 
-    person, rate_hz, within: of a folder, see `select_target`. Raises InputError as `read_openpose` and `select_target`
-    do and, with the file and the line, for a missing or empty file, missing or unknown columns, an unknown joint, a
-    value that is not a number, and a repeated joint in a frame.
+    Parameters
+    ----------
+    path : file or folder.
+    person, times, within : of detections, see `select_target`.
+    images, layout : of detections, see `read_people`.
+
+    Raises
+    ------
+    InputError
+        As `read_people` and `select_target` and, with the file and the line, for a missing or empty file, missing or
+        unknown columns, an unknown joint, a value that is not a number, and a repeated joint in a frame.
     """
     path = Path(path)
-    if path.is_dir():
-        people = read_detections(path)
-        return target_annotations(people, select_target({path.name: people}, None, rate_hz, person, within), 0)
+    if is_detections(path):
+        people = read_people({path.name: path}, {path.name: images}, layout)
+        target = select_target(people, None, times.rate_hz, person, within, times.uneven_s)
+        return target_annotations(people[path.name], target, 0)
     annotations: dict[tuple[int, str], tuple[int, float, float, bool]] = {}
     for line, row in _rows(path):
         frame, joint, u, v, visible = _parse(f"{path}:{line}", row)
@@ -113,11 +141,44 @@ def read_annotations(
     return JointAnnotations(str(path), np.array(frames), pixels, is_visible)
 
 
-def read_detections(folder: str | Path) -> People:
-    """Read a folder of OpenPose's files, and log its layout and number of frames."""
-    people = read_openpose(folder)
-    log.info("%s: %s, %d frames", folder, people.layout, len(people.frames))
-    return people
+def read_people(
+    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None
+) -> dict[str, People]:
+    """Return the people detected in the videos of several cameras by frame, and log what is assumed.
+
+    Parameters
+    ----------
+    paths : detector's folder or file by camera, see `read_points`.
+    images : of each camera.
+    layout : name of the detector's layout, see `people_of_points`.
+
+    Raises
+    ------
+    InputError
+        As `read_points`, `people_of_points` and `paired_frames`.
+    """
+    points = {name: read_points(path) for name, path in paths.items()}
+    for name, each in points.items():
+        points[name], scaling = each.in_pixels(images[name].size)
+        if scaling:
+            log.warning("%s: %s", each.source, scaling)
+    people, decisions = people_of_points(points, layout)
+    for found in people.values():
+        log.info("%s: %s, %d frames", found.source, found.layout, len(found.frames))
+    for name, decision in decisions.items():
+        log.info("layout %s of all cameras by anatomy: %s", name, decision)
+    numbers = {name: images[name].numbers for name in people}
+    images_by_name = {name: each for name, each in numbers.items() if each is not None}
+    frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
+    for name, assumption in assumptions.items():
+        log.warning("%s: %s", people[name].source, assumption)
+    return people | {name: _at_frames(people[name], each) for name, each in frames.items()}
+
+
+def _at_frames(people: People, frames: IntArray) -> People:
+    """Return people at other numbers of frames, without those of a negative one."""
+    rows = np.flatnonzero(frames >= 0)
+    return replace(people, frames=frames[rows], joints=tuple(people.joints[row] for row in rows))
 
 
 def target_annotations(people: People, target: TargetPerson, view: int) -> JointAnnotations:

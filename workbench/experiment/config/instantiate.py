@@ -69,10 +69,17 @@ def build(node: DictConfig, **live: object) -> Any:
     keys = [str(key) for key in node if key != "_target_"]
     if unknown := sorted(key for key in keys if key not in parameters):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
-    plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    plain: Any = _with_text_keys(OmegaConf.to_container(node, resolve=True, throw_on_missing=True))
     built = {key: _built(node[key], live) for key in keys if _has_target(node[key])}
     matching = {name: value for name, value in live.items() if name in parameters}
     return component(**matching | {key: plain[key] for key in keys} | built)
+
+
+def _with_text_keys(value: Any) -> Any:
+    """Return plain values with the keys of all mappings as text, as names of digits alone are parsed as numbers."""
+    if isinstance(value, dict):
+        return {str(key): _with_text_keys(item) for key, item in value.items()}
+    return [_with_text_keys(item) for item in value] if isinstance(value, list) else value
 
 
 def import_target(target: str, place: str = "") -> Callable[..., object]:

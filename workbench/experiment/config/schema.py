@@ -173,7 +173,8 @@ def _schema_type(hint: Any) -> Any:
     if origin is Literal:
         return str  # the component checks the choice
     if origin in (dict, Mapping):
-        return dict[str, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
+        # any keys: a camera's name of digits alone is a number, which `build` turns into a text
+        return dict[Any, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
     return Any
 
 

@@ -1,5 +1,6 @@
 """Low-level readers of Rerun files: static values, curves, and values by frame."""
 
+import logging
 import os
 import shutil
 import struct
@@ -7,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, TypeAlias, TypeVar
@@ -19,6 +21,8 @@ from rerun.error_utils import RerunWarning
 from workbench.recording.migrations import FORMAT, entity_path, former_paths
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+
+log = logging.getLogger(__name__)
 
 _CONVERSION_ERRORS = (
     pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
@@ -66,6 +70,9 @@ def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
     """
 
     def read(reader: RrdReader, has_footer: bool) -> list[Chunk]:
+        if has_footer and len(runs := reader.recordings()) > 1:
+            unread = ", ".join(each.recording_id for each in runs[1:])
+            _say_once(f"{path}: holds {len(runs)} merged recordings, of which the first is read; not read: {unread}")
         stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
         return stream.filter(content=[*contents, *former_paths(contents), _RUN]).to_chunks()
 
@@ -74,6 +81,11 @@ def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
         chunks = [_renamed(chunk) for chunk in chunks]
     wants_run = any(content.startswith("/__properties/") for content in contents)
     return [chunk for chunk in chunks if wants_run or chunk.entity_path != _RUN]
+
+
+@lru_cache(maxsize=64)  # a recording is read in several parts
+def _say_once(message: str) -> None:
+    log.warning("%s", message)
 
 
 def _is_former(chunks: Sequence[Chunk]) -> bool:

@@ -79,8 +79,8 @@ def checked(path: Path, found: Properties) -> Properties:
 
 
 def check_settings(path: Path, settings: Mapping[str, Any]) -> None:
-    """Raise InputError for a configuration with anything but texts, numbers, truths, lists and mappings by texts;
-    and for components, paths and tolerances that are no mappings, and a seed that is no whole number."""
+    """Raise InputError for a configuration with anything but texts, numbers, truths, lists and mappings by texts or
+    whole numbers; and for components, paths and tolerances that are no mappings, and a seed that is no whole number."""
     _check_plain(path, settings, "configuration")
     for name in (*_GROUPS, *_MAPPINGS):
         if not isinstance(settings.get(name), dict | None):
@@ -93,9 +93,9 @@ def check_settings(path: Path, settings: Mapping[str, Any]) -> None:
 def _check_plain(path: Path, value: object, place: str) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
-            if not _is_text(key):
-                raise InputError(f"{path}: {place}: expected texts as keys, found {key!r}")
-            _check_plain(path, item, key)
+            if not (_is_text(key) or _is_whole(key)):  # a camera's name may be a number
+                raise InputError(f"{path}: {place}: expected texts or whole numbers as keys, found {key!r}")
+            _check_plain(path, item, str(key))
     elif isinstance(value, list):
         for item in value:
             _check_plain(path, item, place)

@@ -1,0 +1,198 @@
+"""Cameras of a calibration file in metres with z up, for the images of a source: units, axes and image sizes."""
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from workbench.body.camera import Camera, load_cameras, nearest_points
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.motion.formats.openpose import People
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+
+log = logging.getLogger(__name__)
+
+UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+AXES: Mapping[str, FloatArray] = {
+    f"{sign}{axis}": factor * np.eye(3)[k] for k, axis in enumerate("xyz") for sign, factor in (("", 1.0), ("-", -1.0))
+}
+_LARGEST_M = 60.0
+"""Largest plausible distance between cameras: a sports field."""
+_SMALLEST_M = 3.0
+"""A distance that is larger in millimetres than any in centimetres up to 30 m."""
+_HEIGHTS_M = (0.7, 2.4)
+"""Heights of people, from small children."""
+_FRACTIONS = {("shoulder", "elbow"): 0.186, ("elbow", "wrist"): 0.146, ("hip", "knee"): 0.245, ("knee", "ankle"): 0.246}
+"""Lengths of limbs over the height: Winter, *Biomechanics and Motor Control of Human Movement*."""
+_MAX_RAY_DISTANCE = 0.05
+"""Largest median distance of the rays to a joint, over the height, of detections of one person."""
+_MAX_ASPECT_CHANGE = 0.01
+_STEEP, _CLEAR_COSINE = 0.7, 0.8
+"""Sine of the steepest view from above of a camera that shows people from the side; cosine of the largest angle between
+an axis of the world and the upward direction of the images."""
+
+
+def read_calibration(path: str | Path, unit: str | float | None, up: str | None) -> tuple[Camera, ...]:
+    """Return the cameras of a file in metres with z up.
+
+    Parameters
+    ----------
+    path : TOML file, see `load_cameras`.
+    unit : of lengths in the file, m, cm, mm or a number of metres; None: metres where these are plausible.
+    up : the file's vertical axis, such as -y; None: z, with a warning where the images are upright by another axis.
+
+    Raises
+    ------
+    InputError
+        As `load_cameras`, for an unknown unit or axis, and for distances between cameras that are no metres.
+    """
+    path = Path(path).expanduser()
+    cameras = load_cameras(path)
+    factor = unit_factor(cameras, unit, str(path))
+    if up is not None and up not in AXES:
+        raise InputError(f"dataset.up: expected one of {', '.join(AXES)}, found {up!r}")
+    if up is None and (upright := _upright_axis(cameras)) != "z":
+        log.warning(
+            "%s: the images of the cameras are upright if %s of the world is up, but z is taken for up; set "
+            "dataset.up=%s to turn the world", path, upright, upright,
+        )  # fmt: skip
+    return tuple(_turned(replace(one, translation=one.translation * factor), up or "z") for one in cameras)
+
+
+def camera_named(cameras: Iterable[Camera], name: str | None, source: str) -> Camera:
+    """Return the camera of a name, or the first one; raises InputError for an unknown name."""
+    by_name = {camera.name: camera for camera in cameras}
+    if name is not None and name not in by_name:
+        raise InputError(f"{source}: no camera called {name!r}, expected one of {', '.join(by_name)}")
+    return next(iter(by_name.values())) if name is None else by_name[name]
+
+
+def unit_factor(cameras: Sequence[Camera], unit: str | float | None, source: str) -> float:
+    """Return the metres of a calibration's unit; for none, 1 or 0.001 by the distances of the cameras.
+
+    Raises InputError for an unknown unit, and for distances that may be centimetres as well as millimetres.
+    """
+    if unit is not None:
+        factor = UNITS.get(unit) if isinstance(unit, str) else float(unit)
+        if factor is None or not 0.0 < factor < np.inf:
+            raise InputError(f"dataset.unit: expected m, cm, mm or a number of metres, found {unit!r}")
+        return factor
+    distance = _distance(cameras)
+    if distance <= _LARGEST_M:
+        return 1.0
+    if distance < _SMALLEST_M / UNITS["mm"]:
+        raise InputError(f"{source}: cameras are {distance:.4g} units apart, no metres; set dataset.unit=cm or mm")
+    log.warning("%s: cameras are %.4g units apart, which are taken for millimetres (dataset.unit)", source, distance)
+    return UNITS["mm"]
+
+
+def unit_of_people(cameras: Mapping[str, Camera], people: Mapping[str, People], source: str) -> float | None:
+    """Return the metres of a calibration's unit in which the most prominent person has a plausible height.
+
+    None where no limb is measured by rays that meet. Raises InputError where no unit of UNITS is plausible.
+    """
+    height = triangulated_height(cameras, people)
+    if not np.isfinite(height):
+        return None
+    for name, factor in UNITS.items():
+        if _HEIGHTS_M[0] <= height * factor <= _HEIGHTS_M[1]:
+            if name != "m":
+                log.warning("%s: lengths are taken for %s: a person is %.3g tall (dataset.unit)", source, name, height)
+            return factor
+    raise InputError(
+        f"{source}: a person is {height:.3g} units tall, neither m, cm nor mm; set dataset.unit to its metres, "
+        f"{1.7 / height:.2g} for a person of 1.7 m"
+    )
+
+
+def triangulated_height(cameras: Mapping[str, Camera], people: Mapping[str, People]) -> float:
+    """Return the median height, in the cameras' unit, of the person most prominent in each view; NaN where the rays of
+    different cameras do not meet."""
+    frames = np.unique(np.concatenate([each.frames for each in people.values()]))
+    origins = np.stack([cameras[name].position for name in people])
+    rays = np.stack([
+        cameras[name].directions(cameras[name].undistorted(_prominent(each, frames))) for name, each in people.items()
+    ])  # fmt: skip
+    points = nearest_points(rays, origins)
+    offsets = points - origins[:, None, None]
+    distances = np.linalg.norm(np.cross(offsets, rays), axis=-1)
+    heights = [
+        np.linalg.norm(
+            points[:, JOINT_NAMES.index(f"{side}_{a}")] - points[:, JOINT_NAMES.index(f"{side}_{b}")], axis=1
+        )
+        / fraction
+        for (a, b), fraction in _FRACTIONS.items()
+        for side in ("left", "right")
+    ]
+    if not np.isfinite(heights).any() or not np.isfinite(distances).any():
+        return float("nan")
+    height = float(np.nanmedian(heights))
+    return height if np.nanmedian(distances) <= _MAX_RAY_DISTANCE * height else float("nan")
+
+
+def in_units(camera: Camera, size: tuple[int, int]) -> Camera:
+    """Return a camera for images of a width, without a check of their height."""
+    return camera if size[0] == camera.width else camera.scaled(size[0] / camera.width)
+
+
+def fitted(camera: Camera, size: tuple[int, int], source: str) -> Camera:
+    """Return a camera for images of another size, width and height, with the same aspect ratio to 1 %.
+
+    Raises InputError for another aspect ratio.
+    """
+    across, down = size[0] / camera.width, size[1] / camera.height
+    if max(abs(across - 1.0), abs(down - 1.0)) <= _MAX_ASPECT_CHANGE:
+        return camera
+    if abs(across / down - 1.0) > _MAX_ASPECT_CHANGE:
+        expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
+        raise InputError(f"{source}: images are {size[0]}×{size[1]}, expected the {expected} or its aspect ratio")
+    log.warning(
+        "%s: images are %d×%d, camera %s is calibrated at %d×%d: its matrix is scaled by %.4g",
+        source, *size, camera.name, camera.width, camera.height, across,
+    )  # fmt: skip
+    return camera.scaled(across)
+
+
+def _upright_axis(cameras: Iterable[Camera]) -> str:
+    """Return the axis of the world that is up in the images of cameras on average, z where it is not clear.
+
+    A camera that looks down says nothing of it.
+    """
+    upwards = [-one.rotation[1] for one in cameras if one.rotation[2, 2] > -_STEEP]
+    mean = np.mean(upwards, axis=0) if upwards else AXES["z"]
+    axis = max(AXES, key=lambda name: float(AXES[name] @ mean))
+    is_clear = AXES[axis] @ mean > _CLEAR_COSINE * np.linalg.norm(mean) > 0.0 and mean[2] < 0.5 * np.linalg.norm(mean)
+    return axis if is_clear else "z"
+
+
+def _turned(camera: Camera, up: str) -> Camera:
+    """Return a camera in the world turned by the smallest rotation that makes an axis z; about x for -z."""
+    if up == "z":
+        return camera
+    axis = np.cross(AXES[up], AXES["z"]) if up != "-z" else AXES["x"]
+    angle = np.pi if up == "-z" else np.pi / 2.0
+    turn = np.round(cv2.Rodrigues(axis * angle)[0])
+    return replace(camera, rotation=camera.rotation @ turn.T)
+
+
+def _distance(cameras: Iterable[Camera]) -> float:
+    """Return the median distance between cameras, or of a single one from the world's origin."""
+    positions = [camera.position for camera in cameras]
+    pairs = list(combinations(positions, 2)) or [(positions[0], np.zeros(3))]
+    return float(np.median([np.linalg.norm(a - b) for a, b in pairs]))
+
+
+def _prominent(people: People, frames: np.ndarray) -> FloatArray:
+    """Return the pixels (T, J, 2) of the largest person by confidence in frames (T,), NaN without one."""
+    pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
+    for frame, joints in zip(people.frames, people.joints, strict=True):
+        if len(joints):
+            heights = np.fmax.reduce(joints[..., 1], axis=1) - np.fmin.reduce(joints[..., 1], axis=1)
+            prominence = np.nan_to_num(np.nansum(joints[..., 2], axis=1) * heights)
+            pixels[np.searchsorted(frames, frame)] = joints[int(np.argmax(prominence)), :, :2]
+    return pixels
