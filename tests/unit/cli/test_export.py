@@ -90,7 +90,10 @@ def test_csv_keeps_frames_times_poses_and_intervals(recorded, run, tmp_path):
         assert float(row["left_knee_flexion_low"]) < float(row["left_knee_flexion_high"])
 
 
-def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(run, tmp_path, capsys, recwarn):
+def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(
+    run, tmp_path, capsys, recwarn, monkeypatch
+):
+    monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     with recorder(tmp_path / "run.rrd") as recording:
         for step in run[:11]:
             recording.log(step, {})
