@@ -96,7 +96,7 @@ def _new_folder(video: str, kind: str) -> Path:
 
 
 def _export(folder: Path) -> None:
-    """Write the estimated motion of a run beside its recording."""
+    """Write the estimated motion of a run into its folder."""
     motion = with_missing_frames(estimated_track(read_sound_run(folder / RECORDING)))
     for name in _EXPORTS:
         export(folder / name, motion, metres=False)
