@@ -21,7 +21,7 @@ from workbench.utils.run_files import EARLIER, LOCK
 from workbench.utils.run_lock import run_folder
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
-SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
+SMALL += ("dataset.person_px=80", "dataset.focal_px=175", "experiment=walk_straight")
 N_FRAMES = 60
 LONG = (f"dataset.n_frames={N_FRAMES}", "inference.n_particles=6000", *SMALL[2:])
 WAYS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)

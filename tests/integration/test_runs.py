@@ -90,7 +90,7 @@ def test_a_process_is_ended_well_in_its_first_seconds_and_while_it_compiles(tmp_
 
 
 def test_a_run_says_what_brings_it_back(run, tmp_path, capfd):
-    _, _, folder = run("out", "seed=3", *SMALL)
+    _, _, folder = run("out", "experiment=walk_straight", "seed=3", *SMALL)
     kept = json.loads((folder / "summary.json").read_text())
     recorded = read(folder / "run.rrd").provenance
     for key in ("command", "lock", "choices", *kept["provenance"]):
@@ -99,7 +99,7 @@ def test_a_run_says_what_brings_it_back(run, tmp_path, capfd):
     assert kept["settings"]["seed"] == 3
     assert main(["runs", "restore", str(folder)]) == 0
     last = capfd.readouterr().out.splitlines()[-1]
-    assert last.endswith(f"workbench run seed=3 {' '.join(SMALL)}")
+    assert last.endswith(f"workbench run experiment=walk_straight seed=3 {' '.join(SMALL)}")
     conditions = ["seed=3", "prior=walking", "experiment=walk_straight", "n_particles=60"]
     assert main(["runs", "list", str(tmp_path), *conditions, "--json"]) == 0
     assert json.loads(capfd.readouterr().out)[0]["recording"] == str(folder / "run.rrd")
@@ -129,6 +129,7 @@ def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data
     clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]
     assert main(["import", *clips, "-o", str(tmp_path / "mine.h5")]) == 0
     prior = (
+        "experiment=walk_straight",
         "prior.motions=mine.h5",
         "prior.n_components=3",
         "dataset.motion=mine.h5:35_02",

@@ -10,6 +10,7 @@ from workbench.datasets.detection.detection_files import detect_video
 from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region
 from workbench.datasets.detection.people_detector import PeopleDetector
 from workbench.datasets.files.decode import decode
+from workbench.datasets.files.frame_times import given_times
 from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.motion.formats.markers import joint_centres, read_markers
 from workbench.utils.errors import InputError
@@ -88,7 +89,7 @@ def test_left_and_right_of_a_man_in_one_camera_are_those_of_four_cameras(data, t
     """The network exchanges them in 22 of 99 frames."""
     scene = data / "pose2sim_balance"
     detect_video(scene / "cam02.mp4", tmp_path / "cam02", data / "blazepose" / "pose_landmark_full.tflite")
-    detected = read_annotations(tmp_path / "cam02", None, RATE_HZ)
+    detected = read_annotations(tmp_path / "cam02", None, given_times(RATE_HZ))
     camera = next(each for each in load_cameras(scene / "Calib_qualisys.toml") if each.name == "cam_02")
     markers = read_markers(scene / "joints_triangulated.trc")
     true = camera.project(joint_centres(markers, markers.at(detected.frames / RATE_HZ), {}))

@@ -2,6 +2,7 @@
 
 import logging
 import sys
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -82,7 +83,10 @@ def _edge_model(cache: str) -> EdgeModel:
         return load(EdgeModel, path)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
-    return cache_model(path, learn_edge_model(_rendered_people(rng), rng), provenance)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "synthetic: the person is", UserWarning)  # any height serves
+        model = learn_edge_model(_rendered_people(rng), rng)
+    return cache_model(path, model, provenance)
 
 
 def _rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, FloatArray]]:
