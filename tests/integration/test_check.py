@@ -23,7 +23,8 @@ from workbench.results.check.rerun import rerun, tolerances
 from workbench.utils.errors import InputError
 
 SMALL = (
-    "experiment=walk_straight", "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
+    "experiment=walk_straight",
+    "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
     "inference.n_particles=60", "recorder.n_particles_shown=5",
 )  # fmt: skip
 
