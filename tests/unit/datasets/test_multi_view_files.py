@@ -14,6 +14,7 @@ from video_files import video, with_durations
 from workbench.body.camera import nearest_points
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
+from workbench.datasets.files.calibration import camera_named
 from workbench.datasets.multi_view import MultiView
 from workbench.utils.errors import InputError
 
@@ -248,3 +249,14 @@ def test_the_grammar_of_calibration_files(tmp_path):
         (folder / f"{k}.toml").write_bytes(content)
         assert error_mm(dataset(folder, calibration_file=str(folder / f"{k}.toml")))[0] < 0.5
     assert set(tomllib.loads(text)) == {*VIEWS, "metadata"}
+
+
+def test_a_camera_is_found_by_a_name_that_differs_in_symbols_and_case(tmp_path):
+    cameras = [replace(CAMERAS[0], name="Cam_01"), replace(CAMERAS[1], name="Cam_02")]
+    assert camera_named(cameras, "cam02", "rig.toml").name == "cam02"
+    np.testing.assert_array_equal(camera_named(cameras, "cam02", "rig.toml").position, CAMERAS[1].position)
+    with pytest.raises(InputError, match="expected one of Cam_01, Cam_02"):
+        camera_named(cameras, "cam03", "rig.toml")
+    alike = [*cameras, replace(CAMERAS[0], name="cam-01")]
+    with pytest.raises(InputError, match="no camera called 'cam01'"):
+        camera_named(alike, "cam01", "rig.toml")

@@ -65,11 +65,22 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
 
 
 def camera_named(cameras: Iterable[Camera], name: str | None, source: str) -> Camera:
-    """Return the camera of a name, or the first one; raises InputError for an unknown name."""
+    """Return the camera of a name, or the first one.
+
+    Where no camera has exactly this name, letter case and symbols are ignored, so that a video cam01.mp4 belongs to the
+    camera cam_01. Raises InputError for an unknown name.
+    """
     by_name = {camera.name: camera for camera in cameras}
-    if name is not None and name not in by_name:
+    if name is None or name in by_name:
+        return next(iter(by_name.values())) if name is None else by_name[name]
+    alike = [camera for other, camera in by_name.items() if _plain(other) == _plain(name)]
+    if len(alike) != 1:
         raise InputError(f"{source}: no camera called {name!r}, expected one of {', '.join(by_name)}")
-    return next(iter(by_name.values())) if name is None else by_name[name]
+    return replace(alike[0], name=name)
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 def unit_factor(cameras: Sequence[Camera], unit: str | float | None, source: str) -> float:
