@@ -252,11 +252,12 @@ def test_the_grammar_of_calibration_files(tmp_path):
 
 
 def test_a_camera_is_found_by_a_name_that_differs_in_symbols_and_case(tmp_path):
-    cameras = [replace(CAMERAS[0], name="Cam_01"), replace(CAMERAS[1], name="Cam_02")]
+    first, second = list(VIEWS.values())[:2]
+    cameras = [replace(first, name="Cam_01"), replace(second, name="Cam_02")]
     assert camera_named(cameras, "cam02", "rig.toml").name == "cam02"
-    np.testing.assert_array_equal(camera_named(cameras, "cam02", "rig.toml").position, CAMERAS[1].position)
+    np.testing.assert_array_equal(camera_named(cameras, "cam02", "rig.toml").position, second.position)
     with pytest.raises(InputError, match="expected one of Cam_01, Cam_02"):
         camera_named(cameras, "cam03", "rig.toml")
-    alike = [*cameras, replace(CAMERAS[0], name="cam-01")]
+    alike = [*cameras, replace(first, name="cam-01")]
     with pytest.raises(InputError, match="no camera called 'cam01'"):
         camera_named(alike, "cam01", "rig.toml")
