@@ -81,7 +81,7 @@ class RecordingFile:
         self._settings = settings or {}
         # Recordings of one application share their layout in the viewer; Rerun warns of other characters.
         self._application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
-        # Without a batcher a chunk ends at a flush, so that equal runs give equal chunks.
+        # Without a batcher a chunk ends at a flush, which the recorder decides.
         self.stream = new_stream(self._application, run_id, batcher_config=rr.ChunkBatcherConfig.NEVER())
 
     def __enter__(self) -> Self:
