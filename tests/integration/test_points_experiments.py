@@ -49,6 +49,7 @@ def test_the_whole_experiment(summary_of, tmp_path):
 
 SMALL = ("dataset.n_frames=5", "inference.n_particles=200", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175", "likelihood=product")
+SMALL += ("experiment=walk_straight",)
 CUES = ("image_motion", "background", "appearance")
 
 

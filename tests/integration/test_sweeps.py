@@ -20,7 +20,7 @@ from workbench.utils.run_files import read_summary
 from workbench.utils.run_lock import is_locked
 
 TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")
-TINY += ("dataset.person_px=40", "dataset.focal_px=90")
+TINY += ("dataset.person_px=40", "dataset.focal_px=90", "experiment=walk_straight")
 LONGER = ("dataset.n_frames=30", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
 LONGER += ("dataset.focal_px=175", "paths.data=null")
 
