@@ -145,14 +145,20 @@ def _upright(joints: FloatArray) -> Finding:
 
 
 def upright(axis: FloatArray, where: str) -> Finding:
-    """Compare a person's long axis (3,), from the feet to the head, with z; where: of which observations."""
+    """Compare a person's long axis (3,), from the feet to the head, with z; where: of which observations.
+
+    People lie, so that an axis at right angles to z is doubtful; upside down it is not usable.
+    """
     lean = float(np.degrees(np.arccos(np.clip(axis[2] / np.linalg.norm(axis), -1.0, 1.0))))
     text = f"the person leans by {lean:.0f}° from the z axis, {where}"
     if lean < _LYING_DEG:
         return Finding("vertical", text, TRUSTWORTHY if lean <= _MAX_LEAN_DEG else DOUBTFUL)
     largest = int(np.argmax(np.abs(axis)))
     sign = "-" if axis[largest] < 0.0 else ""
-    return Finding("vertical", f"{text}: the axis that points up is {sign}{'xyz'[largest]}, expected z", NOT_USABLE)
+    up = f"the axis that points up is {sign}{'xyz'[largest]}, expected z"
+    if lean < 180.0 - _LYING_DEG:
+        return Finding("vertical", f"{text}: {up}, or the person lies")
+    return Finding("vertical", f"{text}: {up}", NOT_USABLE)
 
 
 def _floor(floor_m: float, cameras: Sequence[Camera], subject: str) -> Finding:
@@ -317,7 +323,7 @@ def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: floa
     cross, dot = up[:, 0] * bodies[:, 1] - up[:, 1] * bodies[:, 0], (up * bodies).sum(axis=1)
     lean = abs(float(np.degrees(np.arctan2(cross.mean(), dot.mean()))))
     text = f"the person leans by {lean:.0f}° from the calibration's vertical, in the mean of {len(places)} frames"
-    limits = {TRUSTWORTHY: _MAX_LEAN_DEG, DOUBTFUL: _LYING_DEG}
+    limits = {TRUSTWORTHY: _MAX_LEAN_DEG, DOUBTFUL: 180.0 - _LYING_DEG}
     level = next((level for level, limit in limits.items() if lean <= limit), NOT_USABLE)
     return Finding("vertical", f"{camera.name}: {text}", level)
 

@@ -133,7 +133,7 @@ def _points(measured: RunMeasurements) -> Iterator[Finding]:
     elif extent[longest] > _EXTENT_RATIO * extent[2]:
         axis = "xyz"[longest]
         text = f"the points extend over {extent[longest]:.2f} m along {axis} and {extent[2]:.2f} m along z"
-        yield Finding("vertical", f"{text}: the axis that points up is {axis}, expected z", NOT_USABLE)
+        yield Finding("vertical", f"{text}: the axis that points up is {axis}, expected z, or the person lies")
 
 
 def _times(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
