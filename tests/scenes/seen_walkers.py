@@ -16,7 +16,7 @@ HEIGHT_M = 1.7
 
 @cache
 def walked():
-    """Joints (F, J, 3), m, of somebody 1.70 m tall who walks along x, on the floor z = 0."""
+    """Joints (F, J, 3), m, of a person 1.70 m tall who walks along x, on the floor z = 0."""
     motion = find_motion("builtin", data=None, rate_hz=10.0)
     found = joints(person(from_height(HEIGHT_M)).skeleton, motion.poses)[:20]
     return found - [*found[:, 0, :2].mean(axis=0), found[..., 2].min() - 0.039 * HEIGHT_M]

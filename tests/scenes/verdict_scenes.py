@@ -25,7 +25,7 @@ SIDES = ["left", "right"]
 
 @cache
 def walk():
-    """Poses (N, 25) of somebody who walks along x through the origin, on the floor z = 0."""
+    """Poses (N, 25) of a person who walks along x through the origin, on the floor z = 0."""
     poses = find_motion("builtin", data=None, rate_hz=RATE_HZ).poses[:N].copy()
     places = joints(BODY.skeleton, poses)
     poses[:, :3] -= [*places[:, 0, :2].mean(axis=0), places[..., 2].min() - ANKLE_HEIGHT * HEIGHT_M]

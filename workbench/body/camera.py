@@ -127,6 +127,19 @@ def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
     return points
 
 
+_MIN_SINE = 0.05
+"""Sine of the smallest angle between two rays, 3°, that determine a distance."""
+
+
+def ray_distances(a: FloatArray, b: FloatArray, baseline: FloatArray) -> FloatArray:
+    """Return the distances (...), m, between the lines of rays of unit directions a and b (..., 3); NaN for a missing
+    ray, and below 3° between them. baseline: (3,) from the origin of the first to that of the second, m."""
+    normal = np.cross(a, b)
+    sine = np.linalg.norm(normal, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(sine > _MIN_SINE, np.abs(normal @ baseline) / sine, np.nan)
+
+
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     """Read the cameras of a TOML file in the format of Pose2Sim, Sports2D and Anipose, in the order of the file.
 

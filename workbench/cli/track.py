@@ -55,22 +55,25 @@ def track(
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
     folder = resumed or output or _new_folder(videos[0], "sweeps" if each else "runs")
-    words = ["experiment=video", f"dataset.detector={literal(model)}"]
-    words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
-    if each or len(videos) == 1:
-        words.append(f"dataset.source={','.join(map(literal, videos))}")
-        words += [] if height is None else [f"dataset.height_m={height}"]
-    else:
-        sources = ",".join(f"{Path(video).stem}:{literal(video)}" for video in videos)
-        words += ["dataset=multi_view", f"dataset.sources={{{sources}}}"]
-        words += [] if height is None else [f"body.height_m={height}"]
     options = ["-m", f"hydra.sweep.dir={folder}"] if each else [f"hydra.run.dir={folder}"]
+    words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
+    words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     code = run([*options, *words, *overrides])
     runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
     for complete in [place for place in runs if (read_summary(place) or {}).get("status") == "complete"]:
         _export(complete)
     if code:
         raise Exit(code)
+
+
+def _scene(videos: list[str], one_scene: bool, height_m: float | None) -> list[str]:
+    """Return the overrides for the videos, of one scene or each of its own, and the person's height."""
+    if one_scene and len(videos) > 1:
+        sources = ",".join(f"{Path(video).stem}:{literal(video)}" for video in videos)
+        scene, height = ["dataset=multi_view", f"dataset.sources={{{sources}}}"], "body.height_m"
+    else:
+        scene, height = [f"dataset.source={','.join(map(literal, videos))}"], "dataset.height_m"
+    return scene if height_m is None else [*scene, f"{height}={height_m}"]
 
 
 def _check_videos(videos: list[str], one_scene: bool, calibrated: bool) -> None:

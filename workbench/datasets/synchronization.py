@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, ray_distances
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.files.frame_times import FrameTimes
 from workbench.motion.formats.openpose import People
@@ -15,14 +15,13 @@ from workbench.utils.arrays import FloatArray, IntArray
 MAX_OFFSET_S = 0.5
 """Largest offset that is searched."""
 _MIN_GAIN = 0.25
-"""Smallest relative reduction of the rays' distances by an offset that is believed: a wrong offset leaves the rays of
+"""Smallest relative reduction of the rays' distances by an offset that is accepted: a wrong offset leaves the rays of
 standing or slow people as close as before."""
 _MIN_OFFSET_FRAMES = 0.75
 _MIN_OVERLAP = 0.5
 """Smallest fraction of the frames of the shorter video that are compared at an offset."""
 _MAX_DISTANCE_M = 0.3
 """Largest distance of rays that counts, for robustness against other people and wrong joints."""
-_MIN_SINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +72,7 @@ def people_at(people: People, frames: IntArray, reference: IntArray) -> People:
 def at_times(joints: FloatArray, joint_times_s: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return joints (T, J, 3) of times (T,), non-decreasing, at other times (T,), interpolated linearly.
 
-    A joint that one of the two adjacent frames lacks is that of its own row.
+    A joint missing in one of the two adjacent frames keeps the value of its own row.
     """
     distinct, first = np.unique(joint_times_s, return_index=True)
     if len(distinct) < 2:
@@ -174,13 +173,10 @@ def _rays(people: People, camera: Camera) -> FloatArray:
 def _closest(a: FloatArray, b: FloatArray, baseline: FloatArray) -> FloatArray:
     """Return the mean distances (T,), m, of the rays to joints (T, n, J, 3) and (T, m, J, 3) of the closest people.
 
-    Rays of less than three degrees between them are left out.
+    Rays without a distance, see `ray_distances`, are omitted.
     """
-    normal = np.cross(a[:, :, None], b[:, None])
-    size = np.linalg.norm(normal, axis=-1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        distance = np.minimum(np.abs(normal @ baseline) / size, _MAX_DISTANCE_M)
-    usable = np.isfinite(distance) & (size > _MIN_SINE)
+    distance = np.minimum(ray_distances(a[:, :, None], b[:, None], baseline), _MAX_DISTANCE_M)
+    usable = np.isfinite(distance)
     total, count = np.where(usable, distance, 0.0).sum(axis=-1), usable.sum(axis=-1)
     means = np.where(count > 0, total / np.maximum(count, 1), np.inf).min(axis=(1, 2))
     return np.where(np.isfinite(means), means, np.nan)

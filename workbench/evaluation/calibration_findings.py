@@ -19,7 +19,8 @@ _MAX_ERROR = 0.035
 cameras of a laboratory it is up to 0.029; with two videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
 0.02 in two, where the cameras are opposite each other."""
 _WRONG_ERROR = 0.12
-"""The same from which on the cameras do not show the same person: a trunk's depth, so that joints are next to her."""
+"""The same from which on the cameras do not show the same person: a trunk's depth, so that joints lie
+outside of the body."""
 _MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
 _LYING_DEG = 60.0
 """Angle between the person's long axis and z from which on another axis is nearer to it."""

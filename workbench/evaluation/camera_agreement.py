@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, ray_distances
 from workbench.evaluation.finding import NOT_USABLE, Finding
 from workbench.evaluation.multiview_consistency import triangulate_rays
 from workbench.evaluation.observed_joints import ObservedJoints
@@ -51,12 +51,9 @@ def _directions(camera: Camera, pixels: FloatArray) -> FloatArray:
 
 def _distance(first: Camera, a: FloatArray, second: Camera, b: FloatArray) -> float:
     """Return the mean distance, m, between the lines of rays a and b (..., 3) of two cameras; NaN without any."""
-    normal = np.cross(a, b)
-    length = np.linalg.norm(normal, axis=-1)
-    valid = length > 0.05  # rays within 3° of parallel determine no distance
-    if not valid.any():
-        return float("nan")
-    return float(np.mean(np.abs(normal[valid] @ (second.position - first.position)) / length[valid]))
+    distances = ray_distances(a, b, second.position - first.position)
+    valid = np.isfinite(distances)
+    return float(np.mean(distances[valid])) if valid.any() else float("nan")
 
 
 def _exchanged(observed: ObservedJoints, rays: FloatArray) -> Iterator[Finding]:

@@ -145,7 +145,7 @@ def forearm_width_px(camera: Camera, body: Body, true_joints: FloatArray, measur
 def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArray) -> dict[str, float]:
     """Return the errors in space of joints (J, 3), m, over the measured joints whose truth (J, 3), m, is not NaN.
 
-    An error that needs more true joints than there are is left out.
+    An error that needs more true joints than there are is omitted.
     """
     rows = list(measured)
     places, true, distances = estimate[rows], truth[rows], np.linalg.norm(estimate - truth, axis=-1)

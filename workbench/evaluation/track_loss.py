@@ -11,7 +11,7 @@ FOREARM_OVER_HEIGHT = 0.044
 """A forearm's width over a person's height, the mean of the two ends of `from_height`: the threshold of a track in the
 image."""
 TRACKED_MM = 150.0
-"""Threshold of the mean joint error of a track in space: half a head, see the README. Where images show the person, a
+"""Threshold of the mean joint error of a track in space: half a head. Where images show the person, a
 larger error makes frames doubtful, as the depth of one camera is uncertain."""
 LOST_MM = 450.0
 """Mean joint error from which on a track is lost although it agrees with the image: the distance between the shoulders,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from workbench.body.camera import Camera, load_cameras, plain_camera
+from workbench.body.camera import Camera, load_cameras, plain_camera, ray_distances
 from workbench.utils.errors import InputError
 
 GOOD = """
@@ -122,3 +122,13 @@ def test_missing_and_empty_camera_files_are_refused(tmp_path):
     (tmp_path / "empty.toml").write_text("[metadata]\n")
     with pytest.raises(InputError, match="found none"):
         load_cameras(tmp_path / "empty.toml")
+
+
+def test_the_distance_of_two_rays_is_that_of_their_lines():
+    across, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    slanted = np.array([0.0, 0.6, 0.8])
+    a = np.array([across, across, across, [np.nan] * 3])
+    b = np.array([up, slanted, across, up])
+    found = ray_distances(a, b, np.array([5.0, 2.0, 1.0]))
+    # along y for the first; along (0, -0.8, 0.6) for the second; parallel; missing
+    np.testing.assert_allclose(found, [2.0, 1.0, np.nan, np.nan], rtol=1e-12)

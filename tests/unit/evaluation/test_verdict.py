@@ -30,7 +30,7 @@ INPUTS = RunInputs(height_m=HEIGHT_M, max_iterations=40, rate_hz=RATE_HZ)
 
 
 def standing(knee=0.6):
-    """Joints (1, J, 3) of somebody who faces x, with bent knees."""
+    """Joints (1, J, 3) of a person who faces x, with bent knees."""
     pose = np.zeros(len(BODY.skeleton.dof_names))
     pose[2] = 0.95
     for side in ("left", "right"):
@@ -40,7 +40,7 @@ def standing(knee=0.6):
 
 
 def observed(rig, shown=None, places=None):
-    """What the cameras `shown`, or the rig, show of somebody who stands there."""
+    """What the cameras `shown`, or the rig, show of a standing person."""
     places = standing() if places is None else places
     pixels = np.array([camera.project(places) for camera in shown or rig])
     keypoints = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
@@ -163,8 +163,8 @@ def test_ground_truth_decides_whether_the_person_is_tracked():
     assert (found.outcome.kind, found.level) == ("lost", NOT_USABLE)
     assert "from frame 20" in found.message
     assert (found.states[5], found.states[25]) == ("tracked", "lost")
-    held = replace(scene(0), errors={"mpjpe_abs_mm": np.full(N, TRACKED_MM - 10.0)}).verdict()
-    assert (held.outcome.kind, held.level) == ("tracked", TRUSTWORTHY)
+    tracked = replace(scene(0), errors={"mpjpe_abs_mm": np.full(N, TRACKED_MM - 10.0)}).verdict()
+    assert (tracked.outcome.kind, tracked.level) == ("tracked", TRUSTWORTHY)
 
 
 def test_a_short_loss_makes_a_run_doubtful():
@@ -194,5 +194,5 @@ def test_where_nothing_is_visible_nothing_is_trusted():
     blind = without(ONE, frames=range(N))
     images = blind.verdict()
     assert (images.outcome.kind, images.level, set(images.states)) == ("no ground truth", DOUBTFUL, {""})
-    nobody = replace(blind, inputs=replace(INPUTS, shows_person=False)).verdict()
-    assert (nobody.kind, nobody.level) == ("no person visible", NOT_USABLE)
+    empty = replace(blind, inputs=replace(INPUTS, shows_person=False)).verdict()
+    assert (empty.kind, empty.level) == ("no person visible", NOT_USABLE)

@@ -64,8 +64,9 @@ def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
     np.testing.assert_array_equal(arrays["log_weights"], run[0].filter_state.arrays["log_weights"])
 
 
-@pytest.mark.parametrize("n_particles", [60, 200])
-def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles):
+@pytest.mark.parametrize("n_particles", [60, 600])
+def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles, monkeypatch):
+    monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     run = list(steps(40, n_particles=n_particles))
     plain = recorded(tmp_path / "plain.rrd", run)
     full = recorded(tmp_path / "full.rrd", map(with_memory, run))

@@ -11,13 +11,15 @@ import numpy as np
 
 from workbench.body.camera import Camera, load_cameras, nearest_points
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.motion.formats import units_axes
 from workbench.motion.formats.openpose import People
+from workbench.motion.formats.units_axes import stature
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+UNITS: Mapping[str, float] = {name: units_axes.UNITS[name] for name in ("m", "cm", "mm")}
 AXES: Mapping[str, FloatArray] = {
     f"{sign}{axis}": factor * np.eye(3)[k] for k, axis in enumerate("xyz") for sign, factor in (("", 1.0), ("-", -1.0))
 }
@@ -27,8 +29,6 @@ _SMALLEST_M = 3.0
 """A distance that is larger in millimetres than any in centimetres up to 30 m."""
 _HEIGHTS_M = (0.7, 2.4)
 """Heights of people, from small children."""
-_FRACTIONS = {("shoulder", "elbow"): 0.186, ("elbow", "wrist"): 0.146, ("hip", "knee"): 0.245, ("knee", "ankle"): 0.246}
-"""Lengths of limbs over the height: Winter, *Biomechanics and Motor Control of Human Movement*."""
 _MAX_RAY_DISTANCE = 0.05
 """Largest median distance of the rays to a joint, over the height, of detections of one person."""
 _MAX_ASPECT_CHANGE = 0.01
@@ -132,17 +132,9 @@ def triangulated_height(cameras: Mapping[str, Camera], people: Mapping[str, Peop
     points = nearest_points(rays, origins)
     offsets = points - origins[:, None, None]
     distances = np.linalg.norm(np.cross(offsets, rays), axis=-1)
-    heights = [
-        np.linalg.norm(
-            points[:, JOINT_NAMES.index(f"{side}_{a}")] - points[:, JOINT_NAMES.index(f"{side}_{b}")], axis=1
-        )
-        / fraction
-        for (a, b), fraction in _FRACTIONS.items()
-        for side in ("left", "right")
-    ]
-    if not np.isfinite(heights).any() or not np.isfinite(distances).any():
+    height = stature({name: points[:, k] for k, name in enumerate(JOINT_NAMES)})
+    if height is None or not np.isfinite(distances).any():
         return float("nan")
-    height = float(np.nanmedian(heights))
     return height if np.nanmedian(distances) <= _MAX_RAY_DISTANCE * height else float("nan")
 
 
@@ -172,7 +164,7 @@ def fitted(camera: Camera, size: tuple[int, int], source: str) -> Camera:
 def _upright_axis(cameras: Iterable[Camera]) -> str:
     """Return the axis of the world that is up in the images of cameras on average, z where it is not clear.
 
-    A camera that looks down says nothing of it.
+    Cameras that look steeply down are ignored: their images have no upward direction.
     """
     upwards = [-one.rotation[1] for one in cameras if one.rotation[2, 2] > -_STEEP]
     mean = np.mean(upwards, axis=0) if upwards else AXES["z"]

@@ -63,7 +63,7 @@ def paired_frames(
 
 
 def _start(numbers: IntArray, images: IntArray) -> int:
-    """Return what the numbers of detections exceed those of their images by."""
+    """Return the excess of the detections' numbers over those of their images."""
     if np.isin(numbers, images).all():
         return 0
     first, span = int(numbers[0] - images[0]), int(images[-1] - images[0])

@@ -1,11 +1,12 @@
 """Layouts of 2-D detectors: which points are which joints, and which layout a detector's points have."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.motion.formats.joint_names import plain
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -56,15 +57,16 @@ LAYOUTS: Mapping[str, tuple[int, Layout]] = {
 """Numbers of points, and points by joint. The centre of the head is half-way between neck and top of the head, if there
 is one, else between the ears. OpenPose's own "neck", the middle of the shoulders, is below ours and is excluded. The
 whole-body layouts, with points of face and hands, begin with those of a body."""
+_AVERAGE = from_height(1.0)
 _BONES = {
     (f"{side}_{a}", f"{side}_{b}"): length
     for side in ("left", "right")
     for a, b, length in (
-        ("shoulder", "elbow", 0.186), ("elbow", "wrist", 0.146), ("shoulder", "hip", 0.288), ("hip", "knee", 0.245),
-        ("knee", "ankle", 0.246),
+        ("shoulder", "elbow", _AVERAGE.upper_arm), ("elbow", "wrist", _AVERAGE.forearm), ("shoulder", "hip", 0.288),
+        ("hip", "knee", _AVERAGE.thigh), ("knee", "ankle", _AVERAGE.calf),
     )
 }  # fmt: skip
-"""Lengths over a person's height: Winter, *Biomechanics and Motor Control of Human Movement*."""
+"""Lengths over a person's height, see `from_height`; the shoulder is 0.288 above the hip there."""
 _NEIGHBOURS: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "BODY_25": ((0, 15, 16, 17, 18), (14, 19, 20, 21), (11, 22, 23, 24)),
     "BODY_25B": ((0, 1, 2, 3, 4), (15, 19, 20, 21), (16, 22, 23, 24)),
@@ -119,12 +121,12 @@ def layout_named(name: str, n_points: int) -> str:
 
 def named_points(names: Sequence[str]) -> Layout:
     """Return the points by joint of points that are named after joints, such as LeftKnee, l_knee or knee-left."""
-    plain = {re.sub(r"[^a-z0-9]", "", name.lower()): number for number, name in reversed(list(enumerate(names)))}
+    number_of = {plain(name): number for number, name in reversed(list(enumerate(names)))}
     layout: dict[str, tuple[int, ...]] = {}
     for joint in JOINT_NAMES:
-        found = [option for option in _spellings(joint) if all(name in plain for name in option)]
+        found = [option for option in _spellings(joint) if all(name in number_of for name in option)]
         if found:
-            layout[joint] = tuple(plain[name] for name in found[0])
+            layout[joint] = tuple(number_of[name] for name in found[0])
     return layout
 
 
