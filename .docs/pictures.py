@@ -1,8 +1,9 @@
-"""Draw the pictures of the pages, which show rendered people only.
+"""Draw the pictures of the pages, which show no images of real people.
 
 `PYTHONPATH=. python .docs/pictures.py FOLDER`, in a clone, draws the pictures of the tutorial from the recordings that
 its commands write into FOLDER. With SHOT.png in place of FOLDER it makes the picture of the README from a screenshot of
-the viewer with a recording of walk_multi_cue. The pictures of experiments are drawn from the baselines when the pages
+the viewer with a recording of walk_multi_cue. With RUN.rrd it draws the picture of the page on own video, without
+images, from a recording of `workbench track`. The pictures of experiments are drawn from the baselines when the pages
 are built.
 """
 
@@ -38,6 +39,27 @@ def tutorial(folder: Path) -> None:
         axes.legend()
         figure.savefig(PICTURES / "errors.png", dpi=90)
     (PICTURES / "knee.png").write_bytes((folder / "knee.png").read_bytes())
+
+
+def own_video(run: Run) -> None:
+    """Draw the estimated skeleton in five frames, and the flexion of both knees with its credible intervals."""
+    with plt.style.context(STYLE):
+        figure, axes = plt.subplots(1, 6, figsize=(9, 2.6), layout="constrained", width_ratios=(1, 1, 1, 1, 1, 3))
+        frames = evenly(run, 7)[1:-1]
+        skeletons(axes[:5], run, frames, azimuth_deg=30.0)
+        for panel, frame in zip(axes, frames, strict=False):
+            panel.set_title(f"frame {frame}")
+        intervals = run.intervals
+        for side, colour in (("left", ESTIMATE), ("right", TRUTH)):
+            k = intervals.names.index(f"{side}_knee_flexion")
+            low, mean, high = (np.degrees(each[:, k]) for each in (intervals.low, intervals.mean, intervals.high))
+            axes[5].fill_between(intervals.frames, low, high, color=colour, alpha=0.25, linewidth=0.0)
+            axes[5].plot(intervals.frames, mean, color=colour, label=f"{side} knee")
+        axes[5].set_title("flexion of the knees (°)")
+        axes[5].set_xlabel("frame")
+        axes[5].legend()
+        figure.savefig(PICTURES / "own_video.png", dpi=90)
+        plt.close(figure)
 
 
 def of_experiment(run: Run, path: Path) -> None:
@@ -81,4 +103,7 @@ def shrink(shot: Path) -> None:
 
 if __name__ == "__main__":
     source = Path(sys.argv[1])
-    tutorial(source) if source.is_dir() else shrink(source)
+    if source.suffix == ".rrd":
+        own_video(read(source))
+    else:
+        tutorial(source) if source.is_dir() else shrink(source)

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from analysis.figures.frames import Picture, pictures
 from analysis.figures.readings import OURS, Reading
 from analysis.figures.run_descriptions import setup
 from analysis.figures.style import ON_IMAGE, bare, canvas
@@ -24,6 +23,7 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import POSE_NAMES
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.recording.read.chunks import read_chunks, static_values
+from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import FAINT, INK, SERIES
 from workbench.utils.arrays import BoolArray, FloatArray

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
-from analysis.figures.frames import Picture, Scene, pictures, scenes
+from analysis.figures.frames import Scene, scenes
 from analysis.figures.studies import projected
 from analysis.figures.style import ON_IMAGE, POINTS, bare
 from workbench.recording.read.chunks import Curve
+from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import ESTIMATE, FAINT, SERIES, TRUTH, label_ends
 from workbench.utils.arrays import FloatArray, IntArray
@@ -30,7 +31,7 @@ def evenly(run: Run, n: int) -> list[int]:
 
 def images(row: Sequence[Axes], run: Run, frames: Sequence[int]) -> None:
     """Draw images, one of the axes each, cut to what moves, with the posterior's skeletons, expected pose and truth."""
-    recorded_pictures = pictures(run, frames)
+    recorded_pictures = list(pictures(run, frames))
     boxes = _boxes(recorded_pictures)
     half = 0.5 * np.max(boxes[:, 1] - boxes[:, 0], axis=0) + _MARGIN_PX
     half = np.maximum(half, half[::-1] * (_IMAGE_SHAPE, 1.0 / _IMAGE_SHAPE))

@@ -157,6 +157,8 @@ def made(tmp_path_factory, cache):
     runs = [folder / "recordings/sweeps/walk_straight/TIME" / job / "run.rrd" for job in "01"]
     for name, run in {"A": runs[0], "B": runs[1], "a": runs[0], "b": runs[0], "mine": runs[0], "run": runs[0]}.items():
         shutil.copy(run, folder / f"{name}.rrd")
+    (folder / "out").mkdir()
+    shutil.copy(runs[0], folder / "out" / "run.rrd")
     (folder / "baselines").mkdir()
     shutil.copy(ROOT / "recordings" / "baselines" / "learn_walk.rrd", folder / "baselines")
     return folder

@@ -144,3 +144,8 @@ def test_a_run_from_python_is_the_commands(tmp_path):
     assert told.provenance["choices"] == run.provenance["choices"]
     np.testing.assert_array_equal(told.poses[1], run.poses[1])
     assert told.result == run.result
+
+
+def test_the_package_lists_its_names_and_has_each():
+    assert set(wb.__all__) <= set(dir(wb))
+    assert all(hasattr(wb, name) for name in wb.__all__)

@@ -15,6 +15,7 @@ from workbench.motion.formats.motion_export import Track, check_output, export, 
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
+from workbench.results.overlay import SUFFIX, write_overlay
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -26,19 +27,29 @@ def export_recording(
     recording: Annotated[
         Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of an interrupted run.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc or .csv file to write.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv or .mp4 file to write.")
+    ],
     truth: Annotated[
         bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc and .csv).")
     ] = False,
     metres: Annotated[bool, typer.Option("--metres", help="Lengths in m; default: BVH in cm, TRC in mm.")] = False,
     intervals: Annotated[bool, typer.Option("--intervals", help="Include the 90 % credible intervals (.csv).")] = False,
+    camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of the video; default: the first.")] = None,
 ) -> None:
     """Export the motion of a recording for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv).
+
+    An .mp4 file shows the estimated skeleton over the images.
 
     Examples:
       workbench export run.rrd -o walk.bvh
       workbench export run.rrd -o walk.csv --intervals
+      workbench export run.rrd -o overlay.mp4
     """
+    if output.suffix.lower() == SUFFIX:
+        n_frames = write_overlay(read_sound_run(recording), output, camera)
+        print(f"{output}: {n_frames} frames; estimate orange, truth blue")
+        return
     check_output(output)  # before reading the recording
     run = read_sound_run(recording)
     track = true_track(run) if truth else estimated_track(run)

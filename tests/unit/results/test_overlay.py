@@ -1,0 +1,78 @@
+"""The video of a recording's images has a frame for each, with the skeleton where it is projected."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from recording_steps import BODY, CAMERA, SPACE, steps
+
+from workbench.body.kinematics import joints
+from workbench.cli.main import main
+from workbench.recording.read.pictures import Picture, pictures
+from workbench.recording.read.reader import read
+from workbench.recording.write.recorder import Recorder
+from workbench.results.overlay import drawn
+from workbench.utils.errors import InputError
+
+N = 6
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    path = tmp_path_factory.mktemp("overlay") / "run.rrd"
+    poses = []
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
+        for step in steps(N, n_particles=20):
+            recorder.log(step, {})
+            poses.append(step.expected_pose)
+    return read(path), joints(BODY.skeleton, np.stack(poses))
+
+
+def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
+    recorded, estimated = run
+    target = tmp_path / "overlay.mp4"
+    assert main(["export", str(recorded.path), "-o", str(target)]) == 0
+    assert f"{N} frames" in capsys.readouterr().out
+    video = cv2.VideoCapture(str(target))
+    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, rel=1e-3)
+    images = [video.read()[1] for _ in range(N)]
+    assert not video.read()[0]
+    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
+    knees = [BODY.skeleton.joint(f"{side}_knee") for side in ("left", "right")]
+    for image, places in zip(images, estimated, strict=True):
+        for u, v in CAMERA.project(places[knees]).round().astype(int):
+            blue, _, red = image[v, u].astype(int)
+            assert red > blue + 40  # orange, in a grey image
+
+
+def test_pictures_are_those_of_the_frames_and_camera_asked_for(run):
+    recorded, _ = run
+    frames = recorded.poses[0][[3, 1]].tolist()
+    assert [shot.frame for shot in pictures(recorded, frames)] == frames
+    assert next(pictures(recorded)).image.shape[:2] == (CAMERA.height, CAMERA.width)
+    with pytest.raises(InputError, match="no image of frame -1"):
+        list(pictures(recorded, [-1]))
+    with pytest.raises(InputError, match="no camera 'left', expected one of"):
+        list(pictures(recorded, camera="left"))
+
+
+def test_an_odd_size_is_cut_and_a_line_has_its_colour():
+    line = np.array([[[1.0, 4.0], [7.0, 4.0]]])
+    empty = np.empty((0, 2, 2))
+    shot = Picture(0, np.zeros((9, 11), np.uint8), {"particles": empty, "estimate": line, "truth": empty})
+    image = drawn(shot)
+    assert image.shape == (8, 10, 3)
+    blue, green, red = image[4, 4].astype(int)
+    assert blue < 5 < green < 100 < 200 < red
+    assert not image[:2].any()
+
+
+def test_a_recording_without_images_has_no_video(tmp_path, capsys):
+    path = tmp_path / "run.rrd"
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
+        for step in steps(2, n_particles=20):
+            recorder.log(replace(step, frame=replace(step.frame, views=())), {})
+    assert main(["export", str(path), "-o", str(tmp_path / "overlay.mp4")]) == 2
+    assert "expected images, found none" in capsys.readouterr().err
+    assert not (tmp_path / "overlay.mp4").exists()
