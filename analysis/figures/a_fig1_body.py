@@ -23,9 +23,9 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import POSE_NAMES
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.recording.read.chunks import read_chunks, static_values
-from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import FAINT, INK, SERIES
+from workbench.results.pictures import Picture, pictures
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 

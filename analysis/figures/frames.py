@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
-from workbench.recording.read.pictures import flat, lines
 from workbench.recording.read.reader import Run
 from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION, PARTICLES, POINTS, TRUTH
+from workbench.results.pictures import flat, lines
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

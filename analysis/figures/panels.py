@@ -10,9 +10,9 @@ from analysis.figures.frames import Scene, scenes
 from analysis.figures.studies import projected
 from analysis.figures.style import ON_IMAGE, POINTS, bare
 from workbench.recording.read.chunks import Curve
-from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import ESTIMATE, FAINT, SERIES, TRUTH, label_ends
+from workbench.results.pictures import Picture, pictures
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

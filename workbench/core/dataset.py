@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 from workbench.body.camera import Camera
@@ -33,6 +34,7 @@ class SequenceInfo:
     pose_history_activity : the person's activity in them, such as "walk".
     input_counts : counts from reading the frames' joints, by name, such as people and swapped_sides.
     perturbations : differences of the true person and cameras from these metadata, by name, for the recording.
+    video : MP4 file whose frames, numbered as `Frame.index`, are the undistorted images of the only view.
     """
 
     name: str
@@ -52,6 +54,7 @@ class SequenceInfo:
     pose_history_activity: str | None = None
     input_counts: Mapping[str, int] = field(default_factory=dict)
     perturbations: Mapping[str, FloatArray] = field(default_factory=dict)
+    video: Path | None = None
 
 
 class Dataset(Protocol):

@@ -19,7 +19,7 @@ from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.calibration import camera_named, fitted, read_calibration
-from workbench.datasets.files.decode import declared_frames, decode, frame_rate, image_files, timestamps
+from workbench.datasets.files.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
 from workbench.datasets.files.frame_times import FrameTimes, frame_times, given_times
 from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_annotations
 from workbench.datasets.files.pairing import image_numbers
@@ -136,7 +136,7 @@ class Video:
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
-            input_counts=input_counts,
+            input_counts=input_counts, video=self.path if self._frames_are_images else None,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
@@ -154,6 +154,13 @@ class Video:
             yield Frame(index, float(self.times.at(index)), (view,), truth)
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which existed before")
+
+    @property
+    def _frames_are_images(self) -> bool:
+        """Whether the source is an MP4 file whose frames are the images, also without undistortion."""
+        size = self.source_camera.width, self.source_camera.height
+        unscaled = self.scale == 1.0 and self.image_size == size and not self.source_camera.distortion.any()
+        return unscaled and self.path.suffix.lower() == ".mp4" and rotation_deg(self.path) == 0.0
 
     @cached_property
     def times(self) -> FrameTimes:

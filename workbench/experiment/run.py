@@ -275,6 +275,7 @@ def record(
 def recorder_of(config: DictConfig, components: Components, summary: Summary) -> Recorder:
     """Return the recorder of a run of these components, not yet open; InputError as `Recorder`."""
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
+    live |= {"source_video": components.clip.info.video}
     live |= {"uninformative_metrics": sorted(_uninformative(config, components))}
     live |= (
         {"decode": components.prior.pose} if components.prior is not None and resumable(components.inference) else {}

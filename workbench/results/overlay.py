@@ -7,8 +7,8 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.recording.read.chunks import timed
-from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import Run
+from workbench.results.pictures import Picture, pictures
 from workbench.utils.arrays import ByteArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError

@@ -9,13 +9,13 @@ from recording_steps import BODY, CAMERA, SPACE, steps
 
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
-from workbench.recording.read.pictures import Picture, pictures
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.results.overlay import drawn
+from workbench.results.pictures import Picture, pictures
 from workbench.utils.errors import InputError
 
-N = 6
+N, FIRST = 6, 10
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +76,38 @@ def test_a_recording_without_images_has_no_video(tmp_path, capsys):
     assert main(["export", str(path), "-o", str(tmp_path / "overlay.mp4")]) == 2
     assert "expected images, found none" in capsys.readouterr().err
     assert not (tmp_path / "overlay.mp4").exists()
+
+
+@pytest.fixture(scope="module")
+def mp4(tmp_path_factory):
+    """A video whose frame k has the grey level 12 k; the steps show frames from FIRST on."""
+    path = tmp_path_factory.mktemp("videos") / "grey.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"vp09"), 30.0, (CAMERA.width, CAMERA.height))
+    for k in range(FIRST + N):
+        writer.write(np.full((CAMERA.height, CAMERA.width, 3), 12 * k, np.uint8))
+    writer.release()
+    return path
+
+
+def test_a_recording_with_its_video_has_the_images_of_the_video_and_no_others(mp4, tmp_path):
+    path, labels = tmp_path / "run.rrd", {"run_id": "run", "config_yaml": "", "provenance": {}}
+    with Recorder(path, BODY, SPACE, **labels, video=True, source_video=mp4) as recorder:
+        for step in steps(N, n_particles=20):
+            recorder.log(step, {})
+    recorded = read(path)
+    numbers = recorded.poses[0].tolist()
+    assert numbers == list(range(FIRST, FIRST + N))
+    for chosen in (numbers, numbers[2:4]):
+        shots = list(pictures(recorded, chosen))
+        assert [shot.frame for shot in shots] == chosen
+        np.testing.assert_allclose([shot.image.mean() for shot in shots], 12.0 * np.array(chosen), atol=6.0)
+
+
+def test_a_video_is_recorded_only_where_there_is_one_that_the_viewer_reads(tmp_path):
+    labels = {"run_id": "run", "config_yaml": "", "provenance": {}}
+    with pytest.raises(InputError, match="expected a dataset of one MP4 video"):
+        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True)
+    (other := tmp_path / "other.mp4").write_bytes(b"no video")
+    with pytest.raises(InputError, match=r"other\.mp4: expected a video that Rerun reads"):
+        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True, source_video=other)
+    assert not any(tmp_path.glob("run.rrd*"))

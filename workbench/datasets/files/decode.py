@@ -94,6 +94,12 @@ def frame_rate(source: Path) -> float | None:
     return rate if np.isfinite(rate) and rate > 0.0 else None
 
 
+def rotation_deg(source: Path) -> float:
+    """Return the angle by which a video file's frames are turned to be upright, as `decode` does."""
+    with _opened(source) as video:
+        return float(video.get(cv2.CAP_PROP_ORIENTATION_META))
+
+
 def declared_frames(source: Path) -> int:
     """Return the number of frames that a video file declares."""
     with _opened(source) as video:

@@ -17,7 +17,7 @@ CARD = "card"
 """The property that a card adds to a recording."""
 _OPEN = "recording link"
 """The viewer's column with the recording that a card opens and previews."""
-_IMAGE = "EncodedImage:blob"
+_IMAGES = ("EncodedImage:blob", "VideoFrameReference:timestamp")
 _SCENE = "/world/"
 _CURVE = "/metrics/mpjpe_abs_mm"
 
@@ -32,7 +32,7 @@ def preview_of(path: Path) -> tuple[list[str], bool]:
         columns, has_layout = reader.store().schema().component_columns(), bool(reader.blueprints())
     except (RuntimeError, ValueError, OSError):
         return [], False
-    images = {each.entity_path for each in columns if each.component == _IMAGE}
+    images = {each.entity_path for each in columns if each.component in _IMAGES}
     return sorted(path for path in images if path.startswith(_SCENE)), has_layout
 
 

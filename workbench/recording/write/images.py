@@ -5,6 +5,7 @@ would hide the expected pose.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -75,6 +76,31 @@ def jpeg(recorded: RecordedCamera, pixels: ByteArray, quality: int) -> ByteArray
 def jpeg_row(path: str, encoded: ByteArray) -> Rows:
     """Yield the row of an image's entity from the bytes (n,) of a JPEG."""
     yield path, Row(rr.EncodedImage, {"blob": [encoded], "media_type": ["image/jpeg"]})
+
+
+def video_clip(file: Path) -> tuple[rr.AssetVideo, IntArray]:
+    """Return an MP4 file to record, and the timestamps (F,) of its frames, ns; raises InputError for another file."""
+    try:
+        clip = rr.AssetVideo(path=file)
+        return clip, np.asarray(clip.read_frame_timestamps_nanos(), dtype=np.int64)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"{file}: expected a video that Rerun reads ({error}); leave recorder.video out") from None
+
+
+def video_row(recorded: RecordedCamera, timestamps_ns: IntArray, index: int) -> Rows:
+    """Yield the row of an image's entity, frame `index` of the video at `video_path` with these timestamps (F,)."""
+    if index >= len(timestamps_ns):
+        raise InputError(
+            f"recorder.video: expected frame {index} in the video, found {len(timestamps_ns)} frames that Rerun reads; "
+            "leave recorder.video out"
+        )
+    timestamp, reference = timestamps_ns[[index]], [video_path(recorded)]
+    yield f"{recorded.path}/image", Row(rr.VideoFrameReference, {"timestamp": timestamp, "video_reference": reference})
+
+
+def video_path(recorded: RecordedCamera) -> str:
+    """Return the entity of a camera's video."""
+    return f"{recorded.path}/video"
 
 
 def overlay(
