@@ -16,11 +16,11 @@ from tqdm import tqdm
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import own_caches, peak_gb, process_s
 
-RUN = ("-m", "workbench")
+RUN = ("-m", "workbench", "run", "experiment=walk_straight")
 FEW, MANY = 64, 100_000  # particles
 SHORT, LONG = 50, 5000  # frames
 N_RUNS, PER_SWEEP = 1000, 100
-QUERY = ("-m", "workbench.cli.runs", "list")
+QUERY = ("-m", "workbench", "runs", "list")
 CONDITIONS = ("prior=smooth", "n_particles>200", "mpjpe_abs_mm<5", "--sort", "mpjpe_abs_mm")
 N_JOBS = 24
 WORKERS = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
@@ -43,7 +43,7 @@ def length_figures() -> list[Figure]:
 
 
 def peaks_gb(numbers: Sequence[int]) -> list[float]:
-    """Return the peak resident memory, 10⁹ bytes, of the default experiment with these numbers of particles."""
+    """Return the peak resident memory, 10⁹ bytes, of walk_straight with these numbers of particles."""
     with own_caches() as (folder, environment):
         run = [*RUN, "dataset.n_frames=5", f"hydra.run.dir={folder}/run"]
         each = [[*run, f"inference.n_particles={n}"] for n in (FEW, *numbers)]  # the first one renders and compiles
@@ -51,7 +51,7 @@ def peaks_gb(numbers: Sequence[int]) -> list[float]:
 
 
 def start_figures(repeats: int = 3) -> list[Figure]:
-    """Measure two frames of the default experiment: compiling all kernels, and with the kernels of an earlier run."""
+    """Measure two frames of walk_straight: compiling all kernels, and with the kernels of an earlier run."""
     with own_caches() as (folder, environment):
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         run = [*RUN, "dataset.n_frames=2", "inference.n_particles=64", "n_threads=1"]
