@@ -95,3 +95,14 @@ def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, t
     truth, *estimates = [static(path, each, "SeriesLines:colors")[0].to_bytes(4, "big")[:3] for each in entities]
     assert truth == bytes(styles.TRUTH)
     assert set(estimates) == {bytes(styles.ESTIMATE)}
+
+
+def test_expected_and_true_errors_by_joint_group_have_equal_axes_that_contain_them():
+    both = [f"{kind}_{group}_mm" for kind in ("expected_error", "mpjpe_abs") for group in styles.GROUPS]
+    spans = {f"metrics/{name}": (1.0, 10.0 * (1 + k)) for k, name in enumerate(both)}
+    panels = contents_of(replace(SHOWN, metrics=(*SHOWN.metrics, *both), spans=spans))
+    expected, true = (panels[tuple(both[k : k + 4])] for k in (0, 4))
+    ranges = [view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0] for view in (expected, true)]
+    assert ranges[0] == ranges[1]
+    assert ranges[0][0] == 0.0 < 80.0 <= ranges[0][1]
+    assert all(colour in expected.name + true.name for colour, _ in styles.GROUPS.values())

@@ -150,16 +150,28 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
     if uncertainty := [*ess, *_coverage(data)]:
         rows.append((0.8, rrb.Horizontal(*uncertainty, name="uncertainty")))
-    if expected := _group_errors(data.metrics):  # with a truth, its errors are drawn thin
-        groups = [
-            f"{each} {colour}" for each, (colour, _) in styles.GROUPS.items() if f"expected_error_{each}_mm" in expected
-        ]
-        kinds = (
-            "expected (thick) and true (thin)" if any(each.startswith("mpjpe_") for each in expected) else "expected"
-        )
-        name = f"{kinds} error (mm): {', '.join(groups)}"
-        rows.append((0.8, _metrics(name, expected, data, legend=False)))
+    if by_group := _errors_by_group(data):
+        rows.append((0.8, rrb.Horizontal(*by_group, name="errors by joint group")))
     return [*rows, (2.0, rrb.Tabs(*_details(data)))]
+
+
+def _errors_by_group(data: LayoutInput) -> list[rrb.View]:
+    """Return plots of the expected and of the true errors by joint group, with equal axes.
+
+    Of two plots each title has half of the colours, for which it is wide enough.
+    """
+    drawn = _group_errors(data.metrics)
+    spans = [data.spans[path] for path in (f"metrics/{name}" for name in drawn) if path in data.spans]
+    axis = rrb.ScalarAxis(range=(0.0, 1.1 * max(high for _, high in spans))) if len(spans) == len(drawn) > 0 else None
+    words = {"expected_error": "expected", "mpjpe_abs": "true"}
+    kinds = [kind for kind in words if any(name.startswith(kind) for name in drawn)]
+    colours = [f"{group} {colour}" for group, (colour, _) in styles.GROUPS.items()]
+    plots: list[rrb.View] = []
+    for k, kind in enumerate(kinds):
+        half = colours[k * len(colours) // len(kinds) : (k + 1) * len(colours) // len(kinds)]
+        metrics = [name for name in drawn if name.startswith(kind)]
+        plots.append(_metrics(f"{words[kind]} error (mm): {', '.join(half)}", metrics, data, legend=False, axis=axis))
+    return plots
 
 
 def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
@@ -187,7 +199,7 @@ def _images(data: LayoutInput) -> rrb.Container:
 
 
 def _world(data: LayoutInput) -> rrb.Spatial3DView:
-    """Return a view of the person from three metres away, without overlays on images; the eye follows the person."""
+    """Return a view of the person from the viewpoint, without overlays on images; the eye follows the person."""
     followed = "surface" if data.surface else "body"  # the surface replaces the solid limbs
     controls = rrb.EyeControls3D(
         position=[*(data.person[:2] + data.towards), data.person[2] + 0.6], look_target=data.person,
@@ -221,7 +233,7 @@ def _errors(data: LayoutInput) -> list[rrb.View]:
 
 
 def _coverage(data: LayoutInput) -> list[rrb.View]:
-    return [_metric("coverage_90", data, (0.0, 1.0))] if "coverage_90" in data.metrics else []
+    return [_metric("coverage_90", data, (0.0, 1.05))] if "coverage_90" in data.metrics else []
 
 
 def _details(data: LayoutInput) -> list[_Part]:
@@ -275,10 +287,12 @@ def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
     return rrb.Tabs(rrb.Grid(*pictures, grid_columns=2, name="brightness"), tensor, axes, name="log posterior")
 
 
-def _metrics(name: str, metrics: Sequence[str], data: LayoutInput, legend: bool = True) -> rrb.TimeSeriesView:
-    """Return a plot of several metrics; legend: omitted where the name explains them."""
+def _metrics(
+    name: str, metrics: Sequence[str], data: LayoutInput, legend: bool = True, axis: rrb.ScalarAxis | None = None
+) -> rrb.TimeSeriesView:
+    """Return a plot of several metrics; legend: above the curves, omitted where the name explains them."""
     paths = [f"metrics/{each}" for each in metrics]
-    options = _legend(paths, data) if legend and len(metrics) > 1 else {}
+    options = _legend(paths, data) if legend and len(metrics) > 1 else {"axis": axis}
     return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **options)
 
 

@@ -104,7 +104,7 @@ def viewpoint(step: Step) -> FloatArray:
     else:
         return np.array([2.1, -2.1])
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return (3.0 if points is None else 2.3) * rotation @ direction / max(float(np.linalg.norm(direction)), 1e-6)
+    return 2.3 * rotation @ direction / max(float(np.linalg.norm(direction)), 1e-6)
 
 
 def true_joints(skeleton: Skeleton, truth: Truth | None) -> FloatArray:

@@ -44,7 +44,7 @@ _CURVES = {
     "mpjpe_px_max_weight": _MAX_WEIGHT,
     "forearm_width_px": FOREARM,
     **{f"expected_error_{group}_mm": (group, colour, 2.5) for group, (_, colour) in GROUPS.items()},
-    **{f"mpjpe_abs_{group}_mm": (f"{group}, true error", colour, 0.7) for group, (_, colour) in GROUPS.items()},
+    **{f"mpjpe_abs_{group}_mm": (group, colour, 2.0) for group, (_, colour) in GROUPS.items()},
 }
 """Metrics that share a plot: (name in the legend, colour, width)."""
 _GUIDES = {"coverage_90": 0.9}
@@ -55,7 +55,7 @@ _TITLES = {
     "mpjpe_px": "2-D MPJPE (pixels)",
     "jump_deg": "largest change of a joint angle (degrees)",
     "same_activity": "samples from the initial activity (1: all)",
-    "coverage_90": "coverage of the 90 % credible intervals (0.9 if calibrated)",
+    "coverage_90": "coverage of 90 % intervals",
     "crps_mm": "CRPS of the root's position (mm)",
     "crps_deg": "CRPS of the angles (degrees)",
     "nll": "NLL of the true pose, mean over parameters (nats)",
