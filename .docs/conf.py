@@ -14,7 +14,11 @@ generate.write(Path(__file__).parent / "_generated")
 project = "workbench"
 release = workbench.__version__
 copyright = ""
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = [
+    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon",
+    "sphinx-mathjax-offline",  # copies MathJax into the pages
+]  # fmt: skip
+myst_enable_extensions = ["dollarmath"]
 root_doc = "index"
 myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings give shapes and units

@@ -52,7 +52,7 @@ def draw_baselines(folder: Path) -> None:
 
 
 def options_page() -> str:
-    """Return the page of all options: the docstring of each class, and its keys."""
+    """Return the page of all options: the docstring of each class, and its keys with their descriptions."""
     lines = [
         "# Options", "",
         "This page is for users who look up an option. It lists every option, chosen by `group=option`, and its keys, "
@@ -72,14 +72,25 @@ def _option(option: Option) -> Iterator[str]:
     if option.target is None:
         return
     component = import_target(option.target)
-    yield from ("```text", inspect.cleandoc(inspect.getdoc(component) or "").replace("```", ""), "```", "")
+    text, parameters = _without_parameters(inspect.getdoc(component) or "")
+    yield from ("```text", text.replace("```", ""), "```", "")
     settings: Mapping[str, Any] = yaml.safe_load(option.text)
     if keys := config_keys(component):
         yield from ("| key | default | unit | description |", "| --- | --- | --- | --- |")
     for key, (_, default) in keys.items():
         value = settings.get(key, default)
         default_text = "*required*" if value is inspect.Parameter.empty else _code(value)
-        yield f"| `{key}` | {default_text} | {_unit(key)} | {_escaped(option.notes.get(key, ''))} |"
+        description = _escaped(option.notes.get(key) or parameters.get(key, ""))
+        yield f"| `{key}` | {default_text} | {_unit(key)} | {description} |"
+
+
+def _without_parameters(docstring: str) -> tuple[str, dict[str, str]]:
+    """Return a docstring without its section "Parameters", and the descriptions in that section by name."""
+    text, _, rest = docstring.partition("\n\nParameters\n----------\n")
+    section, _, other = rest.partition("\n\n")
+    described = re.findall(r"^(\w.*?) : (.*(?:\n .*)*)", section, re.MULTILINE)
+    descriptions = {name: " ".join(words.split()) for names, words in described for name in names.split(", ")}
+    return f"{text}\n\n{other}".strip(), descriptions
 
 
 def experiments_page() -> str:

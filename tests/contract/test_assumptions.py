@@ -7,6 +7,7 @@ import pytest
 from compositions import TRACKING, composed
 
 from workbench.core.side_information import ORDER
+from workbench.experiment.config.options import options
 from workbench.experiment.config.requirements import assumptions, first_conflict
 
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
@@ -44,16 +45,10 @@ def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
 
 def test_the_table_of_the_documents_says_what_is_given():
     text = EXPERIMENTS.read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line.startswith("| `workbench")]
-    told = {
-        name: set(re.findall(r"\w+", row.split("|")[3]))
-        for row in rows
-        for name in re.findall(r"experiment=(\w+)|`(\w+)`", row.split("|")[1])
-        for name in [name[0] or name[1]]
-    }
-    assert {name: words for name, words in told.items() if name in TRACKING} == {
-        name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
-    }
+    rows = re.findall(r"^\| `(\w+)` \|(?:[^|]+\|){1,2}?([^|]+)\| (?:required|optional|–) \|$", text, re.MULTILINE)
+    listed = {name: set(re.findall(r"\w+", words)) for name, words in rows if name in TRACKING}
+    assert listed == {name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"}
+    assert {name for name, _ in rows} == set(options("experiment")) - {"custom"}
     (explained,) = re.findall(r"^## Assumptions\n(.+?)^## ", text, re.DOTALL | re.MULTILINE)
     assert re.findall(r"^\| `(\w+)` \|", explained, re.MULTILINE) == list(ORDER)
 

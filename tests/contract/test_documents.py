@@ -60,7 +60,7 @@ def test_commands_choose_what_there_is(page):
             assert set(chosen.split(",")) <= known, line
 
 
-@pytest.mark.parametrize("page", ["glossary.md", "code.md", "security.md"])
+@pytest.mark.parametrize("page", ["glossary.md", "architecture.md", "security.md"])
 def test_paths_of_the_code_exist(page):
     paths = re.findall(r"`((?:workbench|conf|tests)/[\w/.]*)`", (DOCS / page).read_text(encoding="utf-8"))
     assert [path for path in paths if not (ROOT / path).exists()] == []

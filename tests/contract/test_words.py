@@ -12,6 +12,11 @@ import pytest
 import workbench
 
 PACKAGE = Path(workbench.__file__).parent
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / ".docs").rglob("*.md")) if "_generated" not in page.parts),
+]
 TEXT = {
     *("told", "tell", "tells", "telling", "whoever", "nobody", "somebody", "anybody", "beside", "anew", "lent", "leap"),
     *("leapt", "leaps", "doubt", "stranger", "strangers", "departures", "lacking", "mendable", "judged"),
@@ -55,6 +60,11 @@ def test_no_retired_word(path):
     names = {name for name in {*identifiers(tree), path.stem} if NAMES.intersection(words(name))}
     prose = {word for text in texts(source, tree) for word in re.findall("[a-z]+", text.lower())} & TEXT
     assert (names, prose) == (set(), set())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_no_retired_word_in_a_page(page):
+    assert set(re.findall("[a-z]+", page.read_text(encoding="utf-8").lower())) & TEXT == set()
 
 
 def test_a_retired_word_is_found_in_a_name_and_in_a_docstring():

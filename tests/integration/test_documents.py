@@ -48,7 +48,7 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
     first, paper_a, again, table, sweep = told[:5]
     assert re.search(r"^verdict: trustworthy", first, re.MULTILINE)
     assert re.search(r"^verdict: doubtful, because", paper_a, re.MULTILINE)
-    assert re.search(r"^look at it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
+    assert re.search(r"^view it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
     assert "prior._target_: workbench.priors.ar_offsets.AROffsets → workbench.priors.smooth.Smooth" in again
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
     assert rows["first"][0] == "ar_offsets_gait"

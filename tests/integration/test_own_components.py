@@ -19,6 +19,7 @@ SMALL = (
 TARGETS = ("my_components.still.Still", "my_components.upright.Upright")
 SCENES = Path(__file__).parents[1] / "scenes"
 """Where the package `my_components` lies: a prior, a likelihood and a dataset, forty lines each at most."""
+PAGE = SCENES.parents[1] / ".docs" / "howto" / "own_components.md"
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +76,14 @@ def test_the_workers_of_a_launcher_build_the_components_of_a_named_package(comma
 @pytest.mark.slow
 def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp_path):
     """With nothing but what the page shows: its code, its YAML and its first command, made small."""
-    page = (SCENES.parents[1] / ".docs" / "howto" / "own_components.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
     (text,) = re.findall(r"```yaml\n(.+?)```", page, re.DOTALL)
-    for code in re.findall(r"literalinclude\} \.\./\.\./tests/scenes/(my_components/\w+\.py)", page):
-        name, group = Path(code).stem, {"still": "prior", "upright": "likelihood"}[Path(code).stem]
+    for name, code in re.findall(r"^`my_components/(\w+)\.py`:\n\n```python\n(.+?)```", page, re.MULTILINE | re.DOTALL):
+        group = {"still": "prior", "upright": "likelihood"}[name]
         option = tmp_path / "my_components" / "conf" / group / f"{name}.yaml"
         option.parent.mkdir(parents=True)
-        option.write_text(text.replace("still.Still", f"{name}.{name.title()}"))
-        (tmp_path / code).write_text((SCENES / code).read_text(encoding="utf-8"))
+        option.write_text(text.replace("upright.Upright", f"{name}.{name.title()}"))
+        (tmp_path / "my_components" / f"{name}.py").write_text(code)
     _, call = command
     said = next(line for line in page.splitlines() if line.startswith("workbench run component_packages="))
     small = ["dataset.n_frames=3", "inference.n_particles=20", f"hydra.run.dir={tmp_path / 'out'}"]
@@ -100,6 +101,11 @@ def test_its_parts_keep_the_contracts(command):
     )
     assert done.returncode == 0, done.stdout
     assert "12 passed" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["still", "upright"])
+def test_the_page_shows_the_code_of_the_tested_package(name):
+    assert (SCENES / "my_components" / f"{name}.py").read_text(encoding="utf-8") in PAGE.read_text(encoding="utf-8")
 
 
 def test_without_its_name_the_option_is_not_there(command):

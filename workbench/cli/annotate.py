@@ -26,8 +26,8 @@ def annotate(
     dataset.eval_annotations and `workbench calibrate height`.
 
     Examples:
-      workbench annotate walk.mp4 -o marks.csv
-      workbench annotate frames/ -o marks.csv --port 8000 --no-browser
+      workbench annotate walk.mp4 -o annotations.csv
+      workbench annotate frames/ -o annotations.csv --port 8000 --no-browser
     """
     frames = Frames(video.expanduser())
     annotations = Annotations(output, frames.n_frames, frames.size)

@@ -32,7 +32,7 @@ def _calibrate() -> None:
 
     Examples:
       workbench calibrate board camera=board.mp4 --corners 9x6 --square-mm 25 -o camera.toml
-      workbench calibrate height walk.mp4 marks.csv --height-m 1.65 -o camera.toml
+      workbench calibrate height walk.mp4 annotations.csv --height-m 1.65 -o camera.toml
     """
 
 
@@ -86,7 +86,9 @@ def _board(
 @app.command("height")
 def _height(
     video: Annotated[Path, typer.Argument(metavar="VIDEO", help="A video or folder of images, for their size.")],
-    marks: Annotated[Path, typer.Argument(metavar="MARKS", help="marks.csv, or a folder of OpenPose's JSON.")],
+    annotations: Annotated[
+        Path, typer.Argument(metavar="ANNOTATIONS", help="annotations.csv, or a folder of OpenPose's JSON.")
+    ],
     height_m: Annotated[float, typer.Option(metavar="M", help="Height of the person.")],
     output: _Output,
     focal_px: Annotated[float | None, typer.Option(metavar="PX", help="Focal length, if known.")] = None,
@@ -102,9 +104,9 @@ def _height(
     """Calibrate a camera from a person of known height who stands upright at several places.
 
     Examples:
-      workbench calibrate height walk.mp4 marks.csv --height-m 1.65 \\
+      workbench calibrate height walk.mp4 annotations.csv --height-m 1.65 \\
         -o camera.toml
-      workbench calibrate height walk.mp4 marks.csv --height-m 1.65 \\
+      workbench calibrate height walk.mp4 annotations.csv --height-m 1.65 \\
         --focal-px 1400 -o camera.toml
     """
     _check_output(output, overwrite)
@@ -113,7 +115,7 @@ def _height(
     image = next(decode(video), None)
     if image is None:
         raise InputError(f"{video}: expected images, found none that can be decoded")
-    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(marks))
+    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(annotations))
     calibration = person_height.calibrate_by_height(name, size, *segments, measurements)
     value, sigma = calibration.values, calibration.sigma
     notes = {"made_by": "workbench calibrate height"} | {

@@ -39,7 +39,7 @@ def check_of_dataset(
     Examples:
       workbench check-calibration experiment=balance_4cam paths.data=DATA
       workbench check-calibration dataset=video dataset.source=walk.mp4 \\
-        dataset.calibration_file=camera.toml dataset.keypoints=marks.csv \\
+        dataset.calibration_file=camera.toml dataset.keypoints=annotations.csv \\
         body=height body.height_m=1.65
     """
     config = _composed(overrides)

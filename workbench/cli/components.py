@@ -18,7 +18,7 @@ def components(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="GROUP|GROUP.OPTION|component_packages=\\[PACKAGE]",
+            metavar="GROUP|GROUP.OPTION",
             help="Groups or options to list; component_packages=\\[my_components] adds a package.",
         ),
     ] = None,

@@ -28,7 +28,7 @@ def diagnose(
     jobs: Annotated[int, Option(min=1, help="Number of processes; default: number of cores.")] = os.cpu_count() or 1,
     output: Annotated[Path | None, Option("-o", "--output", help="Write the repetitions to this folder.")] = None,
 ) -> None:
-    """Rank the changes that prevent a track loss: another seed, more particles, other cues or priors, an exact scene.
+    """Rank the changes that prevent a track loss: another seed, more particles, other cues or priors, no perturbation.
 
     Examples:
       workbench diagnose run.rrd

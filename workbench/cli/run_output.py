@@ -15,42 +15,41 @@ from workbench.utils.run_files import SUMMARY
 if TYPE_CHECKING:
     from workbench.experiment.summary import Summary
 
-NUMBERS: Mapping[str, tuple[str, str, float]] = {
-    "mpjpe_abs_mm": ("absolute MPJPE", "mm", 1.0),
-    "pa_mpjpe_mm": ("PA-MPJPE", "mm", 1.0),
-    "mpjpe_px": ("2-D MPJPE", "px", 1.0),
-    "coverage_90": ("coverage of the 90 % credible intervals", "%", 100.0),
-    "coverage_90_joints": ("coverage of the 90 % credible intervals, joints", "%", 100.0),
-    "knee_flexion_rmse_deg": ("RMSE of the knee flexion", "degrees", 1.0),
-    "lost_fraction": ("lost frames", "%", 100.0),
-    "ess_mean": ("effective sample size", "particles", 1.0),
-    "inlier_fraction": ("inliers, observations near the body", "%", 100.0),
-    "log_evidence": ("log evidence", "nats", 1.0),
+METRICS: Mapping[str, tuple[str, float, str]] = {
+    "mpjpe_abs_mm": ("mm", 1.0, "mean joint error in the world frame"),
+    "mpjpe_mm": ("mm", 1.0, "the same, root-aligned"),
+    "pa_mpjpe_mm": ("mm", 1.0, "the same, Procrustes-aligned"),
+    "mpjpe_px": ("px", 1.0, "mean joint error in the image"),
+    "coverage_90": ("%", 100.0, "true values in their 90 % credible intervals"),
+    "coverage_90_joints": ("%", 100.0, "true joint coordinates in their 90 % credible intervals"),
+    "knee_flexion_rmse_deg": ("°", 1.0, "error of the knee flexion, RMS"),
+    "lost_fraction": ("%", 100.0, "frames in which track is lost"),
+    "ess_mean": ("particles", 1.0, "effective sample size"),
+    "inlier_fraction": ("%", 100.0, "observations near the body"),
+    "log_evidence": ("nats", 1.0, "log probability of all frames"),
 }
-"""Printed metrics by name: description, unit, and factor to that unit."""
+"""Printed metrics by name: unit, factor to that unit, and meaning."""
 
 
 def summary_lines(summary: "Summary") -> Iterator[str]:
-    """Yield the lines of the summary; for a study, all its metrics."""
+    """Yield the lines of the summary: the verdict, the main metrics (of a study, all) and the files."""
     if summary.verdict is not None:
         yield f"verdict: {summary.verdict.message}"
-    metrics = summary.metrics
+    metrics, omitted = summary.metrics, summary.uninformative_metrics
     if summary.study is not None:
         width = max(map(len, metrics), default=0)
-        yield from (f"{name:<{width}} {value:10.4g}" for name, value in metrics.items())
+        yield from (f"  {name:<{width}} {value:10.4g}" for name, value in metrics.items())
     else:
-        printed = {
-            name: metrics[name] for name in NUMBERS if name in metrics and name not in summary.uninformative_metrics
-        }
-        names = {name: f"{NUMBERS[name][0]} ({name})" for name in printed}
-        width = max(map(len, names.values()), default=0)
-        for name, value in printed.items():
-            _, unit, factor = NUMBERS[name]
-            yield f"  {names[name]:<{width}} {factor * value:8.4g} {unit}"
+        printed = [name for name in METRICS if name in metrics and name not in omitted]
+        width = max(map(len, printed), default=0)
+        for name in printed:
+            unit, factor, meaning = METRICS[name]
+            yield f"  {name:<{width}} {factor * metrics[name]:8.1f} {unit:<9} {meaning}"
         rest = len(metrics) - len(printed)
         yield f"  {rest} more metrics: {_shortest(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"
-    yield f"look at it: {_command()} view {quote(_shortest(summary.recording))}"
+    yield "The page .docs/recording.md explains the verdict, the metrics and the recording."
+    yield f"view it: {_command()} view {quote(_shortest(summary.recording))}"
 
 
 def print_warnings() -> None:

@@ -29,7 +29,7 @@ from workbench.utils.errors import InputError
 HOME = ("recordings/runs", "recordings/sweeps")
 _N_ROWS = 40
 
-app = typer.Typer(no_args_is_help=True, help=__doc__)
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 _Query = Annotated[
     list[str] | None,

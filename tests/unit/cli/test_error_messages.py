@@ -75,6 +75,15 @@ def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
         assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
 
 
+def test_metrics_follow_the_verdict_with_their_units_aligned(summary):
+    verdict, *lines = run_output.summary_lines(summary)
+    assert verdict == f"verdict: {summary.verdict.message}"
+    rows = [line for line in lines if line.split()[0] in run_output.METRICS]
+    assert [row.split()[:3] for row in rows] == [["mpjpe_abs_mm", "31.0", "mm"], ["pa_mpjpe_mm", "25.0", "mm"]]
+    assert len({row.index(" mm ") for row in rows}) == 1
+    assert any(line.split()[:2] == ["2", "more"] for line in lines)  # the offset, and what says nothing here
+
+
 def value_of(argument):
     return OverridesParser.create().parse_override(argument).value()
 
