@@ -14,6 +14,7 @@ EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 
 
 @pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
+@pytest.mark.slow
 def test_an_experiment_lists_what_its_parts_take(experiment):
     config = composed(f"experiment={experiment}")
     assert set(config.assumptions) == set(assumptions(config))
@@ -38,6 +39,7 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
         (["experiment=video", "dataset.height_m=1.8"], {"height"}, set()),
     ],
 )
+@pytest.mark.slow
 def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
     before = set(assumptions(composed(overrides[0])))
     assert set(assumptions(composed(*overrides))) == (before | more) - less

@@ -20,6 +20,7 @@ def baselines():
     return {run.path.stem: run for run in runs}
 
 
+@pytest.mark.slow
 def test_each_is_made_by_a_line_of_the_readme(baselines):
     lines = re.findall(r"^baseline (\w+) (\w+)", (RECORDINGS / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert dict(lines) == {name: run.provenance["experiment"] for name, run in baselines.items()}

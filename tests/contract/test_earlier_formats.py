@@ -96,6 +96,7 @@ def write_renamed(path, new):
     stream.disconnect()
 
 
+@pytest.mark.slow
 def test_they_are_listed_compared_and_reported(tmp_path, capsys):
     for version, path in TRACKED.items():
         shutil.copy(path, tmp_path / f"format_{version}.rrd")

@@ -50,6 +50,7 @@ LEARNED = ["walking", "gait", "cyclic", "activity", "implicit"]
 
 
 @pytest.mark.parametrize("prior", LEARNED)
+@pytest.mark.slow
 def test_any_learned_prior_leaves_out_who_is_tracked(prior):
     config = composed("experiment=walk_multi_cue", f"prior={prior}").prior
     assert (config.motions, config.exclude) == ("recorded", ["35"])

@@ -36,6 +36,7 @@ def test_a_component_is_of_one_type_and_logged_in_one_way(fresh):
 
 
 @pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
+@pytest.mark.slow
 def test_all_baselines_and_all_kinds_are_in_one_gallery(fresh, monkeypatch):
     monkeypatch.setattr(
         "workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set()

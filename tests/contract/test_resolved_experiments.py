@@ -89,6 +89,7 @@ def kept():
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.slow
 def test_every_experiment_composes_to_what_was_kept(experiment):
     sections = kept()
     assert options("experiment")[experiment].about

@@ -34,6 +34,7 @@ def first(tmp_path_factory, cache):
     return recorded(tmp_path_factory.mktemp("first"), cache, *SMALL)
 
 
+@pytest.mark.slow
 def test_unchanged_it_gives_the_same_bits(run, first):
     code, told, folder = run("second", f"from={first}", suspicious=True)
     assert code == 0, told
@@ -53,6 +54,7 @@ def test_what_differs_is_said_and_the_parent_is_kept(run, first):
     assert summary["provenance"]["parent"] == read(folder / "run.rrd").provenance["parent"] == parent
 
 
+@pytest.mark.slow
 def test_another_part_is_the_experiments_own(run, first):
     code, told, folder = run("second", f"from={first}", "prior=smooth", "prior.damping=2")
     assert code == 0, told
@@ -108,6 +110,7 @@ def assert_same_curves(path, other, first):
 
 
 @pytest.mark.parametrize(("frame", "repeated"), [(2, 2), (3, 0), (6, 3)])
+@pytest.mark.slow
 def test_it_goes_on_from_a_frame_with_the_same_bits(run, long, monkeypatch, frame, repeated):
     assert checkpoint_frames(read(long)) == [*range(7)]
     stored = reading._memories
@@ -155,6 +158,7 @@ def test_a_run_that_goes_on_from_another_can_be_gone_on_from(run, long, monkeypa
     assert_same_curves(fourth / "run.rrd", second / "run.rrd", 5)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypatch):
     with monkeypatch.context() as patch:
         cut_at(6, patch)
@@ -166,6 +170,7 @@ def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypa
     assert_same_curves(whole / "run.rrd", long, 5)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatch):
     config, part = OmegaConf.create(read(long).config), tmp_path / "earlier.rrd.part"
     monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
@@ -201,6 +206,7 @@ def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatc
         ("nothing.rrd@5", "no such recording"),
     ],
 )
+@pytest.mark.slow
 def test_where_it_cannot_go_on_it_says_why(run, long, source, words):
     done = run("second", *f"from={source.format(run=long, folder=long.parent)}".split())
     assert done.code == 2

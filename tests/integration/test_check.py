@@ -78,6 +78,7 @@ def check(capsys, *arguments, suspicious=False):
     return code, printed.out + printed.err
 
 
+@pytest.mark.slow
 def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
     code, told = check(capsys, walk.parent, suspicious=True)
     assert code == 0, told
@@ -119,6 +120,7 @@ def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp
     assert " ok " in told.splitlines()[2]
 
 
+@pytest.mark.slow
 def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp_path):
     path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
     before = read(path).result["mpjpe_abs_mm"]

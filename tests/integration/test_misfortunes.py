@@ -42,6 +42,7 @@ def test_the_folder_of_another_run_is_refused_before_anything_is_written(run, tm
         assert [path.name for path in folder.iterdir()] == [LOCK]
 
 
+@pytest.mark.slow
 def test_a_complete_run_is_not_overwritten(run):
     _, _, folder = run("out", *SMALL)
     kept = (folder / "run.rrd").read_bytes()
@@ -56,6 +57,7 @@ def test_a_complete_run_is_not_overwritten(run):
     assert "out: contains the run to resume" in told
 
 
+@pytest.mark.slow
 def test_a_folder_may_have_any_name(run):
     name = "Läufe mit Abstand/日本 (2), it's"
     code, told, folder = run(name, *SMALL)

@@ -108,6 +108,7 @@ def test_the_page_shows_the_code_of_the_tested_package(name):
     assert (SCENES / "my_components" / f"{name}.py").read_text(encoding="utf-8") in PAGE.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_without_its_name_the_option_is_not_there(command):
     _, call = command
     done = call("workbench", "run", *SMALL)

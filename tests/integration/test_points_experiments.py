@@ -10,6 +10,7 @@ FITTED = ["points_walk_steady", "points_transition", *(pytest.param(name, marks=
 
 
 @pytest.mark.parametrize("experiment", FITTED)
+@pytest.mark.slow
 def test_a_fit_follows_the_person_from_an_automatic_start(cache, summary_of, tmp_path, experiment):
     small = ("prior.n_components=4", "dataset.n_points=200", "inference.n_particles=40")
     summary = summary_of(cache, f"experiment={experiment}", "dataset.n_frames=20", *small)

@@ -26,6 +26,7 @@ def recordings(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
     code, told, folder = run(
         "out", "experiment=points_full", f"paths.data={recordings}", f"paths.cache={recordings}", *SMALL

@@ -20,6 +20,7 @@ SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
+@pytest.mark.slow
 def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     code, told, folder = run("out", f"experiment={experiment}", *SMALL)
     assert code == 0, told
@@ -47,6 +48,7 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.slow
 def test_a_run_that_is_asked_to_end_is_interrupted_and_keeps_what_it_recorded(run, monkeypatch, number):
     def third_step(summary, step, errors, add=Summary.add):
         add(summary, step, errors)
@@ -110,6 +112,7 @@ def recorded_run(folder):
     return recording.poses[1], recording.metric("ess")[1], recording.metric("mpjpe_abs_mm")[1]
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_any_number_of_threads_give_the_same_bits(process, run):
     """In a process of its own, and in this one, which has run other things before."""
     results = []

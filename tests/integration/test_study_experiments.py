@@ -29,6 +29,7 @@ CASES = [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) fo
 
 
 @pytest.mark.parametrize("experiment", CASES)
+@pytest.mark.slow
 def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
     code, told, folder = run("out", f"experiment={experiment}", *SMALL.get(experiment, []))
     assert code == 0, told

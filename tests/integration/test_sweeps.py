@@ -40,6 +40,7 @@ def summaries(folder):
     return {int(each.parent.name): json.loads(each.read_text()) for each in folder.glob("*/summary.json")}
 
 
+@pytest.mark.slow
 def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_path, sweep):
     same, folder = ("seed=-1,0,1", *TINY), tmp_path / "sweep"
     code, told, status = sweep(*same, f"hydra.sweep.dir={folder}")

@@ -22,6 +22,7 @@ def metrics_of(folder):
     return summary["metrics"]
 
 
+@pytest.mark.slow
 def test_synthesize_run_leaves_metrics_a_recording_and_the_way_through_the_world(run):
     code, told, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
     assert code == 0, told

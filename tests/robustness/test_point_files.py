@@ -32,6 +32,7 @@ def binary_ply(order):
 
 
 @pytest.mark.parametrize("content", [PLY, binary_ply("little"), binary_ply("big")], ids=["ascii", "little", "big"])
+@pytest.mark.slow
 def test_random_damage_of_ply(tmp_path, content):
     withstands(finite(read_ply), written(tmp_path / "a.ply", content), 150)
 

@@ -69,6 +69,7 @@ FLIPS = {"period_snr": [(8003, 3), (6586, 1), (50009, 7)], "arm_twist": [(3493, 
 """Bits (byte, number) of baselines that, flipped, crash the decoder of Rerun 0.41 or fill the memory."""
 
 
+@pytest.mark.slow
 def test_flipped_bits_that_crash_the_decoder(tmp_path):
     for name, bits in FLIPS.items():
         content = (BASELINES / f"{name}.rrd").read_bytes()

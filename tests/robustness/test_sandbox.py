@@ -69,6 +69,7 @@ def test_arrays_come_back_whatever_the_parser_prints(parsers, tmp_path):
 
 
 @pytest.mark.parametrize("parser", ENDS)
+@pytest.mark.slow
 def test_anything_else_is_an_input_error(parser, parsers, tmp_path, monkeypatch):
     if parser == "sleeps":
         monkeypatch.setattr(sandbox, "_WALL", 0.2)

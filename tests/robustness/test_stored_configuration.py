@@ -46,6 +46,7 @@ def recorded(text=YAML, **properties):
 
 @given(changes)
 @settings(max_examples=300)
+@pytest.mark.slow
 def test_random_damage(chosen):
     text = damaged(YAML.encode(), chosen).decode("utf-8", "surrogateescape")
     if not refusal(lambda: recorded(text).settings):
@@ -67,6 +68,7 @@ nested = st.recursive(plain, lambda inner: st.lists(inner, max_size=3) | st.dict
 
 @given(st.dictionaries(st.sampled_from(["seed", "prior", "paths", "check", "note"]), nested, max_size=4))
 @settings(max_examples=100)
+@pytest.mark.slow
 def test_settings_are_plain_or_refused(found):
     if not refusal(check_settings, PATH, found):
         json.dumps(found).encode()
@@ -124,6 +126,7 @@ places = [(name, key) for name, keys in SOUND.items() for key in keys]
 
 @given(st.dictionaries(st.sampled_from(places), st.sampled_from(VALUES), min_size=1, max_size=3))
 @settings(max_examples=200)
+@pytest.mark.slow
 def test_changed_properties_are_refused_or_hide_no_sound_run_in_a_report(values):
     properties = {name: dict(keys) for name, keys in SOUND.items()}
     for (name, key), value in values.items():

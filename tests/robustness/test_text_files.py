@@ -94,6 +94,7 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.slow
 def test_random_damage(folder, name):
     read, sound = FORMATS[name]
     withstands(read, written(folder / name, sound), 200)

@@ -31,11 +31,13 @@ def python(code, folder):
         "workbench.sweep.plan",
     ],
 )
+@pytest.mark.slow
 def test_an_import_changes_nothing_in_the_process(imported, tmp_path):
     code = f"{STATE}\nimport hydra, numba, omegaconf, rerun, cv2\nbefore = state()\nimport {imported}\n"
     python(f"{code}assert state() == before", tmp_path)
 
 
+@pytest.mark.slow
 def test_no_attribute_of_another_package_is_replaced(tmp_path):
     """What classes and modules of these packages hold is the same object before and after a run."""
     code = """
@@ -73,6 +75,7 @@ def small(wb, folder):
 """
 
 
+@pytest.mark.slow
 def test_a_run_is_the_same_in_a_script_after_numpy_and_inside_a_hydra_application(tmp_path):
     """As the command; and the application's own callback, resolver and configuration are still there."""
     plain = python(f"{RUN}\nimport workbench as wb\nprint(small(wb, 'plain'))", tmp_path)

@@ -44,6 +44,7 @@ def test_a_video_becomes_a_recording_and_exports(given, video, tmp_path, capsys)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
 
 
+@pytest.mark.slow
 def test_each_video_becomes_a_run_of_its_own_which_resumes(video, tmp_path, capsys):
     second = tmp_path / "walk, 2=b"
     video.with_name("walk").rename(second)

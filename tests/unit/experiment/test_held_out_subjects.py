@@ -50,6 +50,7 @@ def test_every_activity_but_the_kick_that_is_one_clip_is_in_both_splits(listed):
     assert (activity_of(listed, "35_02"), first_frame(listed, "35_02")) == (None, 0)
 
 
+@pytest.mark.slow
 def test_what_a_run_shows_is_drawn_for_every_clip_and_seed(listed):
     shown = Counter()
     for clip in clips_of(listed, "test")[::4]:

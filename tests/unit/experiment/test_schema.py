@@ -50,6 +50,7 @@ def _plain(default):
 
 
 @pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.slow
 def test_a_typo_in_any_group_names_the_key(group):
     usual = ["experiment=learn_walk"] if group == "study" else []  # the one group that is empty by default
     with pytest.raises(HydraException, match="no_such_key"):
@@ -153,6 +154,7 @@ def composed(*overrides):
 
 
 @pytest.mark.parametrize("experiment", OF_PAPERS)
+@pytest.mark.slow
 def test_an_experiment_of_a_paper_composes_as_it_is_written(experiment):
     """All that is said comes to be; where nothing is said, ours is what the paper writes."""
     literal = composed(f"experiment={experiment}", "paper=literal")

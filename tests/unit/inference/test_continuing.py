@@ -70,6 +70,7 @@ def assert_same_bits(found, expected):
 
 @pytest.mark.parametrize("move", MOVES)
 @pytest.mark.parametrize("wrapper", WRAPPERS)
+@pytest.mark.slow
 def test_from_any_frame_on_the_bits_are_the_runs(wrapper, move):
     one = inference(wrapper, move)
     assert isinstance(one, Resumable)

@@ -103,6 +103,7 @@ def test_a_filter_needs_a_start():
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))
 @pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
+@pytest.mark.slow
 def test_converges_to_the_kalman_filter(resampling, ess_threshold):
     """State, variance and evidence: over 40 seeds the mean error is within 5 standard errors; these shrink as 1/√N."""
     measured = simulate(15, seed=3)

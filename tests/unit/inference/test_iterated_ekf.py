@@ -124,6 +124,7 @@ def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
     assert np.abs(forwards[1].expected_pose - means[1]).max() > 1e-3  # which knows nothing of later frames
 
 
+@pytest.mark.slow
 def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_as_before():
     prior, marks, frames = setting()
     taken = PosePrior(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])

@@ -88,6 +88,7 @@ def test_a_window_is_part_of_the_whole_and_its_cost_changes_as_the_whole_does():
         assert batch.cost_of_frames(moved, first, last) - part.cost == pytest.approx(change, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_poses_are_followed_as_by_the_residuals():
     batch, functions, poses = both(10)
     np.testing.assert_allclose(batch.fit_sequentially(poses[0]), functions.fit_sequentially(poses[0]), atol=1e-9)

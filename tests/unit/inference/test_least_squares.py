@@ -134,6 +134,7 @@ def test_what_a_fit_makes_of_points_displaced_together_is_foreseen(frames_per_st
         np.testing.assert_allclose(-foreseen[:, 1], 1e-4, rtol=1e-3)  # all points go aside, and the root with them
 
 
+@pytest.mark.slow
 def test_the_band_covers_the_truth_as_often_as_it_says():
     inside = []
     for seed in range(8):

@@ -96,6 +96,7 @@ def test_one_camera_is_told_by_the_postures_that_people_take_how_limbs_lie_in_de
     np.testing.assert_allclose(after.covariance, before.covariance + 0.5 * drawn[:, :, None] * drawn[:, None, :])
 
 
+@pytest.mark.slow
 def test_the_gradient_of_a_smooth_fit_is_that_of_finite_differences():
     times, poses = swinging(SKELETON, 4)
     seen = observed(SKELETON, frames(SKELETON, times, poses, sigma_px=4.0))

@@ -43,6 +43,7 @@ EVERY = EXACT | {"annealed": moving(Annealed())}
 
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize(("sigma", "h", "g"), [(0.3, 0.0, 0.0), (0.05, 0.0, 0.0), (0.1, -0.9, 0.0), (0.1, -0.5, 1.0)])
+@pytest.mark.slow
 def test_converges_to_the_exact_posterior_and_evidence(name, sigma, h, g):
     """h: the likelihood looks at the previous pose as well, so that a quadratic of it is that of another parent."""
     measured = simulate(T, seed=3, sigma=sigma, h=h)

@@ -54,6 +54,7 @@ def around(wrapper, move, measured):
 
 @pytest.mark.parametrize("move", EXACT)
 @pytest.mark.parametrize("wrapper", WRAPPERS)
+@pytest.mark.slow
 def test_the_last_frames_law_is_the_filters_and_earlier_ones_know_what_followed(wrapper, move):
     measured = simulate(T, seed=3)
     seen = {t: min(t + 3, T) if "lag" in wrapper else (t + 1 if wrapper == "reinitializing" else T) for t in range(T)}

@@ -42,6 +42,7 @@ def carried(name):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_what_is_drawn_is_what_numpy_draws(seed):
     frames = forward(SKELETON, poses(1, seed))
     cells, depths = render_layer(FACETS, frames, CAMERA, SHAPE)
@@ -79,6 +80,7 @@ def shown(seed=0):
     return LayerImage(image, ratio, rng.random(SHAPE) < 0.9, rng.uniform(0.0, 255.0, len(n)), n.astype(float), 10.0)
 
 
+@pytest.mark.slow
 def test_log_ratios_are_the_difference_of_two_layers_in_numpy():
     moved, tried, what = carried("left_shoulder"), poses(9, 1), shown()
     tried[1:] = tried[0]

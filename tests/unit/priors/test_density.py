@@ -62,6 +62,7 @@ def family(prior):
 
 
 @pytest.mark.parametrize("name", NAMED)
+@pytest.mark.slow
 def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name):
     prior = priors[name]
     parent, other, children = family(prior)

@@ -168,6 +168,7 @@ def test_the_leaves_and_boxes_hold_their_entries(n):
     assert np.isinf(empty).all()
 
 
+@pytest.mark.slow
 def test_nothing_depends_on_the_number_of_threads():
     coefficients, rng = database(3000, 7), np.random.default_rng(6)
     probes, counts, uniforms = rng.normal(size=(70, 7)), np.full(70, 9), rng.random((630, 8))

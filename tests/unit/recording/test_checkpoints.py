@@ -65,6 +65,7 @@ def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("n_particles", [60, 600])
+@pytest.mark.slow
 def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles, monkeypatch):
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     run = list(steps(40, n_particles=n_particles))

@@ -62,6 +62,7 @@ def edit(path, old, new):
     path.write_text(text.replace(old, new) + "\n")
 
 
+@pytest.mark.slow
 def test_an_edited_helper_in_another_file_is_compiled_again(package):
     (package / "a_helper.py").write_text(HELPER)
     (package / "a_kernel.py").write_text(KERNEL)

@@ -96,6 +96,7 @@ def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_
         assert (array.dtype, array.strides) == (read[name].dtype, read[name].strides), name
 
 
+@pytest.mark.slow
 def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
     whole = cyclic_model(cache=str(tmp_path), n_components=2)
     gappy = cyclic_model(cache=str(tmp_path), n_components=2, missing_fraction=0.2)

@@ -17,6 +17,7 @@ def share(check, n=1000):
 
 
 @pytest.mark.parametrize("n", [2, 8])
+@pytest.mark.slow
 def test_an_unchanged_mean_fails_as_often_as_its_level(n):
     assert share(lambda rng: p_of_mean(rng.standard_normal(n)) <= 0.05, 4000) == pytest.approx(
         0.05, abs=3.0 * np.sqrt(0.05 * 0.95 / 4000)
@@ -24,6 +25,7 @@ def test_an_unchanged_mean_fails_as_often_as_its_level(n):
 
 
 @pytest.mark.parametrize("n", [3, 8, 11])
+@pytest.mark.slow
 def test_an_unchanged_count_fails_at_most_as_often(n):
     """Of which a few differences are often equal, so that Student's test would call them sure."""
     assert share(lambda rng: p_of_mean(rng.choice([-1.0, 0.0, 0.0, 1.0], n)) <= 0.05, 400) <= 0.05 + 3.0 * 0.011
@@ -50,6 +52,7 @@ def test_holms_correction_refuses_more_than_bonferronis_and_no_more_than_it_may(
 
 
 @pytest.mark.parametrize("n", [6, 16])
+@pytest.mark.slow
 def test_the_smallest_change_is_found_as_often_as_is_said(n):
     """Of the true spread, which an interval knows in the mean only."""
     spread = np.sqrt(n / (n - 1))
@@ -61,6 +64,7 @@ def test_the_smallest_change_is_found_as_often_as_is_said(n):
     assert 0.90 < share(found, 1500) < 0.99
 
 
+@pytest.mark.slow
 def test_a_null_of_frames_that_hang_together_fails_as_often_as_its_level():
     def fails(rng):
         runs = [
