@@ -55,6 +55,7 @@ class _Locator:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._module, self._line = function.__module__, function.__code__.co_firstlineno
+        self._py_file = function.__code__.co_filename  # which numba names in a message
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], _file: str) -> "_Locator":
