@@ -16,6 +16,7 @@ release = workbench.__version__
 copyright = ""
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "index"
+exclude_patterns = ["_tables"]  # which pages include
 myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings give shapes and units
 default_role = "code"
