@@ -1,6 +1,7 @@
 """Test the claims of the papers' figures under the papers' own conditions, as published and as ours.
 
     python -m analysis.claims [NAME…] [--seeds N] [--paper literal|ours] [--runs FOLDER] [--data DATA] [--quick]
+                              [-o FILE]
 
 A NAME is a claim's or its beginning, such as C3 or D; none: all. The body, the camera and the initial pose are those
 given to the tracker (dataset.perturb=false). Runs are cached in FOLDER/measured, so that interrupted work continues.
@@ -10,6 +11,7 @@ The exit code is 1 if a claim does not hold that should.
 import sys
 from collections.abc import Iterator, Sequence
 from itertools import chain
+from pathlib import Path
 
 from analysis import command
 from analysis.claims.claim import Claim
@@ -17,7 +19,9 @@ from analysis.claims.listed import CLAIMS
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
 from analysis.figures.replicates import PAPERS
+from analysis.tables.table import markdown
 from workbench.results.formatting import table_of, text
+from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 HOLDS, FAILS, EXCUSED, NOT_MEASURED = "holds", "does not hold", "does not hold, known", "not measured"
@@ -58,6 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command.parser("analysis.claims", __doc__, "claims")
     parser.add_argument("--paper", choices=PAPERS, help="one version alone")
     parser.add_argument("--quick", action="store_true", help="small runs, with generated people where there is no DATA")
+    parser.add_argument("-o", dest="file", type=Path, metavar="FILE", help="for the table in Markdown")
     options = parser.parse_args(arguments)
     source, measured = Source(options.runs, options.data, options.quick), []
     try:
@@ -70,6 +75,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"claims: {error}", file=sys.stderr)
         return 2
     print(text(table_of(COLUMNS, measured)))
+    if options.file is not None:
+        with whole_file(options.file, parents=True) as part:
+            part.write_text(markdown([COLUMNS, ["---"] * len(COLUMNS), *measured]), encoding="utf-8")
     return int(any(each[-1] == FAILS for each in measured))
 
 

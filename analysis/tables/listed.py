@@ -9,6 +9,7 @@ from analysis.figures.cached_runs import Run
 from analysis.figures.recordings import Source
 from analysis.figures.unrecorded import Result, composed
 from analysis.tables.papers import EXACT, IMAGES, POINTS, SUBJECTS, of_subjects, over_seeds, with_deviations
+from analysis.tables.real import REAL_TABLES
 from analysis.tables.table import (
     NONE,
     RUNS,
@@ -143,6 +144,12 @@ def held_out(split: str, source: Source) -> list[str]:
     return list(RESOLVERS["clips_of"](composed([f"paths.data={source.data}"]).clips.held_out, split))
 
 
+def by_seed(source: Source, n_seeds: int | None) -> dict[Labels, list[Run]]:
+    """Return the perturbed runs of test clips with the default prior, by seed."""
+    runs = over_people({("",): ("held_out_subjects", LINEAR)}, partial(held_out, "test"), 3)(source, n_seeds)[("",)]
+    return {(str(seed),): [run for run in runs if run.seed == seed] for seed in range(n_seeds or 3)}
+
+
 def calibration(statistic: Callable[..., Column]) -> Table:
     """Return the table of the calibration of posteriors on test walkers, of one statistic."""
     coverages = {"`coverage_90`": "coverage_90", **{group: f"coverage_90_{group}" for group in GROUPS}}
@@ -225,6 +232,10 @@ TABLES: Mapping[str, Table] = {
         ("prior",), over_people(DETECTIONS, _TEST, 3), [*_SUBJECT_ERRORS, mean("coverage_90", 2), TRACKED, RUNS]
     ),
     "held_out_keypoints_runs": Table(("prior",), over_people(DETECTIONS, _TEST, 3), _OVER_RUNS),
+    "held_out_seeds": Table(
+        ("seed",), by_seed, [mean("mpjpe_abs_mm"), mean("mpjpe_px", 1), mean("mpjpe_mm"), TRACKED, RUNS]
+    ),
+    **REAL_TABLES,
     "video": VIDEO,
     "results": Table(
         ("command", "subjects"), main_results,

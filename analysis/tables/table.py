@@ -1,6 +1,6 @@
 """A table over people and seeds: rows of runs, and columns that summarize their metrics, as Markdown."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -55,7 +55,12 @@ class Table:
             last = f"{labels[-1]} †" if labels in marked else labels[-1]
             lines.append([*labels[:-1], last, *(column.cell(row) for column in self.columns)])
         note = f"\n† {self.meaning}\n" if self.meaning else ""
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines) + note
+        return markdown(lines) + note
+
+
+def markdown(lines: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown. lines: cells of the header, of the rule below it and of the rows."""
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def person(run: Run) -> str:

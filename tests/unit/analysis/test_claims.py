@@ -139,4 +139,6 @@ def test_the_exit_code_counts_claims_without_a_reason(monkeypatch, tmp_path, cap
         monkeypatch.setattr(command, "CLAIMS", claims)
         assert command.main(arguments) == code
     assert command.main(["Y", *arguments]) == 2
+    assert command.main(["X3", "-o", str(tmp_path / "claims.md"), *arguments]) == 0
+    assert "| X3 | ours | always | 1 | holds |" in (tmp_path / "claims.md").read_text(encoding="utf-8")
     assert command.NOT_MEASURED in capsys.readouterr().out
