@@ -54,7 +54,7 @@ class Table:
         for labels, row in results.items():
             last = f"{labels[-1]} †" if labels in marked else labels[-1]
             lines.append([*labels[:-1], last, *(column.cell(row) for column in self.columns)])
-        note = f"\n† {self.meaning}\n" if self.meaning else ""
+        note = f"\n† {self.meaning}\n" if marked else ""
         return markdown(lines) + note
 
 
