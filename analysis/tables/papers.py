@@ -41,8 +41,8 @@ ON_SUBJECTS = (
 )  # fmt: skip
 VERSION = {"literal": "as published", "ours": "ours"}
 EXACT = ("dataset.perturb=false",)
-N_SEEDS_SUBJECTS, NEXT_SUBJECT = 2, 100
-"""Seeds of every test subject, and the difference between the first seeds of two."""
+N_SEEDS_SUBJECTS = 2
+"""Seeds of every test subject, as in the sweep of walk_multi_cue."""
 
 
 def over_seeds(experiments: Mapping[str, str], more: Sequence[str]) -> Table:
@@ -95,8 +95,8 @@ def of_subjects(experiment: str, paper: str, source: Source, n_seeds: int | None
         return [replace(run, clip=f"generated {run.seed}", overrides=(*run.overrides, motion)) for run in runs]
     of_clips = {clips: (*overrides, *clip_overrides(config, clips)) for clips in listed}
     return [
-        Run(paper, experiment, clips[0], NEXT_SUBJECT * k + seed, of_clips[clips])
-        for k, clips in enumerate(listed)
+        Run(paper, experiment, clips[0], seed, of_clips[clips])
+        for clips in listed
         for seed in range(n_seeds or N_SEEDS_SUBJECTS)
     ]
 
