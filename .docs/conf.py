@@ -20,6 +20,7 @@ extensions = [
 ]  # fmt: skip
 myst_enable_extensions = ["dollarmath"]
 root_doc = "index"
+exclude_patterns = ["_tables"]  # which pages include
 myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings give shapes and units
 default_role = "code"

@@ -71,9 +71,9 @@ def exact_figures() -> list[Figure]:
     ]  # fmt: skip
 
 
-def motions() -> tuple[str, Sequence[Motion], Sequence[Motion]]:
+def motions(data: str | None = os.environ.get("WORKBENCH_DATA")) -> tuple[str, Sequence[Motion], Sequence[Motion]]:
     """Return what they are, the library's clips, and clips to take probes from."""
-    data, cache = os.environ.get("WORKBENCH_DATA"), os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
+    cache = os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
     motions = database_motions("recorded" if data else "builtin", data=data, cache=cache)
     every = [motion.resampled(RATE_HZ) for motion in motions]
     people = [motion for motion in every if data and motion.subject in LEFT_OUT_PEOPLE]

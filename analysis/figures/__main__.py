@@ -18,6 +18,7 @@ from types import ModuleType
 
 from matplotlib.style import context
 
+from analysis.command import chosen
 from analysis.figures.readings import Reading
 from analysis.figures.recordings import Source, recording
 from analysis.figures.replicates import replicates
@@ -30,11 +31,7 @@ from workbench.utils.errors import InputError
 def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:
     """Return the scripts whose names begin with one of these, or all; raises InputError for one that fits none."""
     every = sorted(path.stem for path in Path(__file__).parent.glob("[abcd]_*.py"))
-    for name in names:
-        if not any(script.startswith(name) for script in every):
-            raise InputError(f"{name}: expected a figure's name or how it begins, of {', '.join(every)}")
-    chosen = [script for script in every if not names or script.startswith(tuple(names))]
-    return {script: import_module(f"analysis.figures.{script}") for script in chosen}
+    return {script: import_module(f"analysis.figures.{script}") for script in chosen(names, every)}
 
 
 def save(script: ModuleType, readings: Mapping[str, Reading], folder: Path, name: str) -> None:

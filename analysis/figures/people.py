@@ -1,11 +1,9 @@
-"""People over whom an experiment is run, and its results over them."""
+"""Test subjects over whom an experiment is run."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.datasets.rendering.concatenation import BLEND_S
@@ -16,13 +14,10 @@ from workbench.utils.errors import InputError
 
 LISTS: Mapping[tuple[str, ...], str] = {("walk",): "test", ("run",): "test_run", ("walk", "run"): "test_walk_run"}
 """List below `clips` in the configuration, by the activities of an experiment."""
-FULL = "report_full"
+FULL = "test_full"
 """The list for a motion file's own skeleton with every joint."""
-METRICS = {"mpjpe_abs_mm": "mm", "mpjpe_mm": "mm", "mpjpe_px": "px", "knee_flexion_rmse_deg": "°", "coverage_90": ""}
-"""Metrics of the table with their units, if a run has them."""
 
 Clips = tuple[str, ...]
-Run = Mapping[str, float]
 
 
 def report_clips(config: DictConfig) -> list[Clips]:
@@ -60,41 +55,3 @@ def clip_overrides(config: DictConfig, clips: Clips) -> list[str]:
 def _motion(config: DictConfig, name: str) -> Any:
     dataset = config.dataset
     return find_motion(name, data=config.paths.data, rate_hz=float(dataset.rate_hz), seed=int(dataset.seed))
-
-
-@dataclass(frozen=True)
-class OverPeople:
-    """Metrics of one experiment's runs: of each person, seed by seed."""
-
-    runs: Mapping[Clips, Sequence[Run]]
-
-    @property
-    def tracked_counts(self) -> tuple[int, int]:
-        """Return the number of runs that tracked the person to the end, and of all."""
-        every = [run["tracked"] for runs in self.runs.values() for run in runs]
-        return round(sum(every)), len(every)
-
-    def spread(self, metric: str) -> tuple[float, float]:
-        """Return the mean over people of their means over seeds, and their standard deviation; NaN for one person."""
-        means = [float(np.mean([run[metric] for run in runs])) for runs in self.runs.values()]
-        return float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else float("nan")
-
-    def described(self, metric: str) -> str:
-        """Return that mean and deviation in words; empty for a metric that the runs do not have."""
-        if any(metric not in run for runs in self.runs.values() for run in runs):
-            return ""
-        mean, deviation = self.spread(metric)
-        digits = 2 if METRICS[metric] == "" else 0 if abs(mean) >= 20.0 else 1
-        unit = METRICS[metric] if METRICS[metric] == "°" else f" {METRICS[metric]}".rstrip()
-        return f"{mean:.{digits}f} ± {deviation:.{digits}f}{unit}"
-
-
-def table(results: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:
-    """Yield the lines of a Markdown table: experiment and paper, number of people, tracked runs, means and
-    deviations."""
-    yield f"| experiment | | people | tracked | {' | '.join(METRICS)} |"
-    yield f"| --- | --- | --- | --- |{' --- |' * len(METRICS)}"
-    for (experiment, paper), each in results.items():
-        n_tracked, n = each.tracked_counts
-        cells = " | ".join(each.described(metric) for metric in METRICS)
-        yield f"| {experiment} | {paper} | {len(each.runs)} | {n_tracked} of {n} | {cells} |"

@@ -10,7 +10,7 @@ from workbench.experiment.config.options import GROUPS, options
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
-WRITTEN = [page for page in PAGES if "_generated" not in page.parts]
+WRITTEN = [page for page in PAGES if not {"_generated", "_tables"} & {*page.parts}]
 _FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 GENERATED = ("options.md", "experiment_components.md")
 

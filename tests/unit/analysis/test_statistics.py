@@ -6,8 +6,12 @@ import yaml
 from compositions import composed
 from scipy import stats
 
-from analysis.figures import cached_runs, held_out_calibration, pairs, people, replicates, sensitivity, weights
+from analysis.figures import cached_runs, pairs, replicates
 from analysis.figures.recordings import Source
+from analysis.figures.unrecorded import Result
+from analysis.tables import __main__ as command
+from analysis.tables import listed, papers, table
+from analysis.tables.listed import TABLES
 from workbench.datasets.synthetic import Synthetic
 from workbench.experiment.config.requirements import first_conflict
 
@@ -28,14 +32,52 @@ def test_the_mean_over_seeds_and_its_interval():
     assert of(10.0, 20.0, 90.0, held=(0, 1)).tracked_counts == (2, 3)
 
 
+def rows_of(**errors_of_clips):
+    """Runs of clips with errors, seed by seed."""
+    return {
+        cached_runs.Run("row", "walk_straight", clip, seed, ()): Result({"mpjpe_px": error, "tracked": 1.0}, {}, 1.0)
+        for clip, errors in errors_of_clips.items()
+        for seed, error in enumerate(errors)
+    }
+
+
 def test_means_over_people_weigh_every_person_alike():
-    runs = {("a",): [{"mpjpe_abs_mm": 10.0, "tracked": 1.0}, {"mpjpe_abs_mm": 30.0, "tracked": 0.0}]}
-    alone = people.OverPeople(runs)
-    assert (alone.spread("mpjpe_abs_mm")[0], alone.tracked_counts) == (20.0, (1, 2))
-    assert np.isnan(alone.spread("mpjpe_abs_mm")[1])
-    both = people.OverPeople(runs | {("b",): [{"mpjpe_abs_mm": 50.0, "tracked": 1.0}]})
-    assert both.spread("mpjpe_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
-    assert both.tracked_counts == (2, 3)
+    results = rows_of(**{"02_01": (10.0, 30.0), "02_04": (20.0, 20.0), "35_01": (50.0,)})
+    assert table.of_people(results, "mpjpe_px") == [20.0, 50.0]
+    assert table.mean("mpjpe_px").cell(results) == "35"
+    assert table.between_people("mpjpe_px", 1).cell(results) == f"{15.0 * np.sqrt(2.0):.1f}"
+    assert table.over_runs("mpjpe_px", np.median, 1).cell(results) == "20.0"
+    assert (table.PEOPLE.cell(results), table.TRACKED.cell(results), table.RUNS.cell(results)) == ("2", "5", "5")
+    alone = rows_of(**{"02_01": (10.0, 30.0)})
+    assert table.between_people("mpjpe_px").cell(alone) == table.mean("mpjpe_abs_mm").cell(alone) == table.NONE
+    assert table.between_seeds("mpjpe_px", 1).cell(alone) == f"{10.0 * np.sqrt(2.0):.1f}"
+    assert [column.cell(alone) for column in table.interval("mpjpe_px", 0)] == ["10", "30"]
+
+
+def test_missing_runs_are_dashes_and_rows_nearer_as_published_are_marked():
+    near, far, missing = rows_of(**{"": (1.0, 2.0)}), rows_of(**{"": (3.0,)}), dict.fromkeys(rows_of(a=(1.0,)))
+    for results in (near, far):
+        for result in results.values():
+            result.metrics["mpjpe_abs_mm"] = result.metrics["mpjpe_px"]
+    results = {
+        ("A 5", "x", "as published"): near, ("A 5", "x", "ours"): far, ("A 6", "y", "as published"): far,
+        ("A 6", "y", "ours"): near, ("A 7", "z", "as published"): missing, ("A 7", "z", "ours"): near,
+    }  # fmt: skip
+    assert papers.nearer(results) == {("A 5", "x", "as published")}
+    columns = [table.mean("mpjpe_px", 1)]
+    text = table.Table(("figure", "experiment", "version"), lambda *_: {}, columns, papers.nearer, "nearer").text(
+        results
+    )
+    assert "| A 5 | x | as published † | 1.5 |\n| A 5 | x | ours | 3.0 |" in text
+    assert "| A 7 | z | as published | – |" in text
+    assert listed.lowest_nll({("p", "1"): missing, ("p", "2"): missing}) == set()
+
+
+def test_tables_replace_the_text_between_the_markers_of_a_page():
+    page = "a\n<!-- table: one -->\nold\n<!-- end of table -->\nb\n<!-- table: two -->\nold\n<!-- end of table -->\n"
+    filled = command.with_tables(page, {"one": "| new |\n"})
+    assert filled == page.replace("old", "| new |", 1)
+    assert command.with_tables(filled, {"one": "| new |\n"}) == filled
 
 
 def test_as_many_pairs_and_seeds_as_computed_find_the_change():
@@ -52,20 +94,27 @@ def test_as_many_pairs_and_seeds_as_computed_find_the_change():
 def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
     made = []
 
-    def run_of(run, names):
-        made.append(run)
+    def run_of(config, experiment):
+        made.append((experiment, config.dataset.motion, config.seed))
         if len(made) == 3:
             raise KeyboardInterrupt
-        return {"mpjpe_px": float(len(made))}
+        return Result({"mpjpe_px": float(len(made))}, {"mpjpe_px": [1.0, 2.0]}, 60.0)
 
     monkeypatch.setattr(cached_runs, "measured", run_of)
-    runs, out = cached_runs.every_run(ROWS, ["a", "b"], 2, ["dataset.n_frames=3"]), tmp_path / "kept" / "runs.jsonl"
+    runs = cached_runs.every_run(ROWS, ["builtin", "35_02"], 2, ["dataset.n_frames=3"])
     with pytest.raises(KeyboardInterrupt):
-        cached_runs.numbers_of(runs, out, ["mpjpe_px"])
-    numbers = cached_runs.numbers_of(runs, out, ["mpjpe_px"])
-    assert len(made) == len(runs) + 1 == len(set(runs)) + 1  # the interrupted one is made again
+        cached_runs.numbers_of(runs, tmp_path, ["mpjpe_px"])
+    numbers = cached_runs.numbers_of(runs, tmp_path, ["mpjpe_px", "tracked"])
+    assert len(made) == len(runs) + 1 == len(set(made)) + 1  # the interrupted one is made again
     assert list(numbers) == runs
-    assert numbers == cached_runs.read_cached(out)
+    assert [each["mpjpe_px"] for each in numbers.values()] == [1.0, 2.0, *map(float, range(4, len(runs) + 2))]
+    assert np.isnan(numbers[runs[0]]["tracked"])
+    cache = cached_runs.RunCache(tmp_path)
+    cache.expect(runs)
+    assert (cache.n_missing, len(made)) == (0, len(runs) + 1)
+    assert cache.cached(runs[0]).series == {"mpjpe_px": [1.0, 2.0]}
+    cache.expect([*runs, cached_runs.Run("more", "walk_circle", "builtin", 5, runs[1].overrides)])
+    assert cache.n_missing == 1
 
 
 def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path):
@@ -73,32 +122,48 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
 
     def run(config, experiment):
         seen.append((config.paper, config.seed, config.dataset.seed))
-        return {"tracked": 1.0, "mpjpe_abs_mm": float(config.seed)}
+        return Result({"tracked": 1.0, "mpjpe_abs_mm": float(config.seed)}, {}, 1.0)
 
-    monkeypatch.setattr(replicates, "_run", run)
+    monkeypatch.setattr(cached_runs, "measured", run)
     source = Source(tmp_path, None, quick=True)
     for paper in replicates.PAPERS:
         assert replicates.replicates("walk_straight", paper, source).tracked_counts == (2, 2)
-    assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
+    assert seen == [(paper, seed, seed) for paper in ("literal", "ours") for seed in (0, 1)]
     replicates.replicates("walk_straight", "ours", source, n_seeds=3)
-    assert seen[4:] == [("ours", 2, 1002)]
+    assert seen[4:] == [("ours", 2, 2)]
 
 
 @pytest.mark.slow
 def test_every_row_of_a_table_can_be_run():
-    for row, (experiment, overrides) in held_out_calibration.ROWS.items():
+    for labels, (experiment, overrides) in (listed.CALIBRATED | listed.PERTURBATIONS).items():
         config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
         assert first_conflict(config, {}) is None
         assert "02" in config.training.exclude
-        assert config.dataset.perturb == (not row.endswith("exact"))
-    for overrides in sensitivity.ROWS.values():
+        assert labels[-1] != "no" or not config.dataset.perturb
+    for _, overrides in (*listed.PERTURBATIONS.values(), *listed.GIVEN.values()):
         for key, value in (override.split("=", 1) for override in overrides):
             if key == "dataset.perturbations":
                 Synthetic(perturb=False, perturbations=yaml.safe_load(value))  # refuses what it does not know
-    for choice in weights.CHOICES.values():
-        rows = weights.rows_of(choice)
-        likelihoods = {
-            str(composed(f"experiment={experiment}", "dataset.motion='35_02'", *overrides).likelihood)
-            for experiment, overrides in rows.values()
-        }
-        assert len(likelihoods) == len(rows) > 2
+    likelihoods = {
+        (labels[0], str(composed(f"experiment={experiment}", "dataset.motion='35_02'", *overrides).likelihood))
+        for labels, (experiment, overrides) in listed.TUNED.items()
+    }
+    assert len(likelihoods) == len(listed.TUNED)
+    for experiment, overrides in (*listed.HELD_OUT.values(), *listed.DETECTIONS.values()):
+        assert first_conflict(composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides), {}) is None
+
+
+def test_every_table_of_the_pages_is_made_by_the_command():
+    assert command.included() <= set(TABLES)
+    assert {path.stem for path in command.FOLDER.glob("*.md")} == command.included()
+    readme = command.README.read_text(encoding="utf-8")
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in command.FOLDER.glob("*.md")}
+    assert command.with_tables(readme, texts) == readme
+
+
+def test_a_generated_walker_is_another_subject_for_every_seed():
+    runs = papers.of_subjects("walk_circle", "ours", Source(None, None, quick=False), n_seeds=2)
+    assert [(table.person(run), run.own_configuration().dataset.motion) for run in runs] == [
+        ("generated 0", "builtin"), ("generated 1", "builtin")
+    ]  # fmt: skip
+    assert [run.own_configuration().dataset.seed for run in runs] == [0, 1]

@@ -1,0 +1,92 @@
+"""Write the tables of numbers that the README and the pages show, as Markdown.
+
+    python -m analysis.tables [NAME…] [--seeds N] [--stored] [--runs FOLDER] [--data DATA] [-o FOLDER]
+
+A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
+work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
+the pages include them, and the text between the markers of README.md is replaced.
+"""
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+
+from analysis import command
+from analysis.figures.cached_runs import RunCache
+from analysis.figures.recordings import Source
+from analysis.tables.listed import TABLES
+from analysis.tables.table import Table
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+FOLDER, README = ROOT / ".docs" / "_tables", ROOT / "README.md"
+_MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+_INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
+
+
+def included() -> set[str]:
+    """Return the names of the tables that the README and the pages show."""
+    pages = (README, *FOLDER.parent.rglob("*.md"))
+    return {name for page in pages for name in _INCLUDED.findall(page.read_text(encoding="utf-8"))}
+
+
+def with_tables(page: str, texts: Mapping[str, str]) -> str:
+    """Return a page with the tables between its markers replaced by those of these names."""
+    return _MARKED.sub(lambda found: f"{found[1]}{texts[found[2]]}{found[3]}" if found[2] in texts else found[0], page)
+
+
+def write(folder: Path, name: str, text: str) -> None:
+    """Write a table, and where the pages include it also into README.md."""
+    with whole_file(folder / f"{name}.md", parents=True) as part:
+        part.write_text(text, encoding="utf-8")
+    if folder == FOLDER:
+        page = README.read_text(encoding="utf-8")
+        with whole_file(README) as part:
+            part.write_text(with_tables(page, {name: text}), encoding="utf-8")
+
+
+def make(tables: Mapping[str, Table], source: Source, n_seeds: int | None, stored: bool, folder: Path) -> list[str]:
+    """Make and write tables; return a message for each that is not possible."""
+    cache, rows, failed = RunCache(source.folder), {}, []
+    for name, table in tables.items():
+        try:
+            rows[name] = table.rows(source, n_seeds)
+        except InputError as error:
+            failed.append(f"{name}: {error}")
+    if not stored:
+        cache.expect(chain.from_iterable(chain.from_iterable(each.values()) for each in rows.values()))
+    for name, each in rows.items():
+        try:
+            results = {
+                labels: {run: cache.cached(run) for run in runs} if stored else cache.results(runs)
+                for labels, runs in each.items()
+            }
+            write(folder, name, tables[name].text(results))
+        except InputError as error:
+            failed.append(f"{name}: {error}")
+    return failed
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Return exit code 0, 1 if a table could not be made, 2 for bad input."""
+    parser = command.parser("analysis.tables", __doc__, "tables")
+    parser.add_argument("--stored", action="store_true", help="run nothing")
+    parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (.docs/_tables)")
+    options = parser.parse_args(arguments)
+    try:
+        source = Source(options.runs, options.data, quick=False)
+        tables = {name: TABLES[name] for name in command.chosen(options.names, list(TABLES))}
+        failed = make(tables, source, options.seeds, options.stored, options.folder)
+    except InputError as error:
+        print(f"tables: {error}", file=sys.stderr)
+        return 2
+    for message in failed:
+        print(f"not made: {message}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""Verdicts of the forms of claims, from made-up numbers, and what the measures compute."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recording_steps import BODY, steps
+
+from analysis.claims import __main__ as command
+from analysis.claims.claim import Claim, Setup, Verdict, both, lost, ratio, tracked, within
+from analysis.claims.listed import CLAIMS, raised_knee_deg, rotation_growth, share_concentrating, spread_growth
+from analysis.claims.measures import gait, separated
+from analysis.command import chosen
+from analysis.figures.recordings import Source
+from analysis.figures.step_values import step_values, wrong_signs
+from analysis.figures.unrecorded import Result
+from workbench.body.kinematics import joints
+from workbench.utils.errors import InputError
+
+SOURCE = Source(None, None, quick=True)
+
+
+def run(*, lost_from=None, root_aligned_mm=50.0, n=50, **series):
+    """A run whose joints are 5 px from the truth, and 100 px from a frame on, with forearms 20 px wide."""
+    pixels = np.full(n, 5.0)
+    if lost_from is not None:
+        pixels[lost_from:] = 100.0
+    errors = {"mpjpe_px": pixels, "forearm_width_px": np.full(n, 20.0), "mpjpe_mm": np.full(n, root_aligned_mm)}
+    series = {name: list(values) for name, values in {**errors, "mpjpe_abs_mm": np.full(n, 90.0), **series}.items()}
+    return Result({name: float(np.mean(values)) for name, values in series.items()}, series, 1.0)
+
+
+def test_a_person_is_lost_in_the_image_or_in_space():
+    assert not lost(run()).any()
+    assert np.flatnonzero(lost(run(lost_from=30)))[0] == 30
+    assert lost(run(root_aligned_mm=151.0)).all()
+    assert not lost(run(root_aligned_mm=149.0)).any()
+
+
+@given(st.integers(0, 10), st.sampled_from([0.0, 0.1, 0.2, 0.8, 0.9]))
+def test_the_fraction_of_tracked_seeds_decides(n_tracked, fraction):
+    results = [run()] * n_tracked + [run(lost_from=30)] * (10 - n_tracked)
+    assert tracked(fraction)(SOURCE, results).holds == (n_tracked >= round(10 * fraction))
+    assert tracked(at_most=fraction)(SOURCE, results).holds == (n_tracked <= round(10 * fraction))
+    assert tracked(1.0, last_frame=29)(SOURCE, results).holds
+
+
+def test_limits_apply_to_metrics_and_to_values_of_several_setups():
+    first, second = [Result({"error": value}, {}, 1.0) for value in (3.0, 5.0)], [Result({"error": 2.0}, {}, 1.0)]
+    assert within("error", "error", high=4.0)(SOURCE, first).holds
+    assert not within("error", "error", high=3.9)(SOURCE, first).holds
+    assert within("over", ratio("error"), 2.0, 2.0)(SOURCE, first, second).holds
+    assert not within("error", "error", 4.1)(SOURCE, first).holds
+    judges = within("error", "error", high=4.0), within("error", "error", high=3.0)
+    assert not both(*judges)(SOURCE, first).holds
+    assert not within("undefined", lambda _: float("nan"), 0.0)(SOURCE, first).holds
+    with pytest.raises(InputError, match="coverage"):
+        within("missing", "coverage", 0.0)(SOURCE, first)
+
+
+def test_the_twist_concentrates_about_the_truth():
+    width = np.concatenate([np.full(20, 150.0), np.full(30, 30.0)])
+    concentrated = run(twist_width_deg=width, twist_covered=np.ones(50))
+    missed = run(twist_width_deg=width, twist_covered=np.arange(50) < 29)
+    wide = run(twist_width_deg=np.full(50, 150.0), twist_covered=np.ones(50))
+    known = run(twist_width_deg=0.5 * width, twist_covered=np.ones(50))
+    assert share_concentrating([concentrated, missed, wide, known]) == 0.25
+
+
+def test_growth_and_the_raised_knee():
+    growing = run(root_rotation_deg=np.linspace(1.0, 21.0, 50))
+    assert rotation_growth([growing]) > 4.0
+    assert rotation_growth([run(root_rotation_deg=np.ones(50))]) == 1.0
+    flexed = np.arange(50.0)
+    knee = run(highest_knee_deg=flexed, knee_flexion_rmse_deg=np.where(flexed >= 45.0, 7.0, 1.0))
+    assert raised_knee_deg([knee]) == pytest.approx(7.0)
+    by_beta = [[Result({"distance_search": value}, {}, 1.0)] for value in (1.0, 2.0, 3.0, 3.3)]
+    assert spread_growth("search", *by_beta) == pytest.approx(0.1)
+
+
+@given(st.floats(1.5, 4.0), st.floats(0.0, 1.0))
+def test_regular_steps_have_their_frequency_and_no_variation(frequency_hz, phase):
+    times_s = np.arange(240) / 120.0
+    found, _ = gait(30.0 * np.sin(np.pi * frequency_hz * times_s + np.pi * phase), 120.0)
+    if np.isfinite(found):
+        assert found == pytest.approx(frequency_hz, rel=0.12)  # the mean over parts of a stride is not zero
+    assert np.isnan(gait(np.ones(60), 30.0)).all()
+
+
+def test_a_line_separates_what_it_can():
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 2))
+    assert separated(points, points @ [1.0, 2.0] > 0.3) == 1.0
+    assert 0.4 < separated(points, points[:, 0] * points[:, 1] > 0.0) < 0.8
+
+
+def test_values_of_a_step():
+    step = next(steps(1, n_particles=40))
+    values = step_values(step, BODY.skeleton)
+    assert 0.0 <= values["root_rotation_deg"] < 180.0
+    assert values["n_wrong_signs"] <= values["n_deep_limbs"] <= 8
+    assert values["mpjpe_arms_mm"] > 0.0
+    true = replace(step, expected_pose=step.frame.truth.pose)
+    exact = step_values(true, BODY.skeleton)
+    assert exact["root_rotation_deg"] == pytest.approx(0.0, abs=1e-6)
+    assert exact["mpjpe_arms_mm"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_limb_that_points_away_instead_of_towards_the_camera_has_the_wrong_sign():
+    step = next(steps(1, n_particles=40))
+    camera, truth = step.frame.views[0].camera, joints(BODY.skeleton, step.frame.truth.pose[None])[0]
+    elbow, wrist = (BODY.skeleton.joint(f"right_{name}") for name in ("elbow", "wrist"))
+    ray = truth[elbow] - camera.position
+    forearm = 0.3 * ray / np.linalg.norm(ray)
+    estimate = truth.copy()
+    truth[wrist], estimate[wrist] = truth[elbow] - forearm, truth[elbow] + forearm
+    assert sum(wrong_signs(camera, estimate, truth)) == 1
+    assert sum(wrong_signs(camera, truth, truth)) == 0
+
+
+def test_every_claim_has_a_name_of_its_own_and_is_found_by_its_beginning():
+    names = [claim.name for claim in CLAIMS]
+    assert len(set(names)) == len(names)
+    assert chosen(["C6"], names) == ["C6a", "C6b", "C6c"]
+    assert chosen([], names) == names
+    with pytest.raises(InputError, match="Z9"):
+        chosen(["Z9"], names)
+
+
+def test_the_exit_code_counts_claims_without_a_reason(monkeypatch, tmp_path, capsys):
+    fails = Claim("X1", "never", (), lambda source: Verdict(False, "0"), ("ours",))
+    excused = Claim("X2", "never", (), lambda source: Verdict(False, "0"), ("ours",), {"ours": "why"})
+    holds = Claim("X3", "always", (), lambda source: Verdict(True, "1"), ("ours",))
+    needs_data = Claim("X4", "unknown", (Setup("body_implicit"),), tracked(), ("ours",))
+    arguments = ["--runs", str(tmp_path)]
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    for claims, code in (((excused, holds, needs_data), 0), ((fails, holds), 1)):
+        monkeypatch.setattr(command, "CLAIMS", claims)
+        assert command.main(arguments) == code
+    assert command.main(["Y", *arguments]) == 2
+    assert command.main(["X3", "-o", str(tmp_path / "claims.md"), *arguments]) == 0
+    assert "| X3 | ours | always | 1 | holds |" in (tmp_path / "claims.md").read_text(encoding="utf-8")
+    assert command.NOT_MEASURED in capsys.readouterr().out
