@@ -42,7 +42,7 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
 
     Parameters
     ----------
-    path : TOML file, see `load_cameras`.
+    path : see `load_cameras`.
     unit : of lengths in the file, m, cm, mm or a number of metres; None: metres where these are plausible.
     up : the file's vertical axis, such as -y; None: z, with a warning where the images are upright by another axis.
 
