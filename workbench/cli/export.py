@@ -20,7 +20,11 @@ from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 _Y_UP = "y is up, z ahead where the world has x"
-_AXES = {".bvh": _Y_UP, ".trc": _Y_UP, ".csv": "z is up, as in the workbench"}
+_Z_UP = "z is up, as in the workbench"
+_AXES = {
+    ".bvh": _Y_UP, ".trc": _Y_UP, ".csv": _Z_UP, ".c3d": _Z_UP,
+    ".mot": "y is up, x ahead where the world has x, as in OpenSim's models",
+}  # fmt: skip
 
 
 def export_recording(
@@ -28,17 +32,20 @@ def export_recording(
         Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of an interrupted run.")
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv or .mp4 file to write.")
+        Path,
+        typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv, .c3d, .mot or .mp4 file."),
     ],
     truth: Annotated[
-        bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc and .csv).")
+        bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc, .c3d and .csv).")
     ] = False,
-    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m; default: BVH in cm, TRC in mm.")] = False,
+    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m, not cm (BVH) or mm (TRC, C3D).")] = False,
     intervals: Annotated[bool, typer.Option("--intervals", help="Include the 90 % credible intervals (.csv).")] = False,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of the video; default: the first.")] = None,
 ) -> None:
-    """Export the motion of a recording for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv).
+    """Export the motion of a recording for Blender (.bvh), OpenSim (.trc, .mot), gait analysis (.c3d) or a spreadsheet
+    (.csv).
 
+    A .mot file has joint angles in degrees, by the names of OpenSim's models.
     An .mp4 file shows the estimated skeleton over the images.
 
     Examples:

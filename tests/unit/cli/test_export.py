@@ -11,6 +11,7 @@ from recording_steps import BODY, SPACE, steps
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
 from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.formats.markers import read_markers
 from workbench.recording.write.recorder import Recorder
 
 N = 12  # more than one flush, and a rest
@@ -88,6 +89,19 @@ def test_csv_keeps_frames_times_poses_and_intervals(recorded, run, tmp_path):
         )
         assert float(row["root_x_m"]) == float(row["pelvis_x_m"])
         assert float(row["left_knee_flexion_low"]) < float(row["left_knee_flexion_high"])
+
+
+def test_c3d_and_mot_of_the_estimate(recorded, run, estimated, tmp_path, capsys):
+    assert exported(recorded, tmp_path / "out.C3D") == 0
+    assert exported(recorded, tmp_path / "out.mot") == 0
+    assert "x ahead where the world has x, as in OpenSim's models" in capsys.readouterr().out
+    np.testing.assert_allclose(read_markers(tmp_path / "out.C3D").positions, estimated, atol=1e-6)
+    labels, *rows = (tmp_path / "out.mot").read_text().split("endheader\n")[1].splitlines()
+    knee = [float(row.split("\t")[labels.split("\t").index("knee_angle_l")]) for row in rows]
+    expected = [np.degrees(step.expected_pose[BODY.skeleton.dof("left_knee_flexion")]) for step in run]
+    assert knee == pytest.approx(expected, abs=1e-7)
+    assert exported(recorded, tmp_path / "true.mot", "--truth") == 2
+    assert "MOT requires joint angles" in capsys.readouterr().err
 
 
 def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(
