@@ -16,6 +16,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.datasets.files.calibration import camera_named
 from workbench.datasets.multi_view import MultiView
+from workbench.motion.formats.keypoint_layouts import LAYOUTS
 from workbench.utils.errors import InputError
 
 N, FINE_HZ = 36, 3000.0
@@ -173,7 +174,7 @@ def test_missing_coordinates_are_points_not_found(tmp_path, missing):
     assert error_mm(dataset(folder))[0] < 0.5
 
 
-@pytest.mark.parametrize("layout", ["BODY_25B", "COCO_133", "HALPE_136", "BODY_135", "MPII_16", "BLAZEPOSE_33"])
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_gives_the_same_person(tmp_path, layout):
     folder = scene(tmp_path, people=lambda camera, time_s: person(camera, time_s, layout))
     assert error_mm(dataset(folder))[0] < 0.5
