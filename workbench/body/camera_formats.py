@@ -39,8 +39,10 @@ def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     x_2 = R x_1 + T. A rotation without a translation is a rectification, and is ignored. A camera without distortion
     coefficients has none. Raises InputError for other text, no camera and an unknown lens model.
     """
-    tables = {}
+    tables: dict[str, dict[str, Any]] = {}
     for name, roles in _cameras(path.stem, _content(path, text)):
+        if name in tables:
+            raise InputError(f"{path}: expected different names of the cameras, found {name!r} twice")
         tables[name] = _table(f"{path}: camera [{name}]", roles)
     if not tables:
         raise InputError(f"{path}: expected a camera with a camera_matrix or K, found none")
@@ -62,11 +64,13 @@ def _content(path: Path, text: str) -> Any:
 
 
 def _mapping(element: ElementTree.Element, depth: int = 0) -> Any:
-    """Return the children of an XML element by name, or its words."""
+    """Return the children of an XML element by name, as a list where names repeat, or its words."""
     if depth > DEEPEST:
         raise ValueError(f"found more than {DEEPEST} nested levels")
-    children = {child.tag: _mapping(child, depth + 1) for child in element}
-    return children or (element.text or "").replace('"', " ").split()
+    children = [(child.tag, _mapping(child, depth + 1)) for child in element]
+    if len(dict(children)) < len(children):
+        return [inner for _, inner in children]
+    return dict(children) or (element.text or "").replace('"', " ").split()
 
 
 def _cameras(name: str, node: Any) -> Iterator[tuple[str, dict[str, Any]]]:

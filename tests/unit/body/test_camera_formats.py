@@ -128,6 +128,22 @@ def test_ros_gives_the_lens_alone(tmp_path, text, names):
         load_cameras(tmp_path / "c.yaml")
 
 
+def test_a_list_of_cameras_in_xml(tmp_path):
+    storage = cv2.FileStorage(str(tmp_path / "c.xml"), cv2.FileStorage_WRITE)
+    storage.startWriteStruct("cameras", cv2.FileNode_SEQ)
+    for name in ("left", "right"):
+        storage.startWriteStruct("", cv2.FileNode_MAP)
+        for key, value in (("name", name), ("K", MATRIX), ("D", DISTORTION), ("width", 640), ("height", 480)):
+            storage.write(key, value)
+        storage.endWriteStruct()
+    storage.endWriteStruct()
+    storage.release()
+    lenses = load_lenses(tmp_path / "c.xml")
+    assert [lens.name for lens in lenses] == ["left", "right"]
+    for lens in lenses:
+        check_lens(lens)
+
+
 @pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
 def test_all_lens_models_project_as_opencvs(tmp_path, n):
     """A slight thin prism and tilt, so that five coefficients suffice."""
@@ -169,6 +185,11 @@ def test_a_file_without_distortion_has_none(tmp_path, caplog):
         ("c.yaml", yaml.safe_dump(camera_info(camera_matrix=[1.0, 2.0])), "'matrix' must hold 3×3 numbers"),
         ("c.yaml", yaml.safe_dump(camera_info(distortion_coefficients=[1.0] * 7)), "4 or 5 or 8 or 12 or 14"),
         ("c.yaml", yaml.safe_dump(camera_info(distortion_model="omni")), "expected a lens model"),
+        (
+            "c.yaml",
+            yaml.safe_dump([camera_info(), camera_info()]),
+            "different names of the cameras, found 'narrow' twice",
+        ),
         ("c.yaml", "K: !!python/object:os.system {}\n", "expected YAML"),
         ("c.xml", "<opencv_storage><K>", "expected XML"),
         ("c.xml", "<a>" * 60 + "</a>" * 60, "more than 50 nested levels"),

@@ -36,12 +36,11 @@ def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, Floa
     position = poses[:, :3] @ _OPENSIM_FROM_WORLD.T
     coordinates |= {f"pelvis_t{axis}": position[:, k] for k, axis in enumerate("xyz")}
     for side, sign in (("right", 1.0), ("left", -1.0)):
-        for joint in ("hip", "shoulder"):
+        for joint, hinge in (("hip", "knee_flexion"), ("shoulder", "elbow_flexion")):
             relative = np.swapaxes(root, 1, 2) @ world[:, skeleton.joint(f"{side}_{joint}")]
             for turn, angles in zip(("flexion", "abduction", "twist"), _zxy(relative), strict=True):
                 name = f"{_COORDINATES[f'{joint}_{turn}']}_{side[0]}"
                 coordinates[name] = angles if turn == "flexion" else sign * angles
-        for hinge in ("knee_flexion", "elbow_flexion"):
             degrees = np.degrees(poses[:, skeleton.dof(f"{side}_{hinge}")])
             coordinates[f"{_COORDINATES[hinge]}_{side[0]}"] = degrees
     return coordinates
