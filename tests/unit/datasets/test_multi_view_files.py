@@ -252,6 +252,21 @@ def test_the_grammar_of_calibration_files(tmp_path):
     assert set(tomllib.loads(text)) == {*VIEWS, "metadata"}
 
 
+def test_a_calibration_of_opencv_gives_the_same_person(tmp_path):
+    folder = scene(tmp_path)
+    storage = cv2.FileStorage(str(folder / "calib.yml"), cv2.FileStorage_WRITE)
+    for name, camera in VIEWS.items():
+        storage.startWriteStruct(name, cv2.FileNode_MAP)
+        size = np.array([camera.width, camera.height])
+        rotation, translation = cv2.Rodrigues(camera.rotation)[0], camera.translation[:, None]
+        values = {"K": camera.matrix, "D": camera.distortion, "size": size, "rvec": rotation, "tvec": translation}
+        for key, value in values.items():
+            storage.write(key, value)
+        storage.endWriteStruct()
+    storage.release()
+    assert error_mm(dataset(folder, calibration_file=str(folder / "calib.yml")))[0] < 0.5
+
+
 def test_a_camera_is_found_by_a_name_that_differs_in_symbols_and_case(tmp_path):
     first, second = list(VIEWS.values())[:2]
     cameras = [replace(first, name="Cam_01"), replace(second, name="Cam_02")]
