@@ -272,6 +272,9 @@ def test_a_camera_is_found_by_a_name_that_differs_in_symbols_and_case(tmp_path):
     cameras = [replace(first, name="Cam_01"), replace(second, name="Cam_02")]
     assert camera_named(cameras, "cam02", "rig.toml").name == "cam02"
     np.testing.assert_array_equal(camera_named(cameras, "cam02", "rig.toml").position, second.position)
+    assert camera_named(cameras, "cam2", "rig.toml").name == "cam2"
+    numbered = [replace(first, name="cam10"), replace(second, name="cam100")]
+    np.testing.assert_array_equal(camera_named(numbered, "cam_0100", "rig.toml").position, second.position)
     with pytest.raises(InputError, match="expected one of Cam_01, Cam_02"):
         camera_named(cameras, "cam03", "rig.toml")
     alike = [*cameras, replace(first, name="cam-01")]
