@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from workbench.body import camera_formats
+from workbench.cli.main import main
+from workbench.datasets.files import point_formats
+from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, options
+from workbench.motion.formats import motion_export
+from workbench.motion.formats.keypoint_layouts import LAYOUTS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"
@@ -64,6 +70,23 @@ def test_commands_choose_what_there_is(page):
 def test_paths_of_the_code_exist(page):
     paths = re.findall(r"`((?:workbench|conf|tests)/[\w/.]*)`", (DOCS / page).read_text(encoding="utf-8"))
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_keys_and_options_of_the_formats_exist(monkeypatch, capsys):
+    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    targets = [import_target(option.target) for option in options("dataset").values() if option.target]
+    assert set(re.findall(r"dataset\.(\w+)", text)) <= {key for target in targets for key in config_keys(target)}
+    monkeypatch.setenv("COLUMNS", "200")
+    for command in ("import", "export", "track"):
+        main([command, "--help"])
+    assert set(re.findall(r"--[a-z][\w-]*", text)) <= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
+
+
+def test_every_format_is_in_the_formats():
+    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    suffixes = {*motion_export.SUFFIXES, *point_formats.READERS, *camera_formats.SUFFIXES, ".h5", ".toml", ".mp4"}
+    assert {suffix for suffix in suffixes if f"`{suffix}`" not in text} == set()
+    assert {layout for layout in LAYOUTS if layout not in text} == set()
 
 
 def test_every_page_is_reached_from_the_first():

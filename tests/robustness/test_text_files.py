@@ -7,7 +7,7 @@ import pytest
 from damage import refusal, withstands
 from sound_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
 
-from workbench.body.camera import load_cameras
+from workbench.body.camera import load_cameras, load_lenses
 from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
@@ -16,6 +16,29 @@ from workbench.motion.formats.openpose import read_openpose
 from workbench.utils.input_limits import MAX_JOINTS, MAX_NUMBERS
 
 KEYPOINTS = json.dumps({"people": [{"pose_keypoints_2d": [float(k % 7) for k in range(75)]}]})
+STEREO = """%YAML:1.0
+---
+image_size: [ 640, 480 ]
+M1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500., 0., 320., 0., 500., 240., 0., 0., 1. ]
+M2: [ 500., 510., 320., 240. ]
+D1: [ -1.e-01, 2.e-02, 0., 0., 0. ]
+D2: [ 0., 0., 0., 0. ]
+R: [ 0., 0.1, 0. ]
+T: [ -0.5, 0., 0. ]
+"""
+LENS = """<?xml version="1.0"?>
+<opencv_storage>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>
+  <data>500. 0. 320. 0. 500. 240. 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients>-1.e-01 2.e-02 0. 0. 0. 0. 0. 0.</distortion_coefficients>
+</opencv_storage>
+"""
 
 
 def read_detections(path):
@@ -31,6 +54,8 @@ FORMATS = {
     "a.trc": (read_markers, TRC),
     "a_1.json": (read_detections, KEYPOINTS),
     "a.toml": (load_cameras, TOML),
+    "a.yml": (load_cameras, STEREO),
+    "a.xml": (load_lenses, LENS),
     "a.bvh": (read_bvh, BVH),
     "5.asf": (read_skeleton, ASF),
     "5_01.amc": (read_amc, AMC),
@@ -75,6 +100,11 @@ BOMBS = [
         "a = " + "[" * 5000, "a = " + "{b = " * 3000 + "}" * 3000, "a = 1" + "0" * 5000,
         "\n".join(f"a{k}.b = 1" for k in range(80_000)), "x" * 900_000, "#" * 1_000_001,
     )],
+    *[("a.yml", text) for text in (
+        "M1: " + "[" * 5000, "M1: " + "1:" * 100_000 + "1", "a: &a [1]\nM1: *a", "{M1: " * 3000, "x" * 1_000_001,
+        STEREO.replace("500.", "1e400"), STEREO.replace("640", "1e9"), STEREO.replace("-0.5", "1e9"),
+    )],
+    *[("a.xml", text) for text in ("<a>" * 200_000, "<a>" + "<b/>" * 200_000, LENS.replace("640", "6" * 5000))],
     *[("a_1.json", text) for text in (
         "[" * 100_000, '{"a":' * 100_000, "1" * 5000, '{"people": 3}', '{"people": [{}]}',
         KEYPOINTS.replace("0.0, ", "", 1), *[KEYPOINTS.replace("1.0", new) for new in ('"a"', "1e400", "1e8")],

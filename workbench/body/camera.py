@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from workbench.body.camera_formats import SUFFIXES, camera_tables
 from workbench.body.distortion import five_coefficients
 from workbench.body.shape import Triple
 from workbench.utils.arrays import FloatArray
@@ -141,13 +142,41 @@ def ray_distances(a: FloatArray, b: FloatArray, baseline: FloatArray) -> FloatAr
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras of a TOML file in the format of Pose2Sim, Sports2D and Anipose, in the order of the file.
+    """Read the cameras of a file in TOML, OpenCV's YAML, XML and JSON, or ROS' camera_info, in the order of the file.
 
-    Each table with a matrix has size [w, h], matrix, distortions (4, 5, 8, 12 or 14 numbers), rotation (Rodrigues
-    vector or matrix) and translation, in the file's unit; other tables and keys are ignored. Raises InputError if the
-    file is missing, is not TOML, or a camera is incomplete.
+    Each camera has size [w, h], matrix, distortions (4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or matrix)
+    and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D, Anipose) it is
+    a table with these keys, for the other forms see `camera_tables`. Raises InputError if the file is missing, has
+    another form, or a camera is incomplete.
     """
-    path = Path(path)
+    tables = _tables(Path(path))
+    for key, table in tables.items():
+        if not _has_pose(table):
+            raise InputError(
+                f"{path}: camera [{key}] has no rotation and translation in the world, which the dataset video "
+                "determines from a person's height; add them for other datasets, see workbench calibrate"
+            )
+    return tuple(_camera(Path(path), key, table) for key, table in tables.items())
+
+
+def load_lenses(path: str | Path) -> tuple[Camera, ...]:
+    """Return the cameras of a file without poses, at the world's origin; () if one has a pose.
+
+    Raises InputError as `load_cameras` does.
+    """
+    tables = _tables(Path(path))
+    if any(map(_has_pose, tables.values())):
+        return ()
+    pose = {"rotation": [0.0, 0.0, 0.0], "translation": [0.0, 0.0, 0.0]}
+    return tuple(_camera(Path(path), key, {**table, **pose}) for key, table in tables.items())
+
+
+def _has_pose(table: Mapping[str, Any]) -> bool:
+    return not {"rotation", "translation"}.isdisjoint(table)
+
+
+def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
+    """Return the tables of the cameras in a file by name, at least one."""
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
     check_file(path, MAX_CONFIG)
@@ -156,11 +185,13 @@ def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     except UnicodeDecodeError:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
-        raise InputError(f"{path}: expected TOML: {error}") from None
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if path.suffix.lower() in SUFFIXES:
+        return dict(camera_tables(path, text))
     tables = parse_toml(path, text)
     if isinstance(inner := tables.get("cameras"), dict):
         tables = inner
-    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if _is_camera(key, table))
+    cameras = {key: table for key, table in tables.items() if _is_camera(key, table)}
     if not cameras:
         raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
     return cameras

@@ -12,6 +12,9 @@ from workbench.utils.parallel import parallel_for
 
 _MIN_POSES = 256  # minimum poses per thread
 
+_SMALLEST = 1e-6
+"""Motion of a joint, m per rad, that is none."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointFrames:
@@ -68,6 +71,26 @@ def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray
     moved = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
     return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), moved)
+
+
+def undetermined(skeleton: Skeleton, observed: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """Return which joints (J,) of a body and which parameters (P,) of its pose the observed joints (J,) leave free.
+
+    A joint is free if some motion moves it and, to first order in a bent pose, no observed joint. A parameter is free
+    if it takes part in such a motion.
+    """
+    bent = np.linspace(0.3, 0.8, len(skeleton.dof_names))[None].astype(np.float64)
+    jacobian = joint_jacobian(skeleton, bent)[0]
+    motionless = _null_space(jacobian.reshape(-1, jacobian.shape[-1]))
+    free = _null_space(np.concatenate([jacobian[observed].reshape(-1, jacobian.shape[-1]), motionless]))
+    moved = np.abs(jacobian @ free.T).max(axis=(1, 2), initial=0.0)
+    return moved > _SMALLEST, np.abs(free).max(axis=0, initial=0.0) > _SMALLEST
+
+
+def _null_space(matrix: FloatArray) -> FloatArray:
+    """Return orthonormal rows (k, P) that a matrix (m, P) maps to 0."""
+    _, sizes, rows = np.linalg.svd(matrix)
+    return rows[(sizes > _SMALLEST).sum() :]
 
 
 def world_axes(skeleton: Skeleton, poses: FloatArray, frames: JointFrames) -> FloatArray:

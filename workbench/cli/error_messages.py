@@ -23,6 +23,9 @@ _PLACE = re.compile(r"full_key: (\S+)")
 _FILE = re.compile(r"In '(\w+)/([^',]+)[^']*':(?: \w+ raised while composing config:)?")
 _COMPONENT = re.compile(r"object_type=(\w+)_keys")
 _MAX_LISTED = 40
+_PLUGIN = re.compile(r"Could not (?:find|load) 'hydra/(launcher|sweeper)/([^']*)'")
+_EXTRAS = {"joblib": "sweep", "submitit_local": "cluster", "submitit_slurm": "cluster", "optuna": "tune"}
+"""The package's extra that installs each of Hydra's plug-ins."""
 
 
 def report_error(error: BaseException) -> int | None:
@@ -61,6 +64,8 @@ def message_of(error: BaseException) -> list[str]:
         if text and not any(text in other for other in texts):
             texts.append(text)
     whole = ": ".join(texts)
+    if (plugin := _PLUGIN.search(whole)) and plugin[2] in _EXTRAS:
+        return [f"hydra/{plugin[1]}={plugin[2]} requires a plug-in of Hydra: pip install -e '.[{_EXTRAS[plugin[2]]}]'"]
     if place := _FILE.search(whole):
         file = _file(*place.groups())
         *listed, message = _explained(whole.replace(place[0], file), chain, place[2])

@@ -1,5 +1,6 @@
 """`workbench export`: export the motion of a recording to a file."""
 
+import logging
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -8,19 +9,28 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from workbench.body.kinematics import joints
+from workbench.body.kinematics import joints, undetermined
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
+from workbench.evaluation.camera_agreement import MIN_WEIGHT
 from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
+from workbench.recording.read.keypoints import keypoint_weights
 from workbench.recording.read.reader import Run
 from workbench.results.overlay import SUFFIX, write_overlay
-from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+log = logging.getLogger(__name__)
+
+_KEYPOINTS_ALONE = "workbench.likelihoods.keypoints."
 _Y_UP = "y is up, z ahead where the world has x"
-_AXES = {".bvh": _Y_UP, ".trc": _Y_UP, ".csv": "z is up, as in the workbench"}
+_Z_UP = "z is up, as in the workbench"
+_AXES = {
+    ".bvh": _Y_UP, ".trc": _Y_UP, ".csv": _Z_UP, ".c3d": _Z_UP,
+    ".mot": "y is up, x ahead where the world has x, as in OpenSim's models",
+}  # fmt: skip
 
 
 def export_recording(
@@ -28,17 +38,20 @@ def export_recording(
         Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of an interrupted run.")
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv or .mp4 file to write.")
+        Path,
+        typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv, .c3d, .mot or .mp4 file."),
     ],
     truth: Annotated[
-        bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc and .csv).")
+        bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc, .c3d and .csv).")
     ] = False,
-    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m; default: BVH in cm, TRC in mm.")] = False,
+    metres: Annotated[bool, typer.Option("--metres", help="Lengths in m, not cm (BVH) or mm (TRC, C3D).")] = False,
     intervals: Annotated[bool, typer.Option("--intervals", help="Include the 90 % credible intervals (.csv).")] = False,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of the video; default: the first.")] = None,
 ) -> None:
-    """Export the motion of a recording for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv).
+    """Export the motion of a recording for Blender (.bvh), OpenSim (.trc, .mot), gait analysis (.c3d) or a spreadsheet
+    (.csv).
 
+    A .mot file has joint angles in degrees, by the names of OpenSim's models.
     An .mp4 file shows the estimated skeleton over the images.
 
     Examples:
@@ -65,12 +78,40 @@ def export_recording(
 
 
 def estimated_track(run: Run) -> Track:
-    """Return the estimated motion of a recording; InputError if there is none, or for another body."""
+    """Return the estimated motion of a recording, NaN for joints that its keypoints never show, which are logged.
+
+    Raises InputError if there is none, or for another body.
+    """
     skeleton = _skeleton(run, "with poses")
     frames, times_s, poses = timed(run.path, "poses")
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found other values")
-    return Track(skeleton, frames, times_s, joints(skeleton, poses), poses)
+    positions = joints(skeleton, poses)
+    free_joints, free = _never_shown(run, skeleton)
+    positions[:, free_joints] = np.nan
+    if free_joints.any():
+        listed = ", ".join(np.array(skeleton.names)[free_joints])
+        log.warning(
+            "%s: no keypoint shows %s in any frame: empty in TRC, CSV, C3D and MOT, assumed by the motion model in BVH",
+            run.path, listed,
+        )  # fmt: skip
+    return Track(
+        skeleton, frames, times_s, positions, poses, undetermined=tuple(np.array(skeleton.dof_names)[free].tolist())
+    )
+
+
+def _never_shown(run: Run, skeleton: Skeleton) -> tuple[BoolArray, BoolArray]:
+    """Return the joints (J,) and parameters (P,) that no keypoint of a recording determines; none where a likelihood
+    of images or points determines them."""
+    try:
+        likelihood = run.settings.get("likelihood")
+    except InputError:  # the motion is still known
+        likelihood = None
+    is_keypoints = isinstance(likelihood, dict) and str(likelihood.get("_target_")).startswith(_KEYPOINTS_ALONE)
+    weights = keypoint_weights(run.path) if is_keypoints else {}
+    if not weights:
+        return np.zeros(len(skeleton.names), dtype=bool), np.zeros(len(skeleton.dof_names), dtype=bool)
+    return undetermined(skeleton, np.array([weights.get(name, 0.0) >= MIN_WEIGHT for name in skeleton.names]))
 
 
 def true_track(run: Run) -> Track:

@@ -25,7 +25,11 @@ COMMANDS = {
     "check": ("check:check", "Compare", "Run recorded configurations again and compare the numbers."),
     "detect": ("detect:detect", "Data", "Detect people's joints in videos."),
     "import": ("import_motions:import_motions", "Data", "Import motion files into a motion library."),
-    "export": ("export:export_recording", "Data", "Export the motion of a recording to .bvh, .trc or .csv."),
+    "export": (
+        "export:export_recording",
+        "Data",
+        "Export the motion of a recording, or a video with the skeleton.",
+    ),
     "annotate": ("annotate:annotate", "Data", "Annotate joints in a video by hand."),
     "calibrate": ("calibrate:app", "Data", "Calibrate cameras by a checkerboard, or by a person's height."),
     "check-calibration": ("check_calibration:check_of_dataset", "Data", "Check whether a calibration fits."),

@@ -29,7 +29,7 @@ def track(
     ] = None,
     camera: Annotated[
         Path | None,
-        Option(metavar="FILE.toml", help="Calibration; default: one camera, estimated from the person's height."),
+        Option(metavar="FILE", help="Calibration; default: one camera, estimated from the person's height."),
     ] = None,
     model: Annotated[str, Option(metavar="full|heavy|PATH", help="Detector, see workbench detect.")] = "full",
     each: Annotated[bool, Option("--each", help="Track every video by itself, as the jobs of a sweep.")] = False,

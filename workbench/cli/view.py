@@ -1,5 +1,6 @@
 """`workbench view`: open recordings in the Rerun viewer, two side by side, more with overlaid curves."""
 
+import os
 import platform
 import shutil
 import socket
@@ -40,8 +41,14 @@ def view(
         files = _side_by_side(runs, recordings, Path(folder)) if pair else _together(runs, Path(folder))
         code = show([str(program), "--bind", HOST, *_ports(web)], files)
     if code:
-        print(f"workbench view: the viewer ended with exit code {code}", file=sys.stderr)
+        hint = "" if has_display() else "; there is no display: --web serves a viewer for a browser"
+        print(f"workbench view: the viewer ended with exit code {code}{hint}", file=sys.stderr)
         raise Exit(1)
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened, as far as the environment says."""
+    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def show(command: Sequence[str], files: Sequence[Path]) -> int:

@@ -26,6 +26,8 @@ SIGMA_PX = 4.0
 _FOCAL_MEDIAN, _FOCAL_SPREAD = 1.0, 0.35
 """Median, in longer sides of the image, and standard deviation of the logarithm, of focal lengths of phones and
 camcorders: 68 % within 0.70 and 1.42."""
+_KNOWN_FOCAL_SPREAD = 1e-4
+"""Of a calibrated lens, below the precision of any calibration, so that its focal length is not estimated again."""
 _POSTURE_SPREAD = 0.02
 """Relative standard deviation of a person's length from ankles to head: shorter when walking than when standing."""
 _MEASUREMENT_SPREAD = 0.05
@@ -41,7 +43,7 @@ class Measurements:
     """Measured quantities; None: not measured. height_m: of the person. focal_px: of the lens. distance_m: from the
     camera to the person in the first frame. camera_height_m: above the floor. gait: standard deviation of the heads and
     feet of a walking person about those of an upright one, over the length in between; it is the same within about
-    step_frames frames."""
+    step_frames frames. focal_spread: relative standard deviation of focal_px."""
 
     height_m: float
     focal_px: float | None = None
@@ -49,6 +51,7 @@ class Measurements:
     camera_height_m: float | None = None
     gait: float = 0.0
     step_frames: float = 1.0
+    focal_spread: float = 0.01
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.height_m <= 2.5:
@@ -135,6 +138,23 @@ def calibrate_by_height(
     return _HeightCalibration(camera, values, sigma, frames, errors, information)
 
 
+def pose_by_height(
+    lens: Camera, frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
+) -> _HeightCalibration:
+    """Return the pose of a camera whose matrix and distortion are known, by `calibrate_by_height`.
+
+    The segments are moved to where a camera without distortion, of the same focal length and with its principal point
+    in the middle, has them. Raises InputError as `calibrate_by_height`.
+    """
+    size, focal_px = (lens.width, lens.height), float(lens.matrix[0, 0])
+    middle = (np.array(size) - 1.0) / 2.0
+    feet, heads = (lens.undistorted(pixels) * focal_px + middle for pixels in (feet, heads))
+    known = replace(data, focal_px=focal_px, focal_spread=_KNOWN_FOCAL_SPREAD)
+    estimate = calibrate_by_height(lens.name, size, frames, feet, heads, known)
+    placed = replace(lens, rotation=estimate.camera.rotation, translation=estimate.camera.translation)
+    return replace(estimate, camera=placed)
+
+
 class _Problem:
     """Least squares over log focal length, px, tilt downwards and roll, rad, log height of the camera, m, log of the
     segments' relative length, and the places (F, 2) on the floor: log distance ahead, and left over ahead."""
@@ -175,7 +195,7 @@ class _Problem:
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
         if self.data.camera_height_m is not None:
             height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
-        focal_spread = 0.01 if self.data.focal_px else _FOCAL_SPREAD
+        focal_spread = self.data.focal_spread if self.data.focal_px else _FOCAL_SPREAD
         prior = [
             (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, load_lenses
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import SequenceInfo
@@ -23,7 +23,7 @@ from workbench.datasets.files.decode import declared_frames, decode, frame_rate,
 from workbench.datasets.files.frame_times import FrameTimes, frame_times, given_times
 from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_annotations
 from workbench.datasets.files.pairing import image_numbers
-from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
+from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
 from workbench.datasets.visible_frames import visible_frames
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -51,8 +51,9 @@ class Video:
     Parameters
     ----------
     source : a video file that OpenCV reads, or a folder of images in natural order (frame_9 before frame_10).
-    calibration_file : camera file of the Pose2Sim and Sports2D form; None: focal length, tilt and height of the camera
-        are estimated from the heads and feet of the person in the keypoints, see `person_height`.
+    calibration_file : camera file, see `load_cameras`; None: focal length, tilt and height of the camera are estimated
+        from the heads and feet of the person in the keypoints, see `person_height`. Of a file without the camera's
+        rotation and translation these are estimated in the same way.
     camera_name : name of a camera in it; None: the first.
     first_frame : number of the first frame used, counted from 0 in the source.
     n_frames : number of frames used; None: to the end.
@@ -84,7 +85,7 @@ class Video:
         """Declare images of one camera, the keypoints and annotations that are set, and how the camera is known."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
         annotations = () if keys.get("initial_annotations") is None else (START, INITIAL_ANNOTATIONS)
-        if keys.get("calibration_file") is not None:
+        if _is_placed(keys.get("calibration_file")):
             return component_traits(IMAGES, ONE_CAMERA, *keypoints, *annotations)
         height = () if keys.get("height_m") is None else (HEIGHT,)
         return component_traits(IMAGES, ONE_CAMERA, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
@@ -189,8 +190,9 @@ class Video:
     @cached_property
     def source_camera(self) -> Camera:
         """The camera of the source's images."""
-        if self.calibration_file is None:
-            return self._estimated_camera()
+        lenses = () if self.calibration_file is None else load_lenses(Path(self.calibration_file).expanduser())
+        if self.calibration_file is None or lenses:
+            return self._estimated_camera(lenses)
         cameras = read_calibration(self.calibration_file, self.unit, self.up)
         camera = camera_named(cameras, self.camera_name, self.calibration_file)
         return fitted(camera, self.image_size, self.source)
@@ -265,26 +267,28 @@ class Video:
         within = (self.first_frame, self._last)
         return read_annotations(path, self.person, self.times, within, self.source_images, self.keypoint_layout)
 
-    def _estimated_camera(self) -> Camera:
-        """Return the camera estimated from the heads and feet of the person in the keypoints."""
+    def _estimated_camera(self, lenses: Sequence[Camera]) -> Camera:
+        """Return the camera estimated from the heads and feet of the person in the keypoints, with a known lens if
+        there is one."""
         if self._keypoints is None:
             raise InputError(
-                f"{self.source}: expected dataset.calibration_file, or dataset.keypoints to estimate the camera from"
+                f"{self.source}: expected dataset.calibration_file with the camera's rotation and translation, or "
+                "dataset.keypoints to estimate the camera from"
             )
-        image = next(decode(self.path))
         height_m = ADULT_M if self.height_m is None else self.height_m
-        assumed = " of an adult, which is assumed" if self.height_m is None else ""
         segments = head_foot_segments(self._keypoints)
-        estimate = calibrate_by_height(
-            "camera",
-            (image.shape[1], image.shape[0]),
-            *segments,
-            Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.true_rate_hz),
-        )
+        measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.true_rate_hz)
+        if lenses:
+            lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
+            estimate = pose_by_height(fitted(lens, self.image_size, self.source), *segments, measured)
+        else:
+            estimate = calibrate_by_height("camera", self.image_size, *segments, measured)
         value, sigma = estimate.values, estimate.sigma
+        assumed = " of an adult, which is assumed" if self.height_m is None else ""
         log.info(
-            "camera estimated from the person's height, %.2f m%s: focal length %.0f ± %.0f px, tilt %.1f ± %.1f°, "
-            "%.2f ± %.2f m above the floor", height_m, assumed, value["focal_px"], sigma["focal_px"],
+            "camera estimated from the person's height, %.2f m%s%s: focal length %.0f ± %.0f px, tilt %.1f ± %.1f°, "
+            "%.2f ± %.2f m above the floor", height_m, assumed,
+            f", with the lens of {self.calibration_file}" if lenses else "", value["focal_px"], sigma["focal_px"],
             value["tilt_deg"], sigma["tilt_deg"], value["height_m"], sigma["height_m"],
         )  # fmt: skip
         return estimate.camera
@@ -327,6 +331,16 @@ class Video:
         if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > _MAX_STRETCH:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
+
+
+def _is_placed(calibration_file: str | None) -> bool:
+    """Return whether a calibration file gives the camera's pose; also of a file that cannot be read, an error later."""
+    if calibration_file is None:
+        return False
+    try:
+        return not load_lenses(Path(calibration_file).expanduser())
+    except InputError:
+        return True
 
 
 def _select_frames(annotations: JointAnnotations, frames: Sequence[int], included: bool) -> JointAnnotations:

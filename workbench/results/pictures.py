@@ -8,11 +8,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
 from workbench.datasets.files.decode import decode
-from workbench.recording.read.chunks import cells, read_chunks, static_values
+from workbench.recording.read.chunks import cells, flat, read_chunks, static_values
 from workbench.recording.read.reader import Run
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
@@ -80,16 +79,6 @@ def _video_images(run: Run, path: str, timestamps_ns: Sequence[int]) -> Iterator
         for k, image in enumerate(decode(file, wanted[0], wanted[-1]), wanted[0]):
             if k in wanted:
                 yield image
-
-
-def flat(cell: Any) -> FloatArray:
-    """Return all numbers in a cell of nested lists, (n,); none where there is no cell."""
-    if cell is None or not len(cell):
-        return np.empty(0)
-    values = cell.values
-    while pa.types.is_nested(values.type):
-        values = values.flatten()
-    return np.asarray(values, dtype=np.float64)
 
 
 def lines(cell: Any, n_axes: int) -> FloatArray:

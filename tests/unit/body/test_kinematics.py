@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.oracles.kinematics import forward as forward_oracle
-from workbench.body.kinematics import descendants, forward, joint_jacobian, joints, world_axes
+from workbench.body.kinematics import descendants, forward, joint_jacobian, joints, undetermined, world_axes
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
 
@@ -171,3 +171,24 @@ def test_skeleton_is_consistent():
     assert ((SKELETON.limits[:, 0] <= 0) & (SKELETON.limits[:, 1] >= 0)).all()  # the neutral pose is allowed
     with pytest.raises(ValueError, match="not in"):
         SKELETON.joint("third_knee")
+
+
+ARM = {"left_shoulder_abduction", "left_shoulder_flexion", "left_shoulder_twist"}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "free", "parameters"),
+    [
+        ((), (), ()),
+        (("neck", "pelvis"), (), ()),  # fixed to the trunk
+        (("left_wrist",), ("left_wrist",), {"left_shoulder_twist", "left_elbow_flexion"}),
+        (("left_elbow",), ("left_elbow",), ARM),  # it turns about the line from the shoulder to the wrist
+        (("left_elbow", "left_wrist"), ("left_elbow", "left_wrist"), ARM | {"left_elbow_flexion"}),
+        (("head_centre", "neck"), ("head_centre",), {"neck_turn", "neck_nod", "neck_tilt"}),
+        (JOINT_NAMES, JOINT_NAMES, set(POSE_NAMES)),
+    ],
+)
+def test_joints_that_the_observed_ones_leave_free(hidden, free, parameters):
+    joints_free, parameters_free = undetermined(SKELETON, ~np.isin(JOINT_NAMES, hidden))
+    assert set(np.array(JOINT_NAMES)[joints_free]) == set(free)
+    assert set(np.array(POSE_NAMES)[parameters_free]) == set(parameters)

@@ -1,7 +1,9 @@
 """What is meant by a wrong option or key, arguments that are quoted for Hydra, and the line to paste."""
 
 import sys
+import tomllib
 from dataclasses import make_dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -33,6 +35,19 @@ def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
     *listed, last = message_of(error)
     assert {"  inference.algorithm", "  inference.n_particles"} <= set(listed)
     assert "inference.n_particles" in last
+
+
+@pytest.mark.parametrize(
+    ("plugin", "extra"),
+    [("launcher/joblib", "sweep"), ("launcher/submitit_slurm", "cluster"), ("sweeper/optuna", "tune")],
+)
+def test_a_plugin_that_is_not_installed_is_named_with_its_extra(plugin, extra):
+    """Hydra's message where the option's package is not installed."""
+    (message,) = message_of(ValueError(f"In 'hydra/config': Could not find 'hydra/{plugin}'\nAvailable options in"))
+    assert message == f"hydra/{plugin.replace('/', '=')} requires a plug-in of Hydra: pip install -e '.[{extra}]'"
+    pyproject = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())
+    packages = pyproject["project"]["optional-dependencies"][extra]
+    assert any(plugin.split("/")[1].partition("_")[0] in name for name in packages)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ import pytest
 from recording_steps import BODY, SPACE, steps
 
 from workbench.body.kinematics import joints
+from workbench.body.skeleton import JOINT_NAMES
 from workbench.cli.main import main
 from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.formats.markers import read_markers
 from workbench.recording.write.recorder import Recorder
 
 N = 12  # more than one flush, and a rest
@@ -88,6 +90,66 @@ def test_csv_keeps_frames_times_poses_and_intervals(recorded, run, tmp_path):
         )
         assert float(row["root_x_m"]) == float(row["pelvis_x_m"])
         assert float(row["left_knee_flexion_low"]) < float(row["left_knee_flexion_high"])
+
+
+def test_c3d_and_mot_of_the_estimate(recorded, run, estimated, tmp_path, capsys):
+    assert exported(recorded, tmp_path / "out.C3D") == 0
+    assert exported(recorded, tmp_path / "out.mot") == 0
+    assert "x ahead where the world has x, as in OpenSim's models" in capsys.readouterr().out
+    np.testing.assert_allclose(read_markers(tmp_path / "out.C3D").positions, estimated, atol=1e-6)
+    labels, *rows = (tmp_path / "out.mot").read_text().split("endheader\n")[1].splitlines()
+    knee = [float(row.split("\t")[labels.split("\t").index("knee_angle_l")]) for row in rows]
+    expected = [np.degrees(step.expected_pose[BODY.skeleton.dof("left_knee_flexion")]) for step in run]
+    assert knee == pytest.approx(expected, abs=1e-7)
+    assert exported(recorded, tmp_path / "true.mot", "--truth") == 2
+    assert "MOT requires joint angles" in capsys.readouterr().err
+
+
+HIDDEN = ("right_elbow", "right_wrist")
+
+
+def with_keypoints(path, likelihood):
+    """Record steps whose keypoints never show HIDDEN, the wrist but beyond the image's edge and once faintly."""
+    config = f"likelihood: {{_target_: {likelihood}}}\n"
+    with Recorder(path, BODY, SPACE, run_id=path.name, config_yaml=config, provenance={}) as recording:
+        for step in steps(4, n_particles=20):
+            (view,) = step.frame.views
+            keypoints = np.column_stack([view.camera.project(step.frame.truth.joints), np.ones(15)])
+            keypoints[JOINT_NAMES.index("right_elbow")] = np.nan
+            keypoints[JOINT_NAMES.index("right_wrist")] = (
+                [-5.0, 100.0, 1.0] if step.frame.index < 12 else [9.0, 9.0, 0.1]
+            )
+            recording.log(replace(step, frame=replace(step.frame, views=(replace(view, keypoints=keypoints),))), {})
+    return path
+
+
+def test_joints_that_no_keypoint_shows_are_not_exported_as_measured(tmp_path, caplog):
+    run = with_keypoints(tmp_path / "run.rrd", "workbench.likelihoods.keypoints.KeypointLikelihood")
+    for suffix in (".trc", ".c3d", ".csv"):
+        assert exported(run, tmp_path / f"out{suffix}") == 0
+        markers = read_markers(tmp_path / f"out{suffix}")
+        hidden = np.isin(markers.names, HIDDEN)
+        assert np.isnan(markers.positions[:, hidden]).all()
+        assert np.isfinite(markers.positions[:, ~hidden]).all()
+    assert caplog.text.count("no keypoint shows right_elbow, right_wrist in any frame") == 3
+    with (tmp_path / "out.csv").open(newline="") as file:
+        (row, *_) = csv.DictReader(file)
+    empty = {name for name, cell in row.items() if cell == ""}
+    arm = ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion")
+    assert empty == {f"{joint}_{axis}_m" for joint in HIDDEN for axis in "xyz"} | {f"right_{name}_rad" for name in arm}
+    assert exported(run, tmp_path / "out.mot") == 0
+    labels = (tmp_path / "out.mot").read_text().split("endheader\n")[1].splitlines()[0].split("\t")
+    assert {"arm_flex_l", "hip_flexion_r"} <= set(labels)
+    assert not {"arm_flex_r", "arm_add_r", "arm_rot_r", "elbow_flex_r"} & set(labels)
+    assert exported(run, tmp_path / "out.bvh") == 0
+    assert np.isfinite(read_bvh(tmp_path / "out.bvh").positions).all()
+
+
+def test_other_cues_determine_joints_without_keypoints(tmp_path, caplog):
+    run = with_keypoints(tmp_path / "run.rrd", "workbench.likelihoods.product.Product")
+    assert exported(run, tmp_path / "out.trc") == 0
+    assert np.isfinite(read_markers(tmp_path / "out.trc").positions).all()
+    assert "no keypoint shows" not in caplog.text
 
 
 def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(

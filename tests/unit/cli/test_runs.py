@@ -44,6 +44,18 @@ def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
     ]  # fmt: skip
 
 
+def test_all_runs_are_sorted_not_the_first_forty(tmp_path, capsys):
+    """The newest runs, which are listed first, have the largest errors."""
+    for k in range(45):
+        leave(tmp_path / str(k), error=float(k), started=f"202611{k // 24 + 1:02d}T{k % 24:02d}0000.000000Z")
+    assert main(["runs", "list", str(tmp_path), "--columns", "mpjpe_abs_mm"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].strip() == "44.00"
+    assert main(["runs", "list", str(tmp_path), "--sort", "mpjpe_abs_mm", "--columns", "mpjpe_abs_mm"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [float(line) for line in lines[1:41]] == list(range(40))
+    assert lines[41] == "and 5 more: use --all or a narrower query"
+
+
 def test_json_and_csv_hold_the_numbers_in_full(called, root):
     _, lines, _ = called("list", "status=failed", "--json")
     assert json.loads("\n".join(lines))[0]["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}

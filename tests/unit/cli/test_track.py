@@ -9,6 +9,7 @@ import pytest
 from openpose_scenes import points, write
 from seen_walkers import around, walked
 
+from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
@@ -42,6 +43,27 @@ def test_a_video_becomes_a_recording_and_exports(given, video, tmp_path, capsys)
     assert len(run.poses[0]) == 8
     assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv"}
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+
+
+def test_a_calibration_of_the_lens_alone_is_used_with_the_persons_height(video, tmp_path, capsys):
+    (camera,) = load_cameras(tmp_path / "camera.toml")
+    storage = cv2.FileStorage(str(tmp_path / "lens.yml"), cv2.FileStorage_WRITE)
+    for key, value in (("image_width", camera.width), ("image_height", camera.height), ("K", camera.matrix)):
+        storage.write(key, value)
+    storage.write("dist_coeffs", np.zeros(5))
+    storage.release()
+    words = ["--height", "1.75", "--camera", str(tmp_path / "lens.yml"), "-o", str(tmp_path / "out")]
+    overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
+    assert main(["track", str(video), *words, *overrides]) == 0
+    focal_px = f"{camera.matrix[0, 0]:.0f}"
+    assert f"with the lens of {tmp_path / 'lens.yml'}: focal length {focal_px} " in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "height" in summary["assumptions"]
+    assert "camera_calibration" not in summary["assumptions"]
+    shutil.copytree(video, video.with_name("other"))
+    with pytest.raises(SystemExit, match="2"):
+        main(["track", str(video), str(video.with_name("other")), *words])
+    assert "[lens] has no rotation and translation in the world" in capsys.readouterr().err
 
 
 @pytest.mark.slow

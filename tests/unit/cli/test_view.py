@@ -75,6 +75,16 @@ def test_one_recording_is_opened_as_it_is(sweep, shown):
     assert shown.options == ["--bind", "127.0.0.1", "--port", "auto"]  # reached from this machine only; a new viewer
 
 
+@pytest.mark.parametrize(("display", "hint"), [("", True), (":0", False)])
+def test_without_a_display_the_browser_is_named(sweep, shown, monkeypatch, capsys, display, hint):
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setattr("sys.platform", "linux")
+    shown.code = 1
+    assert main(["view", str(sweep / "1")]) == 1
+    assert ("there is no display: --web" in capsys.readouterr().err) == hint
+
+
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
     assert main(["view", str(sweep)]) == 0

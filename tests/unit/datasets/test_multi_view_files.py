@@ -16,6 +16,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.datasets.files.calibration import camera_named
 from workbench.datasets.multi_view import MultiView
+from workbench.motion.formats.keypoint_layouts import LAYOUTS
 from workbench.utils.errors import InputError
 
 N, FINE_HZ = 36, 3000.0
@@ -173,7 +174,7 @@ def test_missing_coordinates_are_points_not_found(tmp_path, missing):
     assert error_mm(dataset(folder))[0] < 0.5
 
 
-@pytest.mark.parametrize("layout", ["BODY_25B", "COCO_133", "HALPE_136", "BODY_135", "MPII_16", "BLAZEPOSE_33"])
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_gives_the_same_person(tmp_path, layout):
     folder = scene(tmp_path, people=lambda camera, time_s: person(camera, time_s, layout))
     assert error_mm(dataset(folder))[0] < 0.5
@@ -251,11 +252,29 @@ def test_the_grammar_of_calibration_files(tmp_path):
     assert set(tomllib.loads(text)) == {*VIEWS, "metadata"}
 
 
+def test_a_calibration_of_opencv_gives_the_same_person(tmp_path):
+    folder = scene(tmp_path)
+    storage = cv2.FileStorage(str(folder / "calib.yml"), cv2.FileStorage_WRITE)
+    for name, camera in VIEWS.items():
+        storage.startWriteStruct(name, cv2.FileNode_MAP)
+        size = np.array([camera.width, camera.height])
+        rotation, translation = cv2.Rodrigues(camera.rotation)[0], camera.translation[:, None]
+        values = {"K": camera.matrix, "D": camera.distortion, "size": size, "rvec": rotation, "tvec": translation}
+        for key, value in values.items():
+            storage.write(key, value)
+        storage.endWriteStruct()
+    storage.release()
+    assert error_mm(dataset(folder, calibration_file=str(folder / "calib.yml")))[0] < 0.5
+
+
 def test_a_camera_is_found_by_a_name_that_differs_in_symbols_and_case(tmp_path):
     first, second = list(VIEWS.values())[:2]
     cameras = [replace(first, name="Cam_01"), replace(second, name="Cam_02")]
     assert camera_named(cameras, "cam02", "rig.toml").name == "cam02"
     np.testing.assert_array_equal(camera_named(cameras, "cam02", "rig.toml").position, second.position)
+    assert camera_named(cameras, "cam2", "rig.toml").name == "cam2"
+    numbered = [replace(first, name="cam10"), replace(second, name="cam100")]
+    np.testing.assert_array_equal(camera_named(numbered, "cam_0100", "rig.toml").position, second.position)
     with pytest.raises(InputError, match="expected one of Cam_01, Cam_02"):
         camera_named(cameras, "cam03", "rig.toml")
     alike = [*cameras, replace(first, name="cam-01")]

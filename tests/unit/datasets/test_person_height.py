@@ -1,5 +1,7 @@
 """A camera is recovered from upright people, with calibrated standard deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from seen_walkers import HEIGHT_M
@@ -8,7 +10,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.files.joint_annotations import JointAnnotations
-from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments
+from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)
@@ -36,6 +38,23 @@ def test_exact_segments_outweigh_the_prior():
     assert calibration.error_px < 0.5
     assert calibration.focal_information > 0.9
     assert calibration.camera.position[2] == pytest.approx(calibration.values["height_m"])
+
+
+def test_a_known_lens_gives_the_pose_and_stays_as_it_is():
+    """Of a lens with distortion, pixels that are not square and a principal point far from the middle."""
+    plain = plain_camera(*SIZE, 1100.0, (0.0, 0.0, 1.5), (1.5 / np.tan(np.radians(5.0)), 0.0, 0.0))
+    ideal = standing(near_m=6.0, far_m=6.0)  # at a constant distance, which does not determine the focal length
+    matrix = np.array([[1100.0, 0.0, 700.0], [0.0, 1050.0, 300.0], [0.0, 0.0, 1.0]])
+    lens = replace(plain, matrix=matrix, rotation=np.eye(3), translation=np.zeros(3),
+                   distortion=np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))  # fmt: skip
+    rays = [np.concatenate([plain.undistorted(pixels), np.ones((12, 1))], axis=1) for pixels in ideal]
+    feet, heads = (lens.project(each) for each in rays)
+    calibration = pose_by_height(lens, FRAMES, feet, heads, Measurements(HEIGHT_M))
+    np.testing.assert_array_equal(calibration.camera.matrix, matrix)
+    np.testing.assert_array_equal(calibration.camera.distortion, lens.distortion)
+    np.testing.assert_allclose(calibration.camera.rotation, plain.rotation, atol=0.01)
+    np.testing.assert_allclose(calibration.camera.position, plain.position, atol=0.03)
+    assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=1e-5)
 
 
 def test_errors_from_noisy_annotations_agree_with_their_standard_deviations():

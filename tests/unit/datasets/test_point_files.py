@@ -281,7 +281,15 @@ POINTS = np.array([[1.5, -2.25, 0.5], [0.25, 4.0, -1.0]])
         ("a.csv", b"X,Y,Z\n1.5,-2.25,0.5\n0.25,4,-1\n"),
         ("a.csv", b"\xef\xbb\xbf//X (m);Y (m);Z (m);I\r\n1,5;-2,25;0,5;3\r\n0,25;4;-1;3\r\n"),
         ("a.csv", b'"x_m","y_m","z_m"\n1.5,-2.25,0.5\nnan,nan,nan\n1,,2\n0.25,4,-1\n'),
+        ("a.csv", "I,Points:0,Points:1,Points:2\n1,1.5,-2.25,.5\n2,.25,4,-1\n".encode("utf-16")),
+        ("a.csv", "X [m],Y [m],Z [m],Höhe\n1.5,-2.25,0.5,1\n0.25,4,-1,2\n".encode("latin-1")),
         ("a.xyz", b"1.5 -2.25 0.5 9\n0.25 4 -1 9\n"),
+        ("a.xyz", b"2\n1.5 -2.25 0.5\n0.25 4 -1\n"),
+        ("a.xyz", b"2\nby hand\n1.5\t-2.25\t0.5\n0.25\t4\t-1\n"),
+        ("a.xyz", b"# made by hand\n# Z X Y\n0.5 1.5 -2.25\n-1 0.25 4\n"),
+        ("a.XYZ", b"X Y Z\n1.5 -2.25 0.5\n0.25 4 -1\n"),
+        ("a.pcd", pcd(POINTS, binary=False).replace(b"x y rgb z", b"X Y rgb Z").replace(b"POINTS 2\n", b"")),
+        ("a.ply", ascii_ply(POINTS).replace("double x", "double X").replace("ply\n", "PLY\n", 1).encode()),
         ("a.pcd", pcd(POINTS, binary=True)),
         ("a.pcd", pcd(POINTS, binary=False)),
         ("a.ply", (ascii_ply(np.vstack([POINTS, [np.nan, 1.0, 2.0]]))).encode()),
@@ -289,7 +297,7 @@ POINTS = np.array([[1.5, -2.25, 0.5], [0.25, 4.0, -1.0]])
 )
 def test_the_same_points_are_read_from_every_format(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    assert np.array_equal(READERS[name[1:]](tmp_path / name), POINTS)
+    assert np.array_equal(READERS[name[1:].lower()](tmp_path / name), POINTS)
 
 
 def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
@@ -301,9 +309,13 @@ def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
         np.savez(tmp_path / "a.npz", values)
         assert np.array_equal(read_npy(tmp_path / "a.npy"), POINTS)
         assert np.array_equal(read_npz(tmp_path / "a.npz"), POINTS)
+    for name in ("points", "Points", "xyz"):
+        np.savez(tmp_path / "a.npz", rgb=np.ones((2, 3)), **{name: POINTS})
+        assert np.array_equal(read_npz(tmp_path / "a.npz"), POINTS)
     (tmp_path / "a.npy").write_bytes(b"no array")
     refused(read_npy, tmp_path / "a.npy")
-    for content in (b"VERSION 0.7\n", pcd(POINTS, True)[:-1], pcd(POINTS, True).replace(b"x y", b"u v")):
+    for content in (b"VERSION 0.7\n", pcd(POINTS, True)[:-1], pcd(POINTS, True).replace(b"x y", b"u v"),
+                    pcd(POINTS, True).replace(b"WIDTH 2", b"WIDTH two")):  # fmt: skip
         (tmp_path / "a.pcd").write_bytes(content)
         refused(read_pcd, tmp_path / "a.pcd")
 

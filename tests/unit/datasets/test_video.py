@@ -2,6 +2,8 @@
 
 import os
 import struct
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -235,6 +237,35 @@ def test_a_file_named_like_an_address_is_a_file(tmp_path, monkeypatch, scheme):
     (folder / "b.avi").write_text("nothing")
     with pytest.raises(InputError, match="expected a video"):
         list(decode(folder / "b.avi"))
+
+
+DECODE = """
+import os, sys
+from pathlib import Path
+from workbench.datasets.files.decode import count_frames
+try:
+    print(count_frames(Path(sys.argv[1])))
+except Exception as error:
+    print(type(error).__name__)
+assert not {"OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_CAPTURE_OPTIONS"} & set(os.environ)
+"""
+
+
+def test_ffmpeg_adds_no_lines_to_ours(tmp_path):
+    """In a process of its own, since FFmpeg's level is set with the first video."""
+    writer = cv2.VideoWriter(str(tmp_path / "a.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
+    for number in range(20):
+        writer.write(np.random.default_rng(number).integers(0, 255, (48, 64, 3), np.uint8))
+    writer.release()
+    whole = (tmp_path / "a.mp4").read_bytes()
+    damaged = bytearray(whole)
+    damaged[len(whole) // 3 : len(whole) // 2] = bytes(len(whole) // 2 - len(whole) // 3)
+    for name, content in (("cut", whole[: len(whole) // 2]), ("damaged", damaged), ("text", b"hello" * 1000)):
+        (tmp_path / f"{name}.mp4").write_bytes(content)
+        command = [sys.executable, "-W", "ignore", "-c", DECODE, str(tmp_path / f"{name}.mp4")]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert (done.stderr, name) == ("", name)
+        assert (done.stdout == "InputError\n") == (name != "damaged")
 
 
 LISTS = {

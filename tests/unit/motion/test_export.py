@@ -2,6 +2,7 @@
 
 import csv
 import io
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import trc
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.motion.formats.markers import read_markers
 from workbench.motion.formats.motion_export import (
     SUFFIXES,
     Track,
@@ -65,10 +67,51 @@ def test_omitted_frames_are_empty_rows_and_a_bvh_repeats_the_pose_before(tmp_pat
         export(tmp_path / f"walk{suffix}", filled)
     table = list(csv.reader(io.StringIO((tmp_path / "walk.csv").read_text())))
     assert [set(row[2:]) == {""} for row in table[1:]] == [False, False, False, True, True, False, False]
-    assert set((tmp_path / "walk.trc").read_text().splitlines()[-3].split("\t")[2:]) == {"nan"}
+    assert set((tmp_path / "walk.trc").read_text().splitlines()[-3].split("\t")[2:]) == {""}
     motion = (tmp_path / "walk.bvh").read_text().splitlines()[-7:]
     assert motion[2] == motion[3] == motion[4] != motion[5]
     assert "2 frames between 43 and 44" in caplog.text
+    markers = read_markers(tmp_path / "walk.c3d")
+    np.testing.assert_array_equal(np.isnan(markers.positions).all(axis=(1, 2)), np.isin(np.arange(7), [3, 4]))
+    times_s = np.loadtxt((tmp_path / "walk.mot").read_text().split("endheader\n")[1].splitlines()[1:])[:, 0]
+    np.testing.assert_allclose(times_s, np.array([0, 1, 2, 5, 6]) / 25.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("metres", [False, True])
+def test_points_come_back_from_every_format_that_has_them(tmp_path, metres):
+    """To the last digit: float32 in C3D, a tenth of a micrometre in TRC, a nanometre in CSV."""
+    rng = np.random.default_rng(1)
+    poses = np.zeros((9, 25)) + 0.2 * rng.uniform(-1.0, 1.0, (9, 25))
+    given = Track(SKELETON, np.arange(9), np.arange(9) / 30.0, joints(SKELETON, poses), poses)
+    given.positions[:, 5] = np.nan
+    given.positions[4, 2] = np.nan
+    for suffix, last_digit in (
+        (".trc", 0.51e-7),
+        (".csv", 0.51e-9),
+        (".c3d", 2.0**-24 * np.nanmax(np.abs(given.positions))),
+    ):
+        export(tmp_path / f"walk{suffix}", given, metres)
+        assert [path.name for path in tmp_path.iterdir()] == [f"walk{suffix}"]
+        markers = read_markers(tmp_path / f"walk{suffix}")
+        assert markers.rate_hz == 30.0
+        assert markers.names == JOINT_NAMES
+        np.testing.assert_allclose(markers.positions, given.positions, atol=last_digit, rtol=0.0)
+        (tmp_path / f"walk{suffix}").unlink()
+
+
+def test_c3d_counts_frames_in_16_bits(tmp_path):
+    n = 65_536
+    long = Track(SKELETON, np.arange(n), np.arange(n) / 30.0, np.zeros((n, 15, 3)))
+    with pytest.raises(InputError, match="at most 65535 frames, found 65536"):
+        export(tmp_path / "walk.c3d", long)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_library_is_named_before_anything_is_read(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    for call in (lambda path: export(path, track()), read_markers):
+        with pytest.raises(InputError, match=r"walk.c3d: C3D requires ezc3d: pip install -e '.\[c3d\]'"):
+            call(tmp_path / "walk.c3d")
 
 
 def test_frames_of_any_constant_step_are_complete():

@@ -1,6 +1,7 @@
 """Cameras of a calibration file in metres with z up, for the images of a source: units, axes and image sizes."""
 
 import logging
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -42,7 +43,7 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
 
     Parameters
     ----------
-    path : TOML file, see `load_cameras`.
+    path : see `load_cameras`.
     unit : of lengths in the file, m, cm, mm or a number of metres; None: metres where these are plausible.
     up : the file's vertical axis, such as -y; None: z, with a warning where the images are upright by another axis.
 
@@ -67,8 +68,8 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
 def camera_named(cameras: Iterable[Camera], name: str | None, source: str) -> Camera:
     """Return the camera of a name, or the first one.
 
-    Where no camera has exactly this name, letter case and symbols are ignored, so that a video cam01.mp4 belongs to the
-    camera cam_01. Raises InputError for an unknown name.
+    Where no camera has exactly this name, letter case, symbols and leading zeros are ignored, so that a video cam01.mp4
+    belongs to the camera cam_01 or Cam1. Raises InputError for an unknown name.
     """
     by_name = {camera.name: camera for camera in cameras}
     if name is None or name in by_name:
@@ -80,7 +81,8 @@ def camera_named(cameras: Iterable[Camera], name: str | None, source: str) -> Ca
 
 
 def _plain(name: str) -> str:
-    return "".join(letter for letter in name.lower() if letter.isalnum())
+    """Return the letters and digits of a name in lower case, without leading zeros of its numbers."""
+    return re.sub(r"(?<!\d)0+(?=\d)", "", "".join(letter for letter in name.lower() if letter.isalnum()))
 
 
 def unit_factor(cameras: Sequence[Camera], unit: str | float | None, source: str) -> float:

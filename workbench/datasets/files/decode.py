@@ -24,7 +24,9 @@ _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".p
 MAX_BYTES = 1 << 45
 """Size of a video or an image file, which is read in chunks."""
 
-_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+_OPTIONS, _LOG_LEVEL = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "OPENCV_FFMPEG_LOGLEVEL"
+_QUIET = "-8"
+"""FFmpeg's AV_LOG_QUIET."""
 _CONTAINERS = (
     "asf,avi,dv,flv,gif,h264,hevc,ivf,m4v,matroska,webm,mjpeg,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,mxf,nut,ogg,"
     "wtv,yuv4mpegpipe"
@@ -131,7 +133,7 @@ def _opened(source: Path) -> Iterator[Any]:
     if not source.is_file():
         raise InputError(f"{source}: no such video file or folder of images")
     check_file(source, MAX_BYTES)
-    with _containers_only():
+    with _capture_settings():
         video = cv2.VideoCapture(os.path.abspath(source), cv2.CAP_FFMPEG)
     try:
         if not video.isOpened():
@@ -142,17 +144,26 @@ def _opened(source: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def _containers_only() -> Iterator[None]:
-    """Restrict FFmpeg to files in the formats _CONTAINERS."""
-    before = os.environ.get(_OPTIONS)
-    os.environ[_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{_CONTAINERS}"
+def _capture_settings() -> Iterator[None]:
+    """Restrict FFmpeg to files in the formats _CONTAINERS, and silence its messages and OpenCV's, which precede ours.
+
+    OpenCV has no function for these settings; it reads the environment, the log level when a process opens its first
+    video. A level that the user set is unchanged.
+    """
+    own = {_OPTIONS: f"protocol_whitelist;file|format_whitelist;{_CONTAINERS}"}
+    own |= {} if _LOG_LEVEL in os.environ else {_LOG_LEVEL: _QUIET}
+    before, level = {name: os.environ.get(name) for name in own}, cv2.utils.logging.getLogLevel()
+    os.environ.update(own)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[_OPTIONS]
-        else:
-            os.environ[_OPTIONS] = before
+        cv2.utils.logging.setLogLevel(level)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _image(file: Path) -> Any:

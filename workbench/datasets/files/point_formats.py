@@ -6,6 +6,7 @@ PLY has its own parser here, because the common package is under the GPL and thi
 """
 
 import csv
+import math
 import re
 import struct
 import tokenize
@@ -18,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.datasets.files import natural_order
-from workbench.motion.formats.text import MISSING, fail
+from workbench.motion.formats.text import MISSING, fail, read_lines
 from workbench.utils import hdf5
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
@@ -33,8 +34,9 @@ _PLY_TYPES = {
 }  # fmt: skip
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLUMN = re.compile(
-    r"/*(?:p|pos|position|points?)?[_:. ]*([xyz])(?:[_ ]*[(\[]?(?:m|cm|mm|inch)[)\]]?)?", re.IGNORECASE
+    r"(?:p|pos|position|points?)?[_:. ]*([xyz])(?:[_ ]*[(\[]?(?:m|cm|mm|inch)[)\]]?)?|points?[_:. ]*([012])", re.I
 )
+_COMMENT = re.compile(r"\s*(?:#|//)\s*")
 _HEADER_BYTES = 1 << 16
 _MAX_COORDINATE = 1e12  # larger ones are errors in any unit
 _DAMAGE_ERRORS = (
@@ -69,22 +71,44 @@ def read_csv(path: Path) -> FloatArray:
     """Read the points (K, 3) of a CSV or XYZ file, separated by commas, semicolons, tabs or blanks.
 
     The header includes x, y and z, in any case, perhaps with a unit; without a header the first three columns are read.
-    An empty file is a frame without points. Raises InputError, with the line, for other content.
+    The number of points and comments (# or //) may precede them. An empty file is a frame without points. Raises
+    InputError, with the line, for other content.
     """
-    lines = _stripped(_text(path, _bytes(path)).removeprefix("\ufeff").split("\n"))
+    lines = _stripped(read_lines(path))
+    first = _preamble(lines) + 1
+    lines = lines[first - 1 :]
     if not lines:
         return np.empty((0, 3))
-    delimiter = next((mark for mark in "\t;," if mark in lines[0]), None)
-    cells = [cell.strip().strip('"') for cell in lines[0].split(delimiter)]
+    header = _COMMENT.sub("", lines[0], count=1)
+    delimiter = next((mark for mark in "\t;," if mark in header), None)
+    cells = [cell.strip().strip('"') for cell in header.split(delimiter)]
     if delimiter != ",":
         lines = [line.replace(",", ".") for line in lines]
     if len(cells) >= 3 and all(_is_number(cell.replace(",", "."), finite=False) for cell in cells):
         columns = [*AXES, *[f"column {k}" for k in range(4, len(cells) + 1)]]
-        return _rows(path, lines, 1, columns, delimiter, len(lines), False)
-    columns = [match[1].lower() if (match := _COLUMN.fullmatch(cell)) else cell for cell in cells]
+        return _rows(path, lines, first, columns, delimiter, len(lines), False)
+    columns = [_axis(cell) or cell for cell in cells]
     if len(set(columns)) < len(columns) or not set(AXES) <= set(columns):
-        raise InputError(f"{path}, line 1: expected the columns x, y and z, found {', '.join(cells)[:60]!r}")
-    return _rows(path, lines[1:], 2, columns, delimiter, len(lines) - 1, False)
+        raise InputError(f"{path}, line {first}: expected the columns x, y and z, found {', '.join(cells)[:60]!r}")
+    return _rows(path, lines[1:], first + 1, columns, delimiter, len(lines) - 1, False)
+
+
+def _preamble(lines: Sequence[str]) -> int:
+    """Return the number of lines before a table: its number of points, perhaps with a line of text, and comments."""
+    count = lines[0].strip() if lines else ""
+    n = len(lines) - int(count) if re.fullmatch("[0-9]{1,9}", count) else 0
+    n = n if n in (1, 2) else 0
+    while n < len(lines) and (comment := _COMMENT.match(lines[n])):
+        if {*map(_axis, re.split(r"[\s,;]+", lines[n][comment.end() :]))} >= set(AXES):
+            break  # the names of the columns
+        n += 1
+    return n
+
+
+def _axis(name: str) -> str:
+    """Return the axis of a column's name, "" for another column."""
+    match = _COLUMN.fullmatch(name.strip().strip('"'))
+    return "" if match is None else AXES[int(match[2])] if match[2] else match[1].lower()
 
 
 def read_pcd(path: Path) -> FloatArray:
@@ -97,7 +121,11 @@ def read_pcd(path: Path) -> FloatArray:
             f"{path}: expected a PCD file with DATA ascii or binary, found none; convert other ones to PLY"
         )
     header = {words[0]: words[1:] for line in _text(path, content[: end.end()]).split("\n") if (words := line.split())}
-    names, n = header.get("FIELDS", []), int(next(iter(header.get("POINTS", [])), "0")[:18])
+    names = [name.lower() for name in header.get("FIELDS", [])]
+    size = [*header.get("WIDTH", [""]), *header.get("HEIGHT", [""])]
+    if not all(re.fullmatch("[0-9]{1,9}", word) for word in size):
+        raise InputError(f"{path}: expected whole numbers WIDTH and HEIGHT of points, found {' '.join(size)[:60]!r}")
+    n = math.prod(map(int, size))
     kinds, sizes, counts = header.get("TYPE", []), header.get("SIZE", []), header.get("COUNT", ["1"] * len(names))
     if not set(AXES) <= set(names) or not len(names) == len(kinds) == len(sizes) == len(set(names)):
         raise InputError(f"{path}: expected the fields x, y and z with their types and sizes, found {', '.join(names)}")
@@ -129,7 +157,10 @@ def read_npy(path: Path) -> FloatArray:
 
 
 def read_npz(path: Path) -> FloatArray:
-    """Read the array `points` (K, 3) of an NPZ file, or its only array; raises InputError for other contents."""
+    """Read the array `points` or `xyz` (K, 3), in any case, of an NPZ file, or its only array.
+
+    Raises InputError for other contents.
+    """
     _bytes(path, 1)
     try:
         with zipfile.ZipFile(path) as packed:
@@ -138,8 +169,8 @@ def read_npz(path: Path) -> FloatArray:
             warnings.simplefilter("ignore", UserWarning)  # of old headers
             with np.load(path, allow_pickle=False) as stored:
                 names = list(stored.files)
-                name = names[0] if len(names) == 1 else "points"
-                values = stored[name] if name in names else None
+                name = next((each for each in names if len(names) == 1 or each.lower() in ("points", "xyz")), None)
+                values = None if name is None else stored[name]
     except InputError:
         raise
     except _DAMAGE_ERRORS as error:
@@ -199,7 +230,7 @@ def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
 def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, int, bool]:
     """Return number of vertices, types of their properties, byte order, end of the header, and whether more follows."""
     end = re.search(rb"(?:^|\n)end_header[ \t]*\r?\n", content[:_HEADER_BYTES])
-    if not re.match(rb"ply[ \t]*\r?\n", content) or end is None:
+    if not re.match(rb"(?i:ply)[ \t]*\r?\n", content) or end is None:
         raise InputError(f"{path}: expected a PLY file with a header from 'ply' to 'end_header', found none")
     n, columns, order, elements = None, {}, None, 0
     for number, line in enumerate(_text(path, content[: end.end()]).split("\n")[1:], 2):
@@ -212,8 +243,8 @@ def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, i
                 n, elements = int(count[:18]), 1
             case ["element", _, count] if elements and count.isascii() and count.isdigit():
                 elements += 1
-            case ["property", kind, name] if elements == 1 and kind in _PLY_TYPES and name not in columns:
-                columns[name] = _PLY_TYPES[kind]
+            case ["property", kind, name] if elements == 1 and kind in _PLY_TYPES and name.lower() not in columns:
+                columns[name.lower()] = _PLY_TYPES[kind]
             case ["property", *_] if elements > 1:
                 pass
             case _:

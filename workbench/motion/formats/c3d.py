@@ -1,28 +1,67 @@
-"""Markers of C3D files, read with ezc3d (the extra `c3d`), as they are in the file."""
+"""Markers of C3D files, read and written with ezc3d (the extra `c3d`)."""
 
 import logging
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from workbench.motion.formats.trc import RawMarkers
-from workbench.utils.arrays import AnyArray
+from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number, check_rate
 from workbench.utils.sandbox import parse_limited
 
 log = logging.getLogger(__name__)
 
+_MAX_FRAMES = 65_535
+"""Of a file; the header counts them in 16 bits."""
 _OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # lists of labels that are no positions
+
+
+def check_c3d_installed(path: Path) -> None:
+    """Raise InputError, with the file and the remedy, if ezc3d is not installed."""
+    try:
+        import ezc3d  # noqa: F401 (for this message)
+    except ImportError:
+        raise InputError(f"{path}: C3D requires ezc3d: pip install -e '.[c3d]'") from None
+
+
+def write_c3d(
+    path: Path, names: Sequence[str], positions: FloatArray, rate_hz: float, unit: str, per_metre: float
+) -> None:
+    """Write a C3D file of points, z up and x ahead.
+
+    Parameters
+    ----------
+    names, positions : of M points, positions (F, M, 3), m, NaN for missing ones, which get the residual −1.
+    unit, per_metre : name of the file's unit of length and its number in a metre.
+
+    Raises
+    ------
+    InputError
+        For more frames than the format counts, and if ezc3d is not installed.
+    """
+    check_c3d_installed(path)
+    import ezc3d
+
+    check_number(path, "frames", len(positions), _MAX_FRAMES)
+    content, values = ezc3d.c3d(), positions.transpose(2, 1, 0) * per_metre
+    point, shape = content["parameters"]["POINT"], values.shape[1:]
+    for key, value in {"LABELS": list(names), "UNITS": [unit], "RATE": [rate_hz]}.items():
+        point[key]["value"] = value
+    for key, value in {"X_SCREEN": "+X", "Y_SCREEN": "+Z"}.items():
+        content.add_parameter("POINT", key, [value])
+    content["data"]["points"] = np.concatenate([values, np.ones((1, *shape))])
+    content["data"]["meta_points"]["residuals"] = np.where(np.isnan(values).any(axis=0), -1.0, 0.0)[None]
+    content["data"]["meta_points"]["camera_masks"] = np.zeros((7, *shape), dtype=bool)
+    content.write(str(path))
 
 
 def read_c3d(path: Path) -> RawMarkers:
     """Return the markers of a C3D file without a model's outputs; raises InputError if it cannot be read."""
-    try:
-        import ezc3d  # noqa: F401 (for this message)
-    except ImportError:
-        raise InputError(f"{path}: reading C3D requires ezc3d: pip install -e '.[c3d]'") from None
+    check_c3d_installed(path)
     check_file(path)
     with path.open("rb") as file:
         header = file.read(20)

@@ -1,4 +1,4 @@
-"""Export of tracked joints to files for Blender (BVH), OpenSim (TRC) or spreadsheets (CSV)."""
+"""Export of tracked joints to files for Blender (BVH), OpenSim (TRC, MOT), Mokka (C3D) or spreadsheets (CSV)."""
 
 import logging
 import math
@@ -11,13 +11,15 @@ import numpy as np
 from workbench.body.skeleton import Skeleton
 from workbench.motion.clip import FILE_FROM_WORLD
 from workbench.motion.formats.bvh import PER_METRE, bvh_text
+from workbench.motion.formats.c3d import check_c3d_installed, write_c3d
+from workbench.motion.formats.opensim_mot import mot_text
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-SUFFIXES = (".bvh", ".trc", ".csv")
+SUFFIXES = (".bvh", ".trc", ".csv", ".c3d", ".mot")
 _TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre
 _N_POSITIONS = 3
 _MAX_FRAMES = 1_000_000
@@ -30,7 +32,8 @@ class Track:
 
     frames : (F,), their numbers in the source. times_s : (F,), increasing. positions : (F, J, 3), m. poses : (F, P), m
     and rad, with these positions; None if only the joints are known. bands : (F,) by name, limits of 90 % credible
-    intervals of single parameters, in their units; exported to CSV only.
+    intervals of single parameters, in their units; exported to CSV only. undetermined : parameters of the poses that
+    no observation determines.
     """
 
     skeleton: Skeleton
@@ -39,35 +42,50 @@ class Track:
     positions: FloatArray
     poses: FloatArray | None = None
     bands: Mapping[str, FloatArray] = field(default_factory=dict)
+    undetermined: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
 
 
 def export(path: str | Path, track: Track, metres: bool = False) -> None:
-    """Write a track to a .bvh, .trc or .csv file, atomically; an existing file is replaced.
+    """Write a track to a file of one of SUFFIXES, atomically; an existing file is replaced.
 
-    Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
-    frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
-    Missing frames (NaN) are empty in CSV, nan in TRC, and repeat the pose before them in BVH, with a message.
-    Raises InputError for another extension, a BVH without poses, BVH or TRC of fewer than two frames or of frames at
-    unequal intervals, or the file cannot be written.
+    Lengths are in the format's usual unit, BVH in cm, TRC and C3D in mm, or in metres. BVH and TRC are y-up and count
+    frames and time from the first; C3D is z-up; for MOT see `opensim_coordinates`; CSV is as in the workbench, metres
+    and z-up, with the source's frames and times. Missing frames (NaN) and undetermined joints are empty in CSV and TRC,
+    NaN in C3D and omitted in MOT; in BVH a missing frame repeats the pose before it, with a message.
+    Raises InputError for another extension, a BVH or MOT without poses, BVH, TRC or C3D of fewer than two frames or of
+    frames at unequal intervals, C3D without ezc3d, or the file cannot be written.
     """
     path = Path(path)
     check_output(path)
-    if path.suffix.lower() == ".csv":
-        text = csv_text(track)
-    elif path.suffix.lower() == ".trc":
-        unit = "m" if metres else "mm"
-        text = trc_text(path.name, track.skeleton.names, track.positions, _rate(path, track), unit)
-    elif track.poses is None:
-        raise InputError(f"{path}: BVH requires joint angles, but only joint positions are known; choose .trc or .csv")
-    else:
-        text = bvh_text(
-            track.skeleton, _held(path, track.frames, track.poses), _rate(path, track), "m" if metres else "cm"
-        )
     with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+        if path.suffix.lower() == ".c3d":
+            unit, target = "m" if metres else "mm", part.with_suffix(".c3d")  # ezc3d appends it to other names
+            write_c3d(target, track.skeleton.names, track.positions, _rate(path, track), unit, PER_METRE[unit])
+            target.replace(part)
+        else:
+            part.write_text(_text(path, track, metres), encoding="utf-8", newline="\n")
+
+
+def _text(path: Path, track: Track, metres: bool) -> str:
+    """Return the text of a file by its extension; raises InputError as `export` does."""
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        return csv_text(track)
+    if suffix == ".trc":
+        unit = "m" if metres else "mm"
+        return trc_text(path.name, track.skeleton.names, track.positions, _rate(path, track), unit)
+    if track.poses is None:
+        raise InputError(
+            f"{path}: {suffix[1:].upper()} requires joint angles, but only joint positions are known; choose .trc, "
+            ".c3d or .csv"
+        )
+    if suffix == ".mot":
+        since_first_s = track.times_s - track.times_s[:1]
+        return mot_text(path.stem, track.skeleton, since_first_s, track.poses, track.undetermined)
+    return bvh_text(track.skeleton, _held(path, track.frames, track.poses), _rate(path, track), "m" if metres else "cm")
 
 
 def with_missing_frames(track: Track) -> Track:
@@ -102,11 +120,13 @@ def _held(path: Path, frames: IntArray, poses: FloatArray) -> FloatArray:
 
 
 def check_output(path: Path) -> None:
-    """Raise InputError unless `path` has a supported extension and its folder exists."""
+    """Raise InputError unless `path` has a supported extension, whose library is installed, and its folder exists."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected an output file with the extension {', '.join(SUFFIXES)}")
     if not path.parent.is_dir() or path.is_dir():
         raise InputError(f"{path}: expected an output file in an existing folder")
+    if path.suffix.lower() == ".c3d":
+        check_c3d_installed(path)
 
 
 def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_hz: float, unit: str = "mm") -> str:
@@ -114,8 +134,8 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 
     The format is that of OpenSim's documentation, "Marker (.trc) Files": three lines of header, two of column labels,
     an empty one, then one line per frame: its number from 1, its time, and x, y, z of every marker, separated by tabs.
-    The axes are those of the BVH files: y up, and z forward where the world has x. A missing joint (NaN) is written as
-    nan.
+    The axes are those of the BVH files: y up, and z forward where the world has x. A missing joint (NaN) is three empty
+    cells.
     file_name : in the header. names : J, without blanks. unit : "mm" or "m". Raises ValueError for another unit.
     """
     if unit not in _TRC_DIGITS:
@@ -136,7 +156,7 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
     ]
     values = (positions[..., FILE_FROM_WORLD] * PER_METRE[unit]).reshape(n, -1)
     for frame, row in enumerate(values.tolist()):
-        coordinates = [f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]
+        coordinates = ["" if math.isnan(x) else f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]
         lines.append("\t".join([str(frame + 1), f"{frame / rate_hz:.9f}", *coordinates]))
     return "\n".join([*lines, ""])
 
@@ -145,14 +165,14 @@ def csv_text(track: Track) -> str:
     """Return a table with one row per frame: frame, time_s, <joint>_x_m … _z_m and, if known, <parameter>_m or _rad.
 
     Coordinates are in the world, z up. If known, limits of intervals follow: <name>_low, <name>_high. Nine decimals:
-    nanometres. A missing joint (NaN) is three empty cells.
+    nanometres. A missing joint (NaN) is three empty cells, an undetermined parameter an empty one.
     """
     names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in track.skeleton.names for axis in "xyz"]]
     values = [track.times_s[:, None], track.positions.reshape(len(track), -1)]
     if track.poses is not None:
         dofs = track.skeleton.dof_names
         names += [f"{dof}_{'m' if column < _N_POSITIONS else 'rad'}" for column, dof in enumerate(dofs)]
-        values.append(track.poses)
+        values.append(np.where(np.isin(dofs, track.undetermined), np.nan, track.poses))
     if track.bands:
         names += list(track.bands)
         values.append(np.column_stack(list(track.bands.values())))

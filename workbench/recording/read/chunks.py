@@ -62,8 +62,10 @@ def sound(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: expected values of the types that runs record, found others: {text}") from None
 
 
-def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
+def read_chunks(path: Path, contents: Sequence[str], components: Sequence[str] | None = None) -> list[Chunk]:
     """Return the chunks of the entities `contents`, such as /metrics/**, of an .rrd or an incomplete .part.
+
+    components: those to read, such as Points2D:radii, from recordings of today's format; None: all.
 
     Entities of earlier formats have today's paths, see `migrations`. Of a .part all whole messages are read.
     Raises InputError when there is no such file, or it is not a recording, or it is cut and no .part.
@@ -74,7 +76,7 @@ def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
             unread = ", ".join(each.recording_id for each in runs[1:])
             _say_once(f"{path}: holds {len(runs)} merged recordings, of which the first is read; not read: {unread}")
         stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
-        return stream.filter(content=[*contents, *former_paths(contents), _RUN]).to_chunks()
+        return stream.filter(content=[*contents, *former_paths(contents), _RUN], components=components).to_chunks()
 
     chunks = _read_with(read, path)
     if _is_former(chunks):
@@ -192,14 +194,14 @@ def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
 
 
 def cells(
-    path: Path, contents: Sequence[str], frames: Sequence[int] | None = None
+    path: Path, contents: Sequence[str], frames: Sequence[int] | None = None, components: Sequence[str] | None = None
 ) -> dict[str, dict[str, dict[int, Any]]]:
     """Return values that are not static by entity path, component and frame, as Arrow; component "time": frames' times.
 
-    frames: the frames to read; None: all. Raises InputError as `read_chunks` does.
+    frames: the frames to read; None: all. components: as of `read_chunks`, which also raises the InputErrors.
     """
     table: dict[str, dict[str, dict[int, Any]]] = {}
-    for chunk in read_chunks(path, contents):
+    for chunk in read_chunks(path, contents, components):
         if chunk.is_static:
             continue
         batch = chunk.to_record_batch()
@@ -211,6 +213,16 @@ def cells(
                 wanted = ((frame, value) for frame, value in values if frames is None or frame in frames)
                 column |= {frame: value for frame, value in wanted if value.is_valid}
     return table
+
+
+def flat(cell: Any) -> FloatArray:
+    """Return all numbers in a cell of nested lists, (n,); none where there is no cell."""
+    if cell is None or not len(cell):
+        return np.empty(0)
+    values = cell.values
+    while pa.types.is_nested(values.type):
+        values = values.flatten()
+    return np.asarray(values, dtype=np.float64)
 
 
 _TIMED = {

@@ -19,6 +19,8 @@ from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.utils.arrays import AnyArray, ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+KEYPOINT_RADIUS = 4.5
+"""Radius, in the viewer's points, of a keypoint of weight 1."""
 OVERLAYS = ("particles", "estimate", "truth", "annotations", "keypoints")
 _RESERVED_NAMES = ("estimate", "truth", "particles")
 # Overlays from back to front: (name, colour, half a line's width in the viewer's points).
@@ -146,7 +148,7 @@ def keypoints(recorded: RecordedCamera, view_keypoints: FloatArray | None, names
     rows = np.full((len(names), 3), np.nan) if view_keypoints is None else view_keypoints
     valid = _valid(rows)
     positions = undistorted(recorded.source, rows[valid, :2]).astype(np.float32)
-    radii = -4.5 * np.sqrt(rows[valid, 2])  # negative: points of the viewer
+    radii = -KEYPOINT_RADIUS * np.sqrt(rows[valid, 2])  # negative: points of the viewer
     points = {"positions": positions, "radii": radii, "labels": [names[k] for k in valid]}
     yield f"{recorded.path}/image/keypoints", Row(rr.Points2D, points)
 

@@ -1,0 +1,205 @@
+"""Calibrations as OpenCV and ROS write them, against OpenCV's own projection and the TOML form."""
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from workbench.body.camera import load_cameras, load_lenses
+from workbench.utils.errors import InputError
+
+MATRIX = np.array([[500.0, 0.0, 322.5], [0.0, 510.0, 238.25], [0.0, 0.0, 1.0]])
+DISTORTION = np.array([-0.1, 0.02, 0.001, -0.002, 0.003])
+RVEC, TVEC = np.array([1.2, -0.4, 0.3]), np.array([0.1, 0.2, 3.0])
+TURN, SHIFT = cv2.Rodrigues(np.array([0.02, 0.3, -0.01]))[0], np.array([-0.25, 0.01, 0.02])
+POSE = {"rvec": RVEC, "tvec": TVEC}
+
+
+def stored(path, **values):
+    """Write values as OpenCV does."""
+    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+    for key, value in values.items():
+        storage.write(key, value)
+    storage.release()
+    return path
+
+
+def opencv(path, matrix="camera_matrix", distortion="distortion_coefficients", coefficients=DISTORTION, **more):
+    own = {matrix: MATRIX, distortion: coefficients[None]}
+    return stored(path, calibration_time="Mon 1 Jun", image_width=640, image_height=480, flags=0, **own, **more)
+
+
+def check_lens(camera):
+    assert (camera.width, camera.height) == (640, 480)
+    np.testing.assert_array_equal(camera.matrix, MATRIX)
+    np.testing.assert_array_equal(camera.distortion, DISTORTION)
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "yml", "xml", "json", "YML"])
+@pytest.mark.parametrize(
+    ("matrix", "distortion"),
+    [
+        ("camera_matrix", "distortion_coefficients"),
+        ("K", "dist_coeffs"),
+        ("cameraMatrix", "distCoeffs"),
+        ("mtx", "dist"),
+    ],
+)
+def test_one_camera_of_opencv(tmp_path, suffix, matrix, distortion):
+    path = opencv(tmp_path / f"cam.{suffix.lower()}", matrix, distortion, rvec=RVEC, tvec=TVEC[:, None])
+    path = path.rename(tmp_path / f"cam.{suffix}")
+    (camera,) = load_cameras(path)
+    assert camera.name == "cam"
+    check_lens(camera)
+    np.testing.assert_allclose(camera.rotation, cv2.Rodrigues(RVEC)[0], atol=1e-14)
+    np.testing.assert_array_equal(camera.translation, TVEC)
+    assert load_lenses(path) == ()
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "xml"])
+@pytest.mark.parametrize(
+    ("matrix", "distortion", "labels", "names"),
+    [
+        ("cameraMatrix{}", "distCoeffs{}", ("1", "2"), ["cam1", "cam2"]),
+        ("M{}", "D{}", ("1", "2"), ["cam1", "cam2"]),
+        ("mtx{}", "dist{}", ("L", "R"), ["left", "right"]),
+        ("{}_camera_matrix", "{}_distortion", ("left", "right"), ["left", "right"]),
+        ("K_{}", "dist_{}", ("cam0", "cam1"), ["cam0", "cam1"]),
+    ],
+)
+def test_the_first_camera_of_a_stereo_pair_is_the_world(tmp_path, suffix, matrix, distortion, labels, names):
+    rectification = {f"R{k}": TURN for k in (1, 2)} | {"Q": np.eye(4)}
+    values = {matrix.format(label): MATRIX for label in labels[::-1]}
+    values |= {distortion.format(label): DISTORTION for label in labels}
+    path = stored(tmp_path / f"s.{suffix}", imageSize=(640, 480), **values, R=TURN, T=SHIFT[:, None], **rectification)
+    first, second = load_cameras(path)
+    assert [first.name, second.name] == names
+    check_lens(first)
+    check_lens(second)
+    point = np.array([0.3, -0.2, 4.0])
+    np.testing.assert_allclose(first.to_camera(point), point, atol=1e-12)
+    np.testing.assert_allclose(second.to_camera(point), TURN @ point + SHIFT, atol=1e-12)
+
+
+def camera_info(**changes):
+    def matrix(rows, values):
+        return {"rows": rows, "cols": len(values) // rows, "data": values}
+
+    return {
+        "image_width": 640, "image_height": 480, "camera_name": "narrow", "distortion_model": "plumb_bob",
+        "camera_matrix": matrix(3, MATRIX.ravel().tolist()), "distortion_coefficients": matrix(1, DISTORTION.tolist()),
+        "rectification_matrix": matrix(3, np.eye(3).ravel().tolist()), "projection_matrix": matrix(3, [1.0] * 12),
+    } | changes  # fmt: skip
+
+
+MESSAGE = """header:
+  seq: 4
+  frame_id: optical
+height: 480
+width: 640
+distortion_model: plumb_bob
+d: [-0.1, 0.02, 0.001, -0.002, 3e-3]
+k: [500.0, 0.0, 322.5, 0.0, 510.0, 238.25, 0.0, 0.0, 1.0]
+r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+p: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}
+---
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        (yaml.safe_dump(camera_info()), ["narrow"]),
+        (MESSAGE, ["c"]),
+        (yaml.safe_dump({"cameras": [camera_info(), camera_info(camera_name="wide")]}), ["narrow", "wide"]),
+        (yaml.safe_dump({"a": camera_info(camera_name=None), "notes": {"by": ["me"]}}), ["a"]),
+        ("cam0: {camera_model: pinhole, distortion_model: radtan, resolution: [640, 480],\n  intrinsics: "
+         "[500.0, 510.0, 322.5, 238.25],\n  distortion_coeffs: [-0.1, 0.02, 0.001, -0.002, 0.003]}\n", ["cam0"]),
+    ],
+)  # fmt: skip
+def test_ros_gives_the_lens_alone(tmp_path, text, names):
+    (tmp_path / "c.yaml").write_text(text)
+    lenses = load_lenses(tmp_path / "c.yaml")
+    assert [lens.name for lens in lenses] == names
+    for lens in lenses:
+        check_lens(lens)
+    with pytest.raises(InputError, match=r"\[\w+\] has no rotation and translation in the world"):
+        load_cameras(tmp_path / "c.yaml")
+
+
+def test_a_list_of_cameras_in_xml(tmp_path):
+    storage = cv2.FileStorage(str(tmp_path / "c.xml"), cv2.FileStorage_WRITE)
+    storage.startWriteStruct("cameras", cv2.FileNode_SEQ)
+    for name in ("left", "right"):
+        storage.startWriteStruct("", cv2.FileNode_MAP)
+        for key, value in (("name", name), ("K", MATRIX), ("D", DISTORTION), ("width", 640), ("height", 480)):
+            storage.write(key, value)
+        storage.endWriteStruct()
+    storage.endWriteStruct()
+    storage.release()
+    lenses = load_lenses(tmp_path / "c.xml")
+    assert [lens.name for lens in lenses] == ["left", "right"]
+    for lens in lenses:
+        check_lens(lens)
+
+
+@pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
+def test_all_lens_models_project_as_opencvs(tmp_path, n):
+    """A slight thin prism and tilt, so that five coefficients suffice."""
+    more = np.array([0.01, 0.002, 0.001, 2e-4, 1e-4, 1e-4, 1e-4, 3e-4, 2e-4])
+    coefficients = np.concatenate([DISTORTION, more])[:n]
+    (camera,) = load_cameras(opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE))
+    points = np.random.default_rng(0).uniform([-2.0, -1.5, 4.0], [2.0, 1.5, 6.0], (200, 3))
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][:, 0]
+    found = camera.pixels(points, -np.inf)
+    inside = ((expected >= 0.0) & (expected < [640.0, 480.0])).all(axis=1)
+    assert inside.sum() > 50
+    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-9 if n < 8 else 0.5)
+
+
+@pytest.mark.parametrize("declared", [{"fisheye_model": 1}, {"distortion_model": "equidistant"}])
+def test_fisheye(tmp_path, declared):
+    coefficients = np.array([-0.02, 0.004, -0.001, 0.0002])
+    (camera,) = load_cameras(opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE, **declared))
+    point = np.array([[[0.4, -0.2, 1.0]]])
+    expected = cv2.fisheye.projectPoints(point, np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][0, 0]
+    np.testing.assert_allclose(camera.pixels(point[0, 0], -np.inf), expected, atol=0.5)
+
+
+def test_a_file_without_distortion_has_none(tmp_path, caplog):
+    path = tmp_path / "c.yaml"
+    path.write_text(yaml.safe_dump(camera_info(distortion_coefficients=[])))
+    assert not load_lenses(path)[0].distortion.any()
+    assert "camera [narrow] has no distortion coefficients" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("c.yaml", "camera_matrix: [1, 2", "expected YAML"),
+        ("c.yaml", "a: {b: [1, 2]}\n", "expected a camera with a camera_matrix or K"),
+        ("c.yaml", "- 3\n", "expected a camera with a camera_matrix or K"),
+        ("c.yaml", yaml.safe_dump(camera_info(image_width=None)), "'size' must hold 2 numbers"),
+        ("c.yaml", yaml.safe_dump({"K": np.eye(3).tolist()}), "has no image size; add image_width and image_height"),
+        ("c.yaml", yaml.safe_dump(camera_info(camera_matrix=[1.0, 2.0])), "'matrix' must hold 3×3 numbers"),
+        ("c.yaml", yaml.safe_dump(camera_info(distortion_coefficients=[1.0] * 7)), "4 or 5 or 8 or 12 or 14"),
+        ("c.yaml", yaml.safe_dump(camera_info(distortion_model="omni")), "expected a lens model"),
+        (
+            "c.yaml",
+            yaml.safe_dump([camera_info(), camera_info()]),
+            "different names of the cameras, found 'narrow' twice",
+        ),
+        ("c.yaml", "K: !!python/object:os.system {}\n", "expected YAML"),
+        ("c.xml", "<opencv_storage><K>", "expected XML"),
+        ("c.xml", "<a>" * 60 + "</a>" * 60, "more than 50 nested levels"),
+        ("c.xml", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "without entities"),
+        ("c.json", "{", "expected JSON"),
+    ],
+)
+def test_what_is_no_calibration_is_a_sentence(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message) as refusal:
+        load_lenses(tmp_path / name)
+    assert str(tmp_path / name) in str(refusal.value)
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,113 @@
+"""OpenSim's coordinates of poses made by hand, and by its models' order of rotations; the file by a strict parser."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from workbench.body.kinematics import forward
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.motion.formats.opensim_mot import mot_text, opensim_coordinates
+
+SKELETON = person_skeleton(from_height(1.7))
+FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def pose(**degrees):
+    values = np.zeros((1, 25))
+    for name, angle in degrees.items():
+        values[0, POSE_NAMES.index(name)] = angle if name in POSE_NAMES[:3] else np.radians(angle)
+    return values
+
+
+@pytest.mark.parametrize(
+    ("moved", "coordinate"),
+    [
+        ({"right_hip_flexion": 30.0}, {"hip_flexion_r": 30.0}),  # the thigh forwards
+        ({"left_hip_flexion": 30.0}, {"hip_flexion_l": 30.0}),
+        ({"right_hip_abduction": 20.0}, {"hip_adduction_r": -20.0}),  # the thigh outwards
+        ({"left_hip_abduction": 20.0}, {"hip_adduction_l": -20.0}),
+        ({"right_hip_twist": 15.0}, {"hip_rotation_r": 15.0}),  # the toes inwards
+        ({"left_hip_twist": 15.0}, {"hip_rotation_l": 15.0}),
+        ({"right_knee_flexion": 60.0}, {"knee_angle_r": 60.0}),
+        ({"left_knee_flexion": 60.0}, {"knee_angle_l": 60.0}),
+        ({"right_shoulder_flexion": 40.0}, {"arm_flex_r": 40.0}),  # the arm forwards
+        ({"left_shoulder_flexion": 170.0}, {"arm_flex_l": 170.0}),
+        ({"right_shoulder_abduction": 35.0}, {"arm_add_r": -35.0}),
+        ({"left_shoulder_abduction": 120.0}, {"arm_add_l": -120.0}),  # above the shoulder
+        ({"right_shoulder_twist": 25.0}, {"arm_rot_r": 25.0}),
+        ({"left_shoulder_twist": 25.0}, {"arm_rot_l": 25.0}),
+        ({"right_elbow_flexion": 90.0}, {"elbow_flex_r": 90.0}),
+        ({"left_elbow_flexion": 90.0}, {"elbow_flex_l": 90.0}),
+        ({"root_heading": 50.0}, {"pelvis_rotation": 50.0}),  # to the left
+        ({"root_pitch": 10.0}, {"pelvis_tilt": -10.0}),  # forwards
+        ({"root_roll": 8.0}, {"pelvis_list": 8.0}),  # the left side up
+        ({"root_x": 1.0, "root_y": 2.0, "root_z": 0.9}, {"pelvis_tx": 1.0, "pelvis_tz": -2.0, "pelvis_ty": 0.9}),
+    ],
+)
+def test_one_movement_is_one_coordinate(moved, coordinate):
+    found = opensim_coordinates(SKELETON, pose(**moved))
+    for name, values in found.items():
+        assert values[0] == pytest.approx(coordinate.get(name, 0.0), abs=1e-9), name
+
+
+def test_signs_are_where_the_limb_is():
+    """Independent of our angles: the knee is ahead of the hip, outside of it, and the ankle behind the knee."""
+    frames = forward(SKELETON, pose(right_hip_flexion=30.0, left_hip_abduction=20.0, left_knee_flexion=40.0))
+    hip, knee = (frames.positions[0, SKELETON.joint(f"right_{name}")] for name in ("hip", "knee"))
+    assert np.degrees(np.arctan2(knee[0] - hip[0], hip[2] - knee[2])) == pytest.approx(30.0)
+    hip, knee, ankle = (frames.positions[0, SKELETON.joint(f"left_{name}")] for name in ("hip", "knee", "ankle"))
+    assert np.degrees(np.arctan2(knee[1] - hip[1], hip[2] - knee[2])) == pytest.approx(20.0)
+    assert ankle[0] < knee[0]
+
+
+def rotation(z, x, y):
+    return (Rotation.from_euler("Z", z, degrees=True) * Rotation.from_euler("X", x, degrees=True)
+            * Rotation.from_euler("Y", y, degrees=True)).as_matrix()  # fmt: skip
+
+
+@given(st.lists(st.floats(-1.4, 1.4), min_size=25, max_size=25))
+def test_the_coordinates_compose_to_the_rotations_of_the_segments(values):
+    poses = np.array([values])
+    found = {name: float(each[0]) for name, each in opensim_coordinates(SKELETON, poses).items()}
+    world = FROM_WORLD @ forward(SKELETON, poses).rotations[0] @ FROM_WORLD.T
+    pelvis = rotation(found["pelvis_tilt"], found["pelvis_list"], found["pelvis_rotation"])
+    np.testing.assert_allclose(pelvis, world[0], atol=1e-9)
+    for side, sign in (("right", 1.0), ("left", -1.0)):
+        for joint, names in (("hip", ("hip_flexion", "hip_adduction", "hip_rotation")),
+                             ("shoulder", ("arm_flex", "arm_add", "arm_rot"))):  # fmt: skip
+            flexion, adduction, turn = (found[f"{name}_{side[0]}"] for name in names)
+            local = rotation(flexion, sign * adduction, sign * turn)
+            np.testing.assert_allclose(pelvis @ local, world[SKELETON.joint(f"{side}_{joint}")], atol=1e-7)
+
+
+def parsed(text):
+    """A reader as strict as OpenSim's: header to endheader, labels, and rows of the declared numbers."""
+    header, body = text.split("endheader\n")
+    declared = dict(line.split("=") for line in header.splitlines() if line.count("=") == 1)
+    labels, *rows = body.removesuffix("\n").split("\n")
+    values = np.array([[float(cell) for cell in row.split("\t")] for row in rows])
+    assert values.shape == (int(declared["nRows"]), int(declared["nColumns"]))
+    assert declared["inDegrees"] == "yes"
+    return dict(zip(labels.split("\t"), values.T, strict=True))
+
+
+def test_the_file_has_the_frames_with_poses_and_what_is_determined():
+    rng = np.random.default_rng(3)
+    poses = np.cumsum(rng.uniform(0.0, 0.1, (90, 25)), axis=0)
+    poses[:, 6:] = 0.5 * np.sin(poses[:, 6:])
+    expected, times_s = opensim_coordinates(SKELETON, poses), np.arange(90) / 29.97
+    assert np.abs(np.diff(expected["pelvis_rotation"])).max() < 90.0  # over more than a turn
+    poses[[4, 7]] = np.nan
+    found = parsed(mot_text("walk", SKELETON, times_s, poses))
+    some = np.isfinite(poses[:, 0])
+    np.testing.assert_allclose(found.pop("time"), times_s[some], atol=0.51e-9)
+    assert list(found) == list(expected)
+    for name, values in found.items():
+        wrapped = (values - expected[name][some] + 180.0) % 360.0 - 180.0
+        np.testing.assert_allclose(wrapped, 0.0, atol=0.51e-8, err_msg=name)
+    fewer = parsed(mot_text("walk", SKELETON, times_s, poses, ("left_elbow_flexion", "left_shoulder_twist")))
+    assert set(found) - set(fewer) == {"elbow_flex_l", "arm_rot_l"}
+    assert "pelvis_tilt" not in parsed(mot_text("walk", SKELETON, times_s, poses, ("root_pitch",)))

@@ -1,0 +1,93 @@
+"""OpenSim's motion files (.mot): joint angles by the names and conventions of its full-body model Rajagopal (2016)."""
+
+import warnings
+from collections.abc import Collection
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from workbench.body.kinematics import forward
+from workbench.body.skeleton import Skeleton
+from workbench.utils.arrays import FloatArray
+
+_OPENSIM_FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From x ahead, y to the left, z up to x ahead, y up, z to the right."""
+_PELVIS = ("tilt", "list", "rotation")
+_COORDINATES = {
+    "hip_flexion": "hip_flexion", "hip_abduction": "hip_adduction", "hip_twist": "hip_rotation",
+    "shoulder_flexion": "arm_flex", "shoulder_abduction": "arm_add", "shoulder_twist": "arm_rot",
+    "knee_flexion": "knee_angle", "elbow_flexion": "elbow_flex",
+}  # fmt: skip
+"""OpenSim's names by our parameters, both without the side."""
+
+
+def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, FloatArray]:
+    """Return OpenSim's coordinates (F,) of a person's poses (F, 25) by name, angles in degrees, without jumps by 360°.
+
+    The angles are those of the joint coordinate systems of the ISB (Wu et al., J Biomech 2002 and 2005) as OpenSim's
+    models order them: intrinsic rotations about z to the right, x ahead and y up. Flexion, adduction and internal
+    rotation are positive on both sides, as are knee and elbow flexion; a positive pelvis_tilt leans backwards. Of the
+    two equivalent triples of a ball joint it is the one with smaller angles. pelvis_tx, ty and tz, m, are of the middle
+    of the hips: x ahead where the world has x, y up.
+    """
+    world = _OPENSIM_FROM_WORLD @ forward(skeleton, poses).rotations @ _OPENSIM_FROM_WORLD.T
+    root = world[:, 0]
+    coordinates = {f"pelvis_{name}": each for name, each in zip(_PELVIS, _zxy(root), strict=True)}
+    position = poses[:, :3] @ _OPENSIM_FROM_WORLD.T
+    coordinates |= {f"pelvis_t{axis}": position[:, k] for k, axis in enumerate("xyz")}
+    for side, sign in (("right", 1.0), ("left", -1.0)):
+        for joint, hinge in (("hip", "knee_flexion"), ("shoulder", "elbow_flexion")):
+            relative = np.swapaxes(root, 1, 2) @ world[:, skeleton.joint(f"{side}_{joint}")]
+            for turn, angles in zip(("flexion", "abduction", "twist"), _zxy(relative), strict=True):
+                name = f"{_COORDINATES[f'{joint}_{turn}']}_{side[0]}"
+                coordinates[name] = angles if turn == "flexion" else sign * angles
+            degrees = np.degrees(poses[:, skeleton.dof(f"{side}_{hinge}")])
+            coordinates[f"{_COORDINATES[hinge]}_{side[0]}"] = degrees
+    return coordinates
+
+
+def mot_text(
+    name: str, skeleton: Skeleton, times_s: FloatArray, poses: FloatArray, undetermined: Collection[str] = ()
+) -> str:
+    """Return the text of a motion file of a person's poses (F, 25).
+
+    Parameters
+    ----------
+    name : of the motion, in the file's first line.
+    times_s : (F,), s; a frame with a pose of NaN is omitted.
+    undetermined : parameters of the pose whose coordinates are omitted.
+    """
+    known = np.isfinite(poses).all(axis=1)
+    omitted = _dependent(undetermined)
+    columns = {key: each for key, each in opensim_coordinates(skeleton, poses[known]).items() if key not in omitted}
+    header = [
+        name, "version=1", f"nRows={known.sum()}", f"nColumns={len(columns) + 1}", "inDegrees=yes", "",
+        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader",
+        "\t".join(["time", *columns]),
+    ]  # fmt: skip
+    rows = np.column_stack([*columns.values()]).tolist()
+    lines = [
+        "\t".join([f"{time_s:.9f}", *[f"{value:.8f}" for value in row]])
+        for time_s, row in zip(times_s[known].tolist(), rows, strict=True)
+    ]
+    return "\n".join([*header, *lines, ""])
+
+
+def _zxy(rotations: FloatArray) -> FloatArray:
+    """Return the intrinsic angles (3, F), degrees, about z, x and y of rotations (F, 3, 3)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # where x is at ±90°, y is 0
+        first = Rotation.from_matrix(rotations).as_euler("ZXY", degrees=True).T
+    second = np.stack([first[0] + 180.0, 180.0 - first[1], first[2] + 180.0])
+    first, second = ((angles + 180.0) % 360.0 - 180.0 for angles in (first, second))
+    smaller = np.where(np.abs(second).sum(axis=0) < np.abs(first).sum(axis=0), second, first)
+    return np.unwrap(smaller, period=360.0, axis=1)
+
+
+def _dependent(parameters: Collection[str]) -> set[str]:
+    """Return the coordinates that depend on parameters of the pose."""
+    sides = [parameter.partition("_")[::2] for parameter in parameters]
+    names = {f"{_COORDINATES[name]}_{side[0]}" for side, name in sides if name in _COORDINATES}
+    if any(side == "root" for side, _ in sides):
+        names |= {f"pelvis_{name}" for name in (*_PELVIS, "tx", "ty", "tz")}
+    return names
