@@ -33,8 +33,8 @@ DEVIATIONS = tuple(
         ),
         ("A", "section 5", "Points outside an image are excluded and reduce q; α of a sphere is 0.", _UNDEFINED),
         (
-            "A", "eq. 3, 10–11", "σ of the image noise, ε and p_occluded: the first was chosen on other walkers, see "
-            "the experiments' files; the others are 0.05 and 0.01.", _UNSTATED,
+            "A", "eq. 3, 10–11", "σ of the image noise, ε and p_occluded were chosen on other people and scenes; the "
+            "experiments' files state the values and their curves.", _UNSTATED,
         ),
         (
             "A", "section 6.1", "Samples are of the normal distribution truncated to the limits; the paper's density "
