@@ -85,8 +85,8 @@ DEVIATIONS = tuple(
         ("B", "section 2.2", "q is 8. A fifth of the samples is removed in blocks.", _UNSTATED),
         ("B", "fig. 1", "The axis of the signal-to-noise ratio is logarithmic.", "Angles differ by powers of ten."),
         (
-            "B", "section 3", "The noise, σ and p_occluded are ours. The noise of the root's position is a walker's "
-            "displacement per frame.", "The paper gives no values; nothing else moves the root.",
+            "B", "section 3", "The noise is ours; that of the root's position is a walker's displacement per frame. σ "
+            "and p_occluded were chosen on other walkers.", "The paper gives no values; nothing else moves the root.",
         ),
         ("B", "eq. 5", "Sampled points as for A, section 5.", "As for A."),
         # C
@@ -103,8 +103,8 @@ DEVIATIONS = tuple(
             "variance (the paper: 89 %); with velocities per second 77 %.", "The unit is not stated; A uses m/frame.",
         ),
         (
-            "C", "section 4.2", "β for tracking and synthesis, and the noise added to a copied pose.",
-            "The paper gives β only for fig. 4.",
+            "C", "section 4.2", "β for tracking and synthesis, the noise of a copied pose, σ and p_occluded; β of the "
+            "arm is that of fig. 4, the others were chosen on other people.", "The paper gives β only for fig. 4.",
         ),
         ("C", "section 4", "Samples are not re-weighted (footnote 3); `importance_correction` does.",
          "The paper does not state that it does."),
