@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 from pictures import of_experiment
 
+from analysis import deviations
 from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
 from workbench.experiment.config.schema import IF_CHOSEN, LITERAL
@@ -35,7 +36,7 @@ def write(folder: Path) -> None:
     """Write all generated pages and their pictures into a folder."""
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
     draw_baselines(folder / "pictures")
-    pages = {"options": options_page(), "experiment_components": experiments_page()}
+    pages = {"options": options_page(), "experiment_components": experiments_page(), "deviations": deviations.page()}
     for name, text in pages.items():
         path = folder / f"{name}.md"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:  # an unchanged page is not rebuilt

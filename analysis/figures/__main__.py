@@ -5,7 +5,7 @@
 Without a NAME all figures are made; a NAME may be a script's or its beginning, such as a_fig4 or c. Each takes the
 newest complete recording of its experiments in FOLDER, and one that is not there is run first, at the paper's size.
 What a paper tracks is shown twice, as the paper writes it (paper=literal) and as ours, with numbers over ten seeds (two
-with --quick), see `replicates`; what is left in the literal rows that is not the paper's is in `readings.DEVIATIONS`.
+with --quick), see `replicates`; `analysis.deviations` lists what is not the paper's in the literal rows.
 """
 
 import argparse

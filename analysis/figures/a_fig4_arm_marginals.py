@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.panels import evenly, images, marginal
-from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.readings import BOTH, DIFFERENCES, Reading
 from analysis.figures.sequences import KEY, N_FRAMES, words
 from analysis.figures.style import canvas, rows
 from workbench.recording.read.reader import Run
@@ -38,7 +38,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
         3.7 * len(arm.runs) + 1.5,
         f"{KEY} Brightness: log posterior. {words({'': arm})} The twist's 5–95 % band, {bands}. Ours compares what no "
         "limb covers with a background that stands still, which A does not. The paper: 2000 particles; the twist "
-        f"starts uniform and concentrates near the true value around frame 20, when the elbow bends. {DEVIATIONS['A']}",
+        f"starts uniform and concentrates near the true value around frame 20, when the elbow bends. {DIFFERENCES}",
     )
     titles = [line for reading in arm.runs for line in (arm.row(reading), "")]
     parts = rows(figure, (1.7, 1.9) * len(arm.runs), titles)

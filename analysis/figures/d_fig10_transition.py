@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import activities
 from analysis.figures.panels import activity_lanes, bodies, evenly
-from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.readings import BOTH, DIFFERENCES, Reading
 from analysis.figures.sequences import words
 from analysis.figures.style import canvas, rows
 
@@ -29,7 +29,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
         2.5 * len(both.runs) + 1.6,
         f"Black: observed points; blue: true skeleton; solid: fit. {words({'': both})} The activity is correct in "
         f"{shares} of the frames. The paper: four frames of walking, three of transition, then running; it gives no "
-        f"activities. {DEVIATIONS['D']}",
+        f"activities. {DIFFERENCES}",
     )
     titles = [line for reading in both.runs for line in (both.row(reading), "")]
     parts = rows(figure, (1.7, 0.75) * len(both.runs), titles)

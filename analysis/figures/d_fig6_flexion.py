@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import flexions
 from analysis.figures.panels import flexion
-from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.readings import BOTH, DIFFERENCES, Reading
 from analysis.figures.run_descriptions import legs
 from analysis.figures.sequences import words
 from analysis.figures.style import canvas, rows
@@ -27,7 +27,7 @@ def draw(readings: Mapping[str, Reading]) -> Figure:
         "Paper D, fig. 6: flexion of hips and knees",
         1.7 * len(walk.runs) + 1.7,
         f"Orange: fit; blue, thick: truth. {words({'': walk})} Flexion, {descriptions}. The paper: “very close” to the "
-        f"gyroscopes, even though the left leg is mostly hidden; no errors given. {DEVIATIONS['D']}",
+        f"gyroscopes, even though the left leg is mostly hidden; no errors given. {DIFFERENCES}",
     )
     parts = rows(figure, [1.0] * len(walk.runs), [walk.row(reading) for reading in walk.runs])
     for part, run in zip(parts, walk.runs.values(), strict=True):

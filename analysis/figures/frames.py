@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
+from workbench.recording.read.chunks import Curve, cells, curves, flat, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION, PARTICLES, POINTS, TRUTH
-from workbench.results.pictures import flat, lines
+from workbench.results.pictures import lines
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

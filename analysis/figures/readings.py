@@ -17,24 +17,8 @@ ERRORS = {
 }
 """Metrics of a reading by observation, and their units."""
 
-_WRONG = (
-    "the assumed bone lengths are up to 3 %, girths 10 %, the camera 0.2 % and 0.1° and a given initial pose 3 cm and "
-    "0.05 rad wrong, redrawn for every seed"
-)
-DEVIATIONS = {
-    "A": f"Not A's in either row: a rendered person; {_WRONG}; all particles share the points drawn; ρ, which "
-    "eq. 15 leaves out, is the training cycles' mean; σ, ε, p_occluded and the noise, of which A gives no numbers.",
-    "B": f"Not B's in either row: a rendered person; {_WRONG}; all particles share the points drawn; σ, "
-    "p_occluded and the noise, of which B gives no numbers, that of the root as large as a walker's way in a frame, "
-    "since nothing else moves it.",
-    "C": f"Not C's in either row: a rendered person; {_WRONG}; the database, CMU's and Bandai's without whom is "
-    "tracked; place and heading enter it as increments in the body's own frame; σ, ε and the noise, of which C gives "
-    "no numbers. Its β = 1 is that of fig. 4, C names none for tracking.",
-    "D": f"Not D's in either row: simulated points of a person; {_WRONG}; how wide the fields are, of which D "
-    "gives no number, and that a point belongs to the part of the smallest |log f/C|, not |f − C|; the global motion "
-    "by distances, each frame's from where the two before lead. The database lacks the performer's whole data set.",
-}
-"""Differences of the literal rows from a paper, or its unspecified parts."""
+DIFFERENCES = "The page Deviations from the papers lists the remaining differences from the paper."
+"""Last sentence of the caption of a figure of both readings."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.figures.panels import bodies, evenly, images, over_frames, skeletons
-from analysis.figures.readings import DEVIATIONS, Reading
+from analysis.figures.readings import DIFFERENCES, Reading
 from analysis.figures.run_descriptions import accuracy, legs, setup
 from analysis.figures.style import canvas, rows
 from workbench.recording.read.reader import Run
@@ -21,7 +21,7 @@ INTERVALS = "Intervals: 95 %, bootstrap over seeds, {}."
 
 def tracked(title: str, readings: Reading, paper: str) -> Figure:
     """Draw for either reading images with the posterior's skeletons, the expected pose in space, and both errors."""
-    caption = f"{KEY} {words({'': readings})} {paper} {DEVIATIONS[title[6]]}"
+    caption = f"{KEY} {words({'': readings})} {paper} {DIFFERENCES}"
     figure = canvas(title, 3.6 * len(readings.runs) + 2.4, caption)
     titles = [line for reading in readings.runs for line in (readings.row(reading), "expected pose in space")]
     parts = rows(figure, [2.0, 1.6] * len(readings.runs) + [1.2], [*titles, ""])
@@ -36,7 +36,7 @@ def tracked(title: str, readings: Reading, paper: str) -> Figure:
 def compared(title: str, readings: Mapping[str, Reading], paper: str) -> Figure:
     """Draw a row of images for either reading of each experiment, named by its key, and their errors over frames."""
     n_rows = sum(len(each.runs) for each in readings.values())
-    figure = canvas(title, 1.7 * n_rows + 2.9, f"{KEY} {words(readings)} {paper} {DEVIATIONS[title[6]]}")
+    figure = canvas(title, 1.7 * n_rows + 2.9, f"{KEY} {words(readings)} {paper} {DIFFERENCES}")
     titles = [each.row(reading, label) for label, each in readings.items() for reading in each.runs]
     parts = rows(figure, [1.7] * n_rows + [1.3], [*titles, ""])
     runs = [run for each in readings.values() for run in each.runs.values()]
@@ -52,7 +52,7 @@ def fitted(title: str, readings: Reading, paper: str, n_frames: int = 7) -> Figu
     """Draw the surface fitted to points, in frames from the first to the last, a row for either reading."""
     key = "Black: observed points; blue: true skeleton; solid: fit."
     angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in readings.runs.items())
-    caption = f"{key} {words({'': readings})} Flexion, {angles}. {paper} {DEVIATIONS[title[6]]}"
+    caption = f"{key} {words({'': readings})} Flexion, {angles}. {paper} {DIFFERENCES}"
     figure = canvas(title, 1.7 * len(readings.runs) + 1.3, caption)
     parts = rows(figure, [1.0] * len(readings.runs), [readings.row(reading) for reading in readings.runs])
     for part, run in zip(parts, readings.runs.values(), strict=True):

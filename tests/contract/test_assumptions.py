@@ -23,10 +23,9 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
 @pytest.mark.parametrize(
     ("overrides", "more", "less"),
     [
-        (["experiment=walk_straight", "dataset.motion=35_02"], set(), {"fixed_torso_orientation"}),
+        (["experiment=walk_straight", "paper=literal"], {"fixed_torso_orientation"}, set()),
         (["experiment=walk_straight", "likelihood=product"], {"static_background"}, set()),
         (["experiment=walk_straight", "likelihood.background=static"], {"static_camera"}, set()),
-        (["experiment=walk_straight", "inference=fixed_lag", "prior=smooth"], set(), {"fixed_torso_orientation"}),
         (["experiment=walk_straight", "body=height", "body.height_m=1.7"], {"height"}, {"limb_lengths", "limb_radii"}),
         (
             ["experiment=points_walk_steady", "dataset.initialization=perturbed_truth"],

@@ -26,6 +26,7 @@ _CACHE = "~/.cache/workbench"
 def walking(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
     exclude: Sequence[str] = (), variance: float = 0.95, n_components: int | None = 8, scaling: str = "joints",
+    torso_speed: str = "forward",
     sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
     sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
@@ -51,7 +52,7 @@ def gait(
 @declares_traits(Cyclic.traits)
 def cyclic(
     *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
-    exclude: Sequence[str] = (), n_components: int = 8, missing_fraction: float = 0.0,
+    exclude: Sequence[str] = (), n_components: int = 8, missing_fraction: float = 0.0, as_published: bool = False,
     sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
     sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), initial_position_std: float = 0.01,
@@ -94,8 +95,8 @@ def implicit(
     *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, exclude: Sequence[str] = (),
     activities: Sequence[str] = (), angles: Sequence[str] = ("body",), include_root: bool = True,
     rate_hz: float | None = None, window_frames: int | None = None, frames_hz: float | None = None,
-    search: str = "exact", beta: float = 0.05, tail_probability: float = 0.01, leaf: str = "gaussian",
-    importance_correction: bool = False, prediction: str = "blend", blend_rate: float = 0.1,
+    scaling: str = "deviations", search: str = "exact", beta: float = 0.05, tail_probability: float = 0.01,
+    leaf: str = "gaussian", importance_correction: bool = False, prediction: str = "blend", blend_rate: float = 0.1,
     velocity_noise_fraction: float = 1.0,
     sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
     sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,

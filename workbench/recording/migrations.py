@@ -80,7 +80,7 @@ _FIXED: dict[str, dict[str, Any]] = {
     "workbench.likelihoods.cues.background.Background": {"least_sigma": 3.0, "blur_px": 0.7, "seed": 0},
     "workbench.likelihoods.cues.silhouette.Silhouette": {"least_sigma": 3.0},
     _ALIGNMENT: {"blurs_px": [6.0, 3.0, 1.2], "outline": 0.25, "facing": 0.3},
-    _IMAGE_MOTION: {"p_occluded": 0.01, "blur_px": 2.0**0.5, "seed": 0},
+    _IMAGE_MOTION: {"blur_px": 2.0**0.5, "seed": 0},
     "workbench.likelihoods.keypoints.KeypointLikelihood": {"nu": 4.0},
     "workbench.likelihoods.product.Product": {"device": "cpu"},
     "workbench.likelihoods.surface_points.SurfacePoints": {"range_m": 2.0},

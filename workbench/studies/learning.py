@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,14 @@ from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.study import Bars, Curves, Figure, StudyResult
 from workbench.motion.models.cycle_alignment import motion_period
 from workbench.motion.models.training import training_motions
-from workbench.motion.models.walking import CHANNEL_NAMES, Cycles, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.models.walking import (
+    CHANNEL_NAMES,
+    Cycles,
+    WalkingModel,
+    component_counts,
+    learn_walking,
+    walking_cycles,
+)
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -47,15 +55,15 @@ class WalkStudy:
         return walks
 
 
-def cyclic(motions: Sequence[Motion]) -> tuple[list[Motion], list[float]]:
+def cyclic(motions: Sequence[Motion], summed: bool = False) -> tuple[list[Motion], list[float]]:
     """Return the motions in which a period is found, and their periods in frames; a warning names the others.
 
-    Raises InputError if there are none.
+    summed : see `snr`. Raises InputError if there are none.
     """
     selected, periods = [], []
     for motion in motions:
         try:
-            periods.append(motion_period(motion, motion.poses[:, N_ROOT:]))
+            periods.append(motion_period(motion, motion.poses[:, N_ROOT:], summed))
             selected.append(motion)
         except InputError as error:
             log.warning("%s omitted: %s", motion.name, error)
@@ -93,21 +101,29 @@ def phases(n: int) -> FloatArray:
 class LearnWalk(WalkStudy):
     """The cycles, their mean, the eigencurves and the variance that these explain.
 
-    variance, n_components, scaling: as for `learn_walking`. Metrics: n_cycles; n_components, d; explained, the fraction
-    of the variance that d components explain; explained_variance_5, that of five, as in the paper.
+    variance, n_components, scaling, torso_speed: as for `learn_walking`. n_draws: small training sets, see
+    `component_counts`. Metrics: n_cycles; n_components, d; explained, the fraction of the variance that d components
+    explain; explained_variance_5, that of five, as in the paper; of the draws drawn_components_median, and
+    drawn_components_3_to_7, the fraction whose d is from 3 to 7.
     """
 
     variance: float = 0.95
     n_components: int | None = None
     scaling: str = "none"
+    torso_speed: str = "forward"
+    n_draws: int = 0
 
     def run(self, rng: np.random.Generator) -> StudyResult:
-        """Learn and plot; not random. Raises InputError as `training_motions` and `learn_walking` do."""
+        """Learn and plot; only the draws are random. Raises InputError as `training_motions`, `learn_walking` and
+        `component_counts` do."""
         motions = self.walks()
-        cycles = walking_cycles(motions)
-        model = learn_walking(motions, variance=self.variance, n_components=self.n_components, scaling=self.scaling)
+        cycles = walking_cycles(motions, torso_speed=self.torso_speed)
+        learn = partial(
+            learn_walking, motions, variance=self.variance, scaling=self.scaling, torso_speed=self.torso_speed
+        )
+        model = learn(n_components=self.n_components)
         max_components = min(model.n_cycles - 1, model.mean.size)
-        full = learn_walking(motions, variance=self.variance, n_components=max_components, scaling=self.scaling)
+        full = learn(n_components=max_components)
         explained = _explained(full.scales)
         d = len(model.scales)
         metrics = {
@@ -125,6 +141,13 @@ class LearnWalk(WalkStudy):
             _cycles(cycles, model, "torso_speed"),
             Bars("model/cycles by duration", middles, heights.astype(np.float64), "seconds"),
         )
+        if self.n_draws:
+            people = {motion.name: motion.subject for motion in motions}
+            counts = component_counts(cycles, people, self.n_draws, self.variance, rng)
+            metrics["drawn_components_median"] = float(np.median(counts))
+            metrics["drawn_components_3_to_7"] = float(((counts >= 3) & (counts <= 7)).mean())
+            values, heights = np.unique(counts, return_counts=True)
+            figures += (Bars("model/components of draws", values.astype(float), heights.astype(float), "components"),)
         return StudyResult(metrics, figures, _note(model, cycles, explained, self.variance))
 
 

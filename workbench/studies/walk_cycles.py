@@ -27,14 +27,16 @@ log = logging.getLogger(__name__)
 class PeriodSnr(WalkStudy):
     """Signal-to-noise ratio over the period, and estimated periods compared with hip events (B, fig. 1 left).
 
-    missing: part of the samples that is removed, in blocks, for a second measurement. Metrics: those of `period_study`.
+    missing_fraction: part of the samples that is removed, in blocks, for a second measurement. summed: accumulate the
+    ratios of the angles by their sum, as in the paper, see `snr`. Metrics: those of `period_study`.
     """
 
     missing_fraction: float = 0.3
+    summed: bool = False
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Estimate every walk's period twice. Raises InputError as `training_motions` and `period_study` do."""
-        metrics, clips, noise = period_study(self.walks(), rng, self.missing_fraction)
+        metrics, clips, noise = period_study(self.walks(), rng, self.missing_fraction, self.summed)
         clips = sorted(clips, key=lambda clip: abs(clip.errors_pct[0]))
         shown = [clips[k] for k in sorted({0, len(clips) // 2, len(clips) - 1})]  # from the best to the worst
         figures = (*map(_clip, shown), _all(clips, noise), _deviations(clips, self.missing_fraction))
@@ -45,13 +47,15 @@ class PeriodSnr(WalkStudy):
 class AlignCycles(WalkStudy):
     """Folded walks before and after alignment, and the error of every pass (paper B, fig. 1 right).
 
-    Metrics: n_sequences; passes; deviation_before and deviation_after, the root mean square deviation from the
-    reference in standard deviations of the angles.
+    summed: as for `PeriodSnr`, for the walks' periods. Metrics: n_sequences; passes; deviation_before and
+    deviation_after, the root mean square deviation from the reference in standard deviations of the angles.
     """
+
+    summed: bool = False
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Align and plot; not random. Raises InputError if no walk has a period."""
-        motions, periods = cyclic(self.walks())
+        motions, periods = cyclic(self.walks(), self.summed)
         sequences = [motion.poses[:, N_ROOT:] for motion in motions]
         alignment = align(sequences, periods)
         deviations = np.sqrt(alignment.errors / sum(series.size for series in sequences))
@@ -99,9 +103,11 @@ class _ClipPeriods:
 
 
 def period_study(
-    motions: Sequence[Motion], rng: np.random.Generator, fraction: float = 0.3
+    motions: Sequence[Motion], rng: np.random.Generator, fraction: float = 0.3, summed: bool = False
 ) -> tuple[dict[str, float], list[_ClipPeriods], dict[str, FloatArray]]:
     """Measure the error of the estimated period, without and with a fraction of the samples removed in blocks.
+
+    summed : see `snr`.
 
     Returns
     -------
@@ -116,7 +122,7 @@ def period_study(
     ------
     InputError : there is no such motion
     """
-    periods = [_clip_periods(motion, fraction, rng) for motion in tqdm(motions, desc="periods", disable=None)]
+    periods = [_clip_periods(motion, fraction, rng, summed) for motion in tqdm(motions, desc="periods", disable=None)]
     clips = [clip for clip in periods if np.isfinite(clip.events)]
     for clip in periods:
         if clip not in clips:
@@ -124,7 +130,7 @@ def period_study(
     if not clips:
         raise InputError(f"period: expected walks of two strides or more, found none among {len(motions)} motions")
     errors = np.abs([clip.errors_pct for clip in clips])
-    noise = _white_noise(motions, fraction, rng)
+    noise = _white_noise(motions, fraction, rng, summed)
     percent = round(100 * fraction)
     metrics = {
         "period_error_max_pct": float(errors[:, 0].max()),
@@ -152,13 +158,14 @@ def event_period(motion: Motion) -> float:
     return float(np.concatenate([np.diff(events), np.diff(gait_events(replace(motion, poses=poses)))]).mean())
 
 
-def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> _ClipPeriods:
+def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator, summed: bool) -> _ClipPeriods:
     angles = motion.poses[:, N_ROOT:]
     gappy = np.where(remove_blocks(motion, fraction, rng), np.nan, angles)
     candidates = _whole_periods(motion)
     return _ClipPeriods(
-        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), estimate=_period_or_nan(motion, angles),
-        estimate_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
+        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion),
+        estimate=_period_or_nan(motion, angles, summed), estimate_gappy=_period_or_nan(motion, gappy, summed),
+        candidates=candidates, snr=snr(angles, candidates, summed),
         snr_per_angle=snr_per_series(angles, candidates),
     )  # fmt: skip
 
@@ -169,20 +176,23 @@ def _whole_periods(motion: Motion) -> FloatArray:
     return np.arange(round(MIN_CYCLE_S * motion.rate_hz), int(longest) + 1, dtype=np.float64)
 
 
-def _period_or_nan(motion: Motion, angles: FloatArray) -> float:
+def _period_or_nan(motion: Motion, angles: FloatArray, summed: bool) -> float:
     try:
-        return motion_period(motion, angles)
+        return motion_period(motion, angles, summed)
     except InputError as error:
         log.warning("%s: %s", motion.name, error)
         return float("nan")
 
 
-def _white_noise(motions: Sequence[Motion], fraction: float, rng: np.random.Generator) -> dict[str, FloatArray]:
+def _white_noise(
+    motions: Sequence[Motion], fraction: float, rng: np.random.Generator, summed: bool
+) -> dict[str, FloatArray]:
     median = sorted(motions, key=len)[len(motions) // 2]
     noise = rng.standard_normal((len(median), len(POSE_NAMES) - N_ROOT))
     gappy = np.where(remove_blocks(median, fraction, rng), np.nan, noise)
     candidates = _whole_periods(median)
-    return {"candidates": candidates, "snr": snr(noise, candidates), "snr_gappy": snr(gappy, candidates)}
+    accumulated = {"snr": snr(noise, candidates, summed), "snr_gappy": snr(gappy, candidates, summed)}
+    return {"candidates": candidates, **accumulated}
 
 
 def _on_grid(x: FloatArray, positions: FloatArray, values: FloatArray) -> FloatArray:

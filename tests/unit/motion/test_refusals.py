@@ -25,6 +25,7 @@ OPTIONS = [
     (learn_activities, {"angles": []}, "angle"),
     (learn_walking, {"n_components": 0}, "components"), (learn_walking, {"n_components": 500}, "components"),
     (learn_walking, {"variance": 1.0}, "variance"), (learn_walking, {"scaling": "x"}, "scaling"),
+    (learn_walking, {"torso_speed": "x"}, "torso_speed"), (learn_windows, {"scaling": "x"}, "scaling"),
     (learn_windows, {"angles": ("left_wing",)}, "left_wing"), (learn_windows, {"angles": ()}, "angles"),
     (learn_windows, {"window_frames": 0}, "window_frames"),
     (learn_windows, {"window_frames": 5000}, "at least 4 windows"),

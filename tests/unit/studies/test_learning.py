@@ -109,3 +109,17 @@ def test_imputation_is_ranked_as_measured(imputed):
     for suffix in ("", "_markers"):
         assert metrics[f"rmse_deg_20{suffix}"] < metrics[f"rmse_deg_20_paper{suffix}"]
         assert metrics[f"rmse_deg_20_periodic{suffix}"] < metrics[f"rmse_deg_20_linear{suffix}"]
+
+
+def test_draws_of_few_people_and_cycles_are_counted():
+    result = LearnWalk(n_draws=30).run(rng())
+    bars = by_name(result)["model/components of draws"]
+    assert bars.heights.sum() == 30
+    inside = bars.heights[(bars.x >= 3) & (bars.x <= 7)].sum() / 30
+    assert result.metrics["drawn_components_3_to_7"] == pytest.approx(inside)
+
+
+def test_published_rules_change_the_studies():
+    assert LearnWalk(torso_speed="norm").run(rng()).metrics != LearnWalk().run(rng()).metrics
+    assert PeriodSnr(summed=True).run(rng()).metrics != PeriodSnr().run(rng()).metrics
+    assert AlignCycles(summed=True).run(rng()).metrics["n_sequences"] == 12

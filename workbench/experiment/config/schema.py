@@ -38,6 +38,9 @@ IF_CHOSEN = "if_chosen"
 LITERAL = "paper.literal"
 """Key under `if_chosen` with an experiment's settings exactly as published."""
 
+STUDY = "study"
+"""Key under `paper.literal` with settings of the experiment's own study, which is no option of a group."""
+
 
 @dataclass
 class _Paths:
@@ -265,7 +268,8 @@ class ComponentSource(ConfigSource):
         for name, layer in layers:
             for place, keys in ((str(place), keys) for place, keys in layer.items()):
                 group, _, option = place.partition(".")
-                if place != LITERAL and (group not in options.GROUPS or self._find(f"{group}/{option}") is None):
+                unknown = group not in options.GROUPS or self._find(f"{group}/{option}") is None
+                if unknown and place not in (LITERAL, STUDY):
                     raise ConfigCompositionException(
                         f"In 'experiment/{name}': {IF_CHOSEN}: there is no component {place}"
                     )
@@ -273,7 +277,7 @@ class ComponentSource(ConfigSource):
                     raise ConfigCompositionException(
                         f"In 'experiment/{name}': {IF_CHOSEN}: {place}: expected keys and values, found {keys}"
                     )
-                if place != LITERAL and place in chosen:
+                if place == STUDY or (place != LITERAL and place in chosen):
                     merged.merge_with({group: keys})
         return merged
 

@@ -21,8 +21,6 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
-P_OCCLUDED = 0.01
-"""Likelihood p_occluded of a point that another limb hides."""
 BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
 
 Sampling = Literal["regular", "random"]
@@ -47,6 +45,7 @@ class ImageMotion:
     body : the person's body.
     sigma : σ_I, grey levels.
     outlier_fraction : ε; 0 in B.
+    p_occluded : likelihood of a hidden limb, for A determined empirically.
     n_samples : n.
     reduction : "mean" (B eq. 5) or "sum" (A eq. 10, for which limbs saturate at ε/256).
     effective_pixels : k, which multiplies either; 1 in both papers.
@@ -80,6 +79,7 @@ class ImageMotion:
     body: Body
     sigma: float = 10.0
     outlier_fraction: float = 0.05
+    p_occluded: float = 0.01
     n_samples: int = 48
     reduction: kernel.Reduction = "mean"
     effective_pixels: float = 1.0
@@ -89,8 +89,9 @@ class ImageMotion:
     taper: bool = True
 
     def __post_init__(self) -> None:
-        check("image motion", self, sigma=POSITIVE, outlier_fraction=BELOW_1, n_samples=at_least(1))
-        check("image motion", self, reduction=one_of(*get_args(kernel.Reduction)), effective_pixels=POSITIVE)
+        check("image motion", self, sigma=POSITIVE, outlier_fraction=BELOW_1, p_occluded=POSITIVE)
+        check("image motion", self, n_samples=at_least(1), effective_pixels=POSITIVE)
+        check("image motion", self, reduction=one_of(*get_args(kernel.Reduction)))
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
         check("image motion", self, background=one_of(*get_args(kernel.Background)))
         check("image motion", self, sampling=one_of(*get_args(Sampling)))
@@ -110,7 +111,7 @@ class ImageMotion:
     def model(self) -> kernel.LimbModel:
         """The parameters of the limbs' likelihood for the kernel."""
         constants = (
-            self.sigma, self.outlier_fraction, P_OCCLUDED, self.reduction, self.effective_pixels, self.occlusion,
+            self.sigma, self.outlier_fraction, self.p_occluded, self.reduction, self.effective_pixels, self.occlusion,
             self.background,
         )  # fmt: skip
         return kernel.LimbModel(*constants)

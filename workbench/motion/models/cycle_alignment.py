@@ -22,15 +22,18 @@ N_KNOTS = 16
 MAX_ITERATIONS = 100
 
 
-def snr(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray:
+def snr(series: FloatArray, periods: Sequence[float] | FloatArray, summed: bool = False) -> FloatArray:
     """Return the signal-to-noise ratio (P,) of series (F, m), NaN where missing, at periods (P,) in samples.
 
     The ratios of `snr_per_series` are combined over the series as the square of their mean square root, about 1 for
-    white noise. A deviation from the paper's sum: with gaps, a single angle that repeats by chance in the few samples
-    observed twice can outweigh all others; the square root limits its influence. NaN where no degree of freedom remains
-    for the noise.
+    white noise; if `summed`, they are added as in the paper. With gaps, a single angle that repeats by chance in the
+    few samples observed twice can outweigh all others in the sum; the square root limits its influence. NaN where no
+    degree of freedom remains for the noise.
     """
-    roots = np.sqrt(snr_per_series(series, periods))
+    ratios = snr_per_series(series, periods)
+    if summed:
+        return np.where(np.isfinite(ratios).any(axis=1), np.nansum(ratios, axis=1), np.nan)
+    roots = np.sqrt(ratios)
     usable = np.isfinite(roots)
     count = usable.sum(axis=1)
     mean = np.where(usable, roots, 0.0).sum(axis=1) / np.maximum(count, 1)
@@ -71,8 +74,9 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
     return ratios
 
 
-def find_period(series: FloatArray, shortest: float, longest: float) -> float:
-    """Return the period in samples, between `shortest` and `longest`, with the largest SNR of series (F, m).
+def find_period(series: FloatArray, shortest: float, longest: float, summed: bool = False) -> float:
+    """Return the period in samples, between `shortest` and `longest`, with the largest SNR of series (F, m);
+    `summed` as for `snr`.
 
     The spacing of the candidates limits the drift between their cycles to one sample. They are evaluated on at most the
     first three longest periods. The best is refined on twice as many samples at a time until all are used, with a
@@ -89,7 +93,7 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
         raise InputError(f"period: expected at least {wanted}, found {len(series)}")
     n_steps = max(3, int(np.ceil(n * np.log(upper / shortest))))
     candidates = shortest * (upper / shortest) ** (np.arange(n_steps + 1) / n_steps)  # spaced by p / n
-    ratios = snr(series[:n], candidates)
+    ratios = snr(series[:n], candidates, summed)
     if not np.isfinite(ratios).any():
         raise InputError("period: expected series with repeated samples, found too few valid ones")
     if (peak := int(np.nanargmax(ratios))) in (0, n_steps):
@@ -101,13 +105,13 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
     while n < len(series):
         n = min(2 * n, len(series))
         candidates = period * (1.0 + np.arange(-REFINEMENT_STEPS, REFINEMENT_STEPS + 1) / n)
-        period = _refined(candidates, snr(series[:n], candidates))
+        period = _refined(candidates, snr(series[:n], candidates, summed))
     return period
 
 
-def motion_period(motion: Motion, angles: FloatArray) -> float:
+def motion_period(motion: Motion, angles: FloatArray, summed: bool = False) -> float:
     """Return the period, in frames, of a motion's angles (F, m), between the shortest and the longest stride."""
-    return find_period(angles, MIN_CYCLE_S * motion.rate_hz, MAX_CYCLE_S * motion.rate_hz)
+    return find_period(angles, MIN_CYCLE_S * motion.rate_hz, MAX_CYCLE_S * motion.rate_hz, summed)
 
 
 def _refined(candidates: FloatArray, ratios: FloatArray) -> float:

@@ -40,6 +40,7 @@ def walking_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, exclude: Sequence[str] = (), variance: float = 0.95,
     n_components: int | None = 8, scaling: str = "joints", include_root: bool = False,
+    torso_speed: str = "forward",
 ) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A, or load it from the folder `cache`; see `training_motions`, `learn_walking`.
 
@@ -49,6 +50,7 @@ def walking_model(
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, exclude=exclude)
     options: dict[str, Any] = {
         "variance": variance, "n_components": n_components, "scaling": scaling, "include_root": include_root,
+        "torso_speed": torso_speed,
     }  # fmt: skip
     code = code_digest(walking, model_discrepancy)
 
@@ -61,24 +63,24 @@ def walking_model(
 def cyclic_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, exclude: Sequence[str] = (), n_components: int = 8,
-    missing_fraction: float = 0.0,
+    missing_fraction: float = 0.0, as_published: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the cyclic model of paper B, or load it from the folder `cache`; otherwise as `walking_model`.
 
     n_components : number of components. missing_fraction : fraction of the joint angles that is removed in blocks
-    first.
+    first. as_published : see `learn_cyclic`.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, exclude=exclude)
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
         incomplete = [with_gaps(motion, missing_fraction, rng) for motion in training]
-        return _with_discrepancy(learn_cyclic(incomplete, n_components), training)
+        return _with_discrepancy(learn_cyclic(incomplete, n_components, as_published=as_published), training)
 
     code = code_digest(walking, imputation, model_discrepancy)
     return _learned(
         WalkingModel, "cyclic", cache, training, code, learn, n_components=n_components,
-        missing_fraction=missing_fraction, gap_seed=GAP_SEED,
+        missing_fraction=missing_fraction, gap_seed=GAP_SEED, as_published=as_published,
     )  # fmt: skip
 
 
@@ -94,7 +96,7 @@ def motion_windows(
     *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
     exclude: Sequence[str] = (), activities: Sequence[str] = (), angles: Sequence[str] = ("body",),
     include_root: bool = True, rate_hz: float | None = None, window_frames: int | None = None,
-    frames_hz: float | None = None,
+    frames_hz: float | None = None, scaling: str = "deviations",
 ) -> Windows:  # fmt: skip
     """Learn the database of paper C, or load it from the folder `cache`; see `database_motions` and `learn_windows`.
 
@@ -106,7 +108,9 @@ def motion_windows(
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
     window_frames = max(2, round(rate_hz / 3.0)) if window_frames is None else window_frames
     chosen = database_motions(motions, data=data, cache=cache, exclude=exclude, activities=activities)
-    options: dict[str, Any] = {"include_root": include_root, "rate_hz": rate_hz, "window_frames": window_frames}
+    options: dict[str, Any] = {
+        "include_root": include_root, "rate_hz": rate_hz, "window_frames": window_frames, "scaling": scaling,
+    }  # fmt: skip
     code, learn = code_digest(windows), lambda: learn_windows(chosen, angles=angles, **options)
     return _learned(Windows, "windows", cache, chosen, code, learn, angles=",".join(angles), **options)
 

@@ -1,7 +1,7 @@
 """Models of walking: paper A's PCA of cycles between gait events (section 6.2), and paper B's functional PCA."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -12,9 +12,9 @@ from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
 from workbench.core.discrepancy import Discrepancy
 from workbench.motion.models.cycle_alignment import CycleAlignment, align, motion_period
-from workbench.motion.models.functional_pca import Slices, cut, fpca_shrunk
+from workbench.motion.models.functional_pca import Slices, cut, fpca_paper, fpca_shrunk
 from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion, gait_events
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
@@ -24,6 +24,7 @@ ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_ro
 """Further channels: the root's sway about its uniform path, m, and about its mean orientation, rad."""
 SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds are in metres per frame at 30 Hz, angles in radians
 SPEED_LEVER_S = 0.1  # time, s, over which a speed counts as a displacement when channels are scaled by their effect
+DRAWN_PEOPLE, DRAWN_CYCLES = 4, (8, 13)  # of `component_counts`
 MIN_OBSERVED = 0.5  # fraction of a slice's samples, for paper B's model
 MIN_EFFECT_M = 0.005  # lower bound for angles that move no joint (the twist of a straight arm), m per rad
 log = logging.getLogger(__name__)
@@ -42,19 +43,22 @@ class Cycles:
     sources: tuple[str, ...]
 
 
-def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, include_root: bool = False) -> Cycles:
+def walking_cycles(
+    motions: Sequence[Motion], n_phases: int = 64, include_root: bool = False, torso_speed: str = "forward"
+) -> Cycles:
     """Return every whole walking cycle of the motions, resampled to `n_phases` phases (paper A, section 6.2).
 
     Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; the gap is
     distributed linearly, half of it at each end, so that the curves are periodic (a deviation: the paper does not
-    specify this). The result may be empty. include_root : with ROOT_CHANNELS.
+    specify this). The result may be empty. include_root : with ROOT_CHANNELS. torso_speed : see
+    `learn_walking`.
     """
     curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
     for motion in motions:
         events = gait_events(motion)
         if len(events) < 2:
             continue
-        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), _motion_channels(motion))
+        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), _motion_channels(motion, torso_speed))
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if MIN_CYCLE_S <= duration <= MAX_CYCLE_S:
@@ -67,14 +71,14 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, include_root: 
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
-def _motion_channels(motion: Motion) -> FloatArray:
-    """Return the channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
-
-    The paper uses the absolute value of the velocity; its component along the heading excludes sway.
-    """
-    ground = motion.velocities[:, :2]
+def _motion_channels(motion: Motion, torso_speed: str = "forward") -> FloatArray:
+    """Return the channels (F, C) of a motion: the torso's speed, m/s, see `learn_walking`, and the joint angles,
+    rad."""
+    velocity = motion.velocities[:, :3]
     heading = motion.poses[:, POSE_NAMES.index("root_heading")]
-    speed = ground[:, 0] * np.cos(heading) + ground[:, 1] * np.sin(heading)
+    speed = velocity[:, 0] * np.cos(heading) + velocity[:, 1] * np.sin(heading)
+    if torso_speed == "norm":
+        speed = np.linalg.norm(velocity, axis=1)
     return np.column_stack([speed, motion.poses[:, N_ROOT:]])
 
 
@@ -119,7 +123,7 @@ class WalkingModel:
 
 def learn_walking(
     motions: Sequence[Motion], *, variance: float, n_components: int | None, scaling: str, n_phases: int = 64,
-    include_root: bool = False,
+    include_root: bool = False, torso_speed: str = "forward",
 ) -> WalkingModel:  # fmt: skip
     """Learn the model from the walking cycles in the motions.
 
@@ -132,6 +136,8 @@ def learn_walking(
         every channel by the joint displacement it causes, so that twists that move nothing use no components
     n_phases : T
     include_root : learn the root's sway too, which the paper leaves to noise.
+    torso_speed : "norm", the absolute value of the torso's velocity as in the paper, or "forward", its component over
+        the ground along the heading, which excludes sway and bobbing.
 
     Raises
     ------
@@ -139,9 +145,11 @@ def learn_walking(
     """
     if scaling not in ("none", "joints"):
         raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
+    if torso_speed not in ("forward", "norm"):
+        raise InputError(f"prior: torso_speed must be 'forward' or 'norm', found {torso_speed!r}")
     if not 0.0 < variance < 1.0:
         raise InputError(f"prior: variance must lie between 0 and 1, found {variance}")
-    cycles = walking_cycles(motions, n_phases, include_root)
+    cycles = walking_cycles(motions, n_phases, include_root, torso_speed)
     if len(cycles.curves) < 2:
         raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
     weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
@@ -169,6 +177,27 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
     )  # fmt: skip
 
 
+def component_counts(
+    cycles: Cycles, people: Mapping[str, str], n_draws: int, variance: float, rng: np.random.Generator
+) -> IntArray:
+    """Return the numbers of components (n_draws,) that explain more than `variance` of randomly drawn training sets.
+
+    A training set has 8 to 13 cycles of 4 people (the paper: 13 cycles of 4 people, d = 5), channels are unscaled.
+    people : by source. Raises InputError if there are cycles of fewer than 4 people.
+    """
+    performers = np.array([people[source] for source in cycles.sources])
+    names, counts = np.unique(performers), []
+    if len(names) < DRAWN_PEOPLE:
+        raise InputError(f"prior: expected cycles of at least {DRAWN_PEOPLE} people, found {len(names)}")
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
+    for _ in range(n_draws):
+        pool = np.flatnonzero(np.isin(performers, rng.choice(names, DRAWN_PEOPLE, replace=False)))
+        drawn = rng.choice(pool, min(int(rng.integers(*DRAWN_CYCLES, endpoint=True)), len(pool)), replace=False)
+        subset = Cycles(cycles.curves[drawn], cycles.durations_s[drawn], ())
+        counts.append(len(_mpca(subset, weights, variance, None).scales))
+    return np.array(counts)
+
+
 def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
     """Return the root mean square displacement (C,), m, of the 14 joints per radian or metre, over the mean cycle."""
     skeleton = person_skeleton(motions[0].shape)
@@ -181,20 +210,23 @@ def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
     return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])
 
 
-def learn_cyclic(motions: Sequence[Motion], n_components: int = 5, n_phases: int = 64) -> WalkingModel:
+def learn_cyclic(
+    motions: Sequence[Motion], n_components: int = 5, n_phases: int = 64, as_published: bool = False
+) -> WalkingModel:
     """Learn the walking model of motions (paper B, section 2); missing angles are NaN in their poses.
 
     A missing position or heading makes the torso's speed missing. Motions without a period are excluded, with a
-    warning. Deviation: slices with less than half of their samples, at the ends of the sequences, are excluded, because
-    imputed values reduce the coefficients' standard deviations. Raises InputError for fewer than two motions with a
-    period, or too few cycles.
+    warning. Deviations: the period maximises the robust SNR of `snr`; slices with less than half of their samples, at
+    the ends of the sequences, are excluded, because imputed values reduce the coefficients' standard deviations; the
+    components are those of `fpca_shrunk`; the torso's speed is learned too. as_published : none of them. Raises
+    InputError for fewer than two motions with a period, or too few cycles.
     """
     sequences, periods, rates = [], [], []
     for motion in motions:
         channels = _motion_channels(motion)
-        channels[:, 0] *= SPEED_WEIGHT
+        channels[:, 0] = 0.0 if as_published else SPEED_WEIGHT * channels[:, 0]
         try:
-            period = motion_period(motion, channels[:, 1:])
+            period = motion_period(motion, channels[:, 1:], as_published)
         except InputError as error:
             log.warning("%s excluded from the training set: %s", motion.name, error)
             continue
@@ -205,9 +237,9 @@ def learn_cyclic(motions: Sequence[Motion], n_components: int = 5, n_phases: int
         raise InputError(f"prior: expected two motions with a period or more, found {len(sequences)} of {len(motions)}")
     alignment = align([channels[:, 1:] for channels in sequences], periods)
     slices = cut(sequences, _from_left_thigh_ahead(alignment), n_phases)
-    mask = slices.observed.mean(axis=(1, 2)) >= MIN_OBSERVED
+    mask = slices.observed.mean(axis=(1, 2)) >= (0.0 if as_published else MIN_OBSERVED)
     slices = Slices(slices.values[mask], slices.observed[mask], slices.sequence[mask], slices.cycle[mask])
-    pca = fpca_shrunk(slices, n_components)
+    pca = (fpca_paper if as_published else fpca_shrunk)(slices, n_components)
     weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
     return WalkingModel(
         mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,

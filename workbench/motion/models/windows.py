@@ -22,6 +22,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
 
 log = logging.getLogger(__name__)
+SCALINGS = ("deviations", "none")
 ROOT_CHANNELS = ("forward", "sideways", "up", "turn", "root_pitch", "root_roll")
 """The root in the body's heading frame: three velocities, m/s, the heading's, rad/s, and pitch and roll, rad."""
 
@@ -36,9 +37,10 @@ class Windows:
     rows : (R, m) float32, the rows of all clips in sequence; overlapping windows share them. ends : (n,) the last row
     of each window; row `ends + 1` is its successor in the same clip, which every window has. clips, activities : of the
     C clips, in the order of their rows. firsts : (C,) the first row of each clip. scales : (m,) standard deviation of
-    each channel, in its unit; √Σ of the paper. mean : (d, m) Ψ̄ of the scaled windows. basis : (d, m, b) Ũ. sigmas :
-    (b,) σ_l, the standard deviation of component l. coefficients : (n, b) float32, *whitened*: c_i,l / σ_l. explained :
-    fraction of the scaled variance in b components.
+    each channel, in its unit; √Σ of the paper. divisors : (m,) of the channels before the SVD, see `learn_windows`.
+    mean : (d, m) Ψ̄ of the divided windows. basis : (d, m, b) Ũ. sigmas : (b,) σ_l, standard deviation of component l.
+    coefficients : (n, b) float32, *whitened*: c_i,l / σ_l. explained : fraction of the divided windows' variance in b
+    components.
     """
 
     angles: tuple[str, ...]
@@ -50,6 +52,7 @@ class Windows:
     activities: tuple[str, ...]
     firsts: IntArray
     scales: FloatArray
+    divisors: FloatArray
     mean: FloatArray
     basis: FloatArray
     sigmas: FloatArray
@@ -82,8 +85,8 @@ class Windows:
     @cached_property
     def filters(self) -> FloatArray:
         """Contribution (m, d·b) of each channel of a row to the coefficients now and in the next d − 1 frames."""
-        filters = self.basis / self.scales[:, None] / self.sigmas
-        return np.ascontiguousarray(filters.transpose(1, 0, 2).reshape(len(self.scales), -1))
+        filters = self.basis / self.divisors[:, None] / self.sigmas
+        return np.ascontiguousarray(filters.transpose(1, 0, 2).reshape(len(self.divisors), -1))
 
     @cached_property
     def offset(self) -> FloatArray:
@@ -111,7 +114,7 @@ class Windows:
 
 def learn_windows(
     motions: Sequence[Motion], *, rate_hz: float = 30.0, window_frames: int = 10, angles: Sequence[str] = ("body",),
-    include_root: bool = True,
+    include_root: bool = True, scaling: str = "deviations",
 ) -> Windows:  # fmt: skip
     """Return the windows of all motions at one rate, and their PCA with b = ⌊log₂ n⌋ components (C, section 4, eq.
     3–5).
@@ -126,10 +129,12 @@ def learn_windows(
     window_frames : d.
     angles : names of the joint angles to model, or of body parts (`skeleton.PARTS`).
     include_root : model the root's channels too.
+    scaling : "deviations" divides every channel by its standard deviation before the SVD; "none" does not, as in the
+        paper. The velocities are then per frame, the unit of paper A, on whose body C's is based.
 
     Raises
     ------
-    InputError : an angle is unknown, d or the rate is not positive, or fewer than four windows remain.
+    InputError : an angle or the scaling is unknown, d or the rate is not positive, or fewer than four windows remain.
     """
     angles = parameters("windows: angles", angles)
     if unknown := [name for name in angles if name not in POSE_NAMES[N_ROOT:]]:
@@ -138,6 +143,8 @@ def learn_windows(
         raise InputError(
             f"windows: expected angles, window_frames and a rate, found {len(angles)}, {window_frames}, {rate_hz}"
         )
+    if scaling not in SCALINGS:
+        raise InputError(f"windows: scaling must be one of {', '.join(SCALINGS)}, found {scaling!r}")
     clips, included, short = [], [], []
     for motion in motions:
         poses = motion.resampled(rate_hz).poses
@@ -156,11 +163,14 @@ def learn_windows(
             f"windows: expected motions with at least 4 windows of {window_frames} frames, found {len(ends)}"
         )
     rows = np.concatenate(clips)
-    scales, mean, basis, sigmas, explained = _principal_components(rows, ends, window_frames)
+    spread = rows.std(axis=0, dtype=np.float64)
+    scales = np.where(spread > 1e-9, spread, 1.0)  # a constant channel has no information
+    divisors = scales if scaling == "deviations" else _frame_units(len(angles), include_root, rate_hz)
+    mean, basis, sigmas, explained = _principal_components(rows, ends, window_frames, divisors)
     windows = Windows(
         angles=angles, include_root=include_root, rate_hz=rate_hz, rows=rows, ends=ends,
         clips=tuple(motion.name for motion in included), activities=tuple(motion.activity for motion in included),
-        firsts=firsts[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
+        firsts=firsts[:-1], scales=scales, divisors=divisors, mean=mean, basis=basis, sigmas=sigmas,
         coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
     )  # fmt: skip
     return _with_coefficients(windows)
@@ -176,6 +186,12 @@ def pose_rows(poses: FloatArray, rate_hz: float, angles: Sequence[str], include_
         forward, sideways = c * velocity[:, 0] + s * velocity[:, 1], c * velocity[:, 1] - s * velocity[:, 0]
         channels.append(np.column_stack([forward, sideways, velocity[:, 2:], poses[1:, 4:N_ROOT]]))
     return np.concatenate(channels, axis=1)
+
+
+def _frame_units(n_angles: int, include_root: bool, rate_hz: float) -> FloatArray:
+    """Return the divisors (m,) of a row's channels that make its velocities per frame."""
+    root = [rate_hz] * 4 + [1.0] * 2  # of ROOT_CHANNELS
+    return np.array([1.0] * n_angles + [rate_hz] * n_angles + root * include_root)
 
 
 def advance(memory: FloatArray, rows: FloatArray, filters: FloatArray, offset: FloatArray, b: int) -> FloatArray:
@@ -207,19 +223,17 @@ def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, updated:
 
 
 def _principal_components(
-    rows: Float32Array, ends: IntArray, window_frames: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
-    """Return scales (m,), mean (d, m), basis (d, m, b), sigmas (b,) and the explained fraction of the variance.
+    rows: Float32Array, ends: IntArray, window_frames: int, divisors: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return mean (d, m), basis (d, m, b), sigmas (b,) and the explained fraction of the variance.
 
     They are computed from the covariance, dm × dm, rather than the equivalent SVD of dm × n numbers.
     """
-    spread = rows.std(axis=0, dtype=np.float64)
-    scales = np.where(spread > 1e-9, spread, 1.0)  # a constant channel has no information
     lags, size = np.arange(window_frames), window_frames * rows.shape[1]
     total, products = np.zeros(size), np.zeros((size, size))
     centre = rows.mean(axis=0, dtype=np.float64)  # near the mean, to avoid cancellation below
     for first in range(0, len(ends), _BLOCK):
-        block = (rows[ends[first : first + _BLOCK][:, None] - lags] - centre) / scales
+        block = (rows[ends[first : first + _BLOCK][:, None] - lags] - centre) / divisors
         block = block.reshape(-1, size)
         total += block.sum(axis=0)
         products += block.T @ block
@@ -229,9 +243,9 @@ def _principal_components(
     rank = int((variances > 1e-12 * variances[0]).sum())
     b = max(1, min(int(np.log2(len(ends))), rank))
     vectors = vectors[:, :b] * np.sign(vectors[np.abs(vectors[:, :b]).argmax(axis=0), np.arange(b)])
-    uncentred_mean = mean.reshape(window_frames, -1) + centre / scales
+    uncentred_mean = mean.reshape(window_frames, -1) + centre / divisors
     explained = float(variances[:b].sum() / variances.sum())
-    return scales, uncentred_mean, vectors.reshape(window_frames, -1, b), np.sqrt(variances[:b]), explained
+    return uncentred_mean, vectors.reshape(window_frames, -1, b), np.sqrt(variances[:b]), explained
 
 
 def _with_coefficients(windows: Windows) -> Windows:

@@ -7,7 +7,9 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.imputation import remove_blocks
+from workbench.motion.models.cycle_alignment import align, motion_period
+from workbench.motion.models.functional_pca import cut, fpca_paper
+from workbench.motion.models.imputation import remove_blocks, with_gaps
 from workbench.motion.models.walking import learn_cyclic, learn_walking
 from workbench.motion.pose_sequence import Motion
 from workbench.studies.gap_errors import remove_markers
@@ -92,3 +94,19 @@ def test_a_period_that_is_not_found_is_an_infinite_error(caplog):
     metrics, _, _ = period_study([broken], np.random.default_rng(0))
     assert metrics["period_error_max_pct"] == np.inf
     assert "broken" in caplog.text
+
+
+def test_as_published_all_slices_are_learned_by_truncated_singular_values():
+    motions = [with_gaps(motion, 0.2, np.random.default_rng(i)) for i, motion in enumerate(walks(noise=0.05))]
+    published, ours = (learn_cyclic(motions, n_components=2, as_published=rule) for rule in (True, False))
+    angles = [motion.poses[:, N_ROOT:] for motion in motions]
+    periods = [motion_period(motion, series, summed=True) for motion, series in zip(motions, angles, strict=True)]
+    alignment = align(angles, periods)
+    hips = [POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right")]
+    ahead = np.argmax(alignment.reference[:, hips[0]] - alignment.reference[:, hips[1]]) / len(alignment.reference)
+    pca = fpca_paper(cut(angles, replace(alignment, offsets=(alignment.offsets - ahead) % 1.0)), 2)
+    assert published.n_cycles == len(pca.completed) > ours.n_cycles  # those at the ends of the sequences too
+    assert published.mean[:, 1:] == pytest.approx(pca.mean, abs=1e-9)
+    assert published.scales == pytest.approx(pca.scales, rel=1e-6)
+    assert (published.mean[:, 0] == 0.0).all()  # B has no torso speed
+    assert published.scales != pytest.approx(ours.scales, rel=0.01)

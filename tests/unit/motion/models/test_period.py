@@ -102,3 +102,25 @@ def test_no_period_is_said():
         find_period(np.full((300, 2), np.nan), 50, 140)
     with pytest.raises(InputError, match="2 samples"):
         snr(np.zeros((20, 1)), [1])
+
+
+def test_the_published_accumulation_is_the_sum_over_the_angles():
+    """One strong angle dominates the sum, but not the square of the mean root."""
+    rng = np.random.default_rng(0)
+    series = rng.standard_normal((300, 5))
+    series[:, 0] += 20.0 * np.sin(2 * np.pi * np.arange(300) / 60)
+    series[:, 4] = 1.0  # constant: no ratio
+    periods = np.arange(40.0, 100.0)
+    each = snr_per_series(series, periods)
+    summed = snr(series, periods, summed=True)
+    assert summed == pytest.approx(each[:, :4].sum(axis=1))
+    assert summed.max() > 5.0 * snr(series, periods).max()
+    assert np.isnan(snr(series[:50], [60.0], summed=True)).all()
+
+
+def test_the_sum_finds_the_period_of_its_strongest_angle():
+    rng, frames = np.random.default_rng(3), np.arange(600)
+    series = np.sin(2 * np.pi * frames[:, None] / np.array([75.0] + [97.0] * 18))
+    series += np.array([0.02] + [0.3] * 18) * rng.standard_normal(series.shape)
+    assert find_period(series, 60, 120, summed=True) == pytest.approx(75.0, abs=0.5)
+    assert find_period(series, 60, 120) == pytest.approx(97.0, abs=1.0)

@@ -1,11 +1,19 @@
 """Cutting cycles and the multivariate PCA against planted answers."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, learn_walking, walking_cycles
+from workbench.motion.models.walking import (
+    CHANNEL_NAMES,
+    ROOT_CHANNELS,
+    component_counts,
+    learn_walking,
+    walking_cycles,
+)
 from workbench.motion.pose_sequence import Motion, gait_events
 from workbench.utils.errors import InputError
 
@@ -120,3 +128,26 @@ def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
     # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 2π a cycle) by 2 mrad; aside is integrated from
     # velocities that central differences flatten by 0.2 %
     assert sway == pytest.approx(np.broadcast_to(np.transpose(expected), sway.shape), abs=3e-3)
+
+
+def test_the_published_torso_speed_is_the_norm_of_the_velocity():
+    motion = walk(heading=0.4)
+    times = np.arange(len(motion)) / RATE
+    motion.poses[:, :3] += times[:, None] * [-0.5 * np.sin(0.4), 0.5 * np.cos(0.4), 0.3]  # aside and upwards, m/s
+    expected = {"forward": 1.3, "norm": np.linalg.norm([1.3, 0.5, 0.3])}
+    for torso_speed, speed in expected.items():
+        assert walking_cycles([motion], T, torso_speed=torso_speed).curves[:, :, 0] == pytest.approx(speed, abs=1e-6)
+        model = learn_walking([motion, motion], **PAPER | {"torso_speed": torso_speed, "n_components": 1}, n_phases=T)
+        assert model.mean[:, 0] == pytest.approx(speed, abs=1e-6)
+
+
+def test_components_of_small_training_sets_are_those_planted():
+    motions = planted(24)
+    cycles, people = walking_cycles(motions, T), {motion.name: f"person {i % 6}" for i, motion in enumerate(motions)}
+    draw = partial(component_counts, cycles, people, 20, 0.9)
+    counts = draw(np.random.default_rng(0))
+    assert set(counts) <= {1, 2}
+    assert (counts == draw(np.random.default_rng(0))).all()
+    few = {name: f"person {i % 3}" for i, name in enumerate(people)}
+    with pytest.raises(InputError, match="4 people, found 3"):
+        component_counts(cycles, few, 20, 0.9, np.random.default_rng(0))

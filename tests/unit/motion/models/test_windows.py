@@ -80,6 +80,23 @@ def test_the_components_are_those_of_an_svd(windows):
     assert windows.coefficients.std(axis=0) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_without_scaling_the_components_are_those_of_velocities_per_frame(motions, windows):
+    """As in the paper: the SVD of the windows themselves, of angles in rad and velocities in rad or m per frame."""
+    unscaled = learn_windows(motions, window_frames=LENGTH, scaling="none")
+    n = len(PARTS["body"])
+    units = np.array([1.0] * n + [30.0] * n + [30.0] * 4 + [1.0] * 2)
+    stacked = (unscaled.window_rows(np.arange(len(unscaled))) / units).reshape(len(unscaled), -1)
+    centred = stacked - stacked.mean(axis=0)
+    _, singular, right = np.linalg.svd(centred, full_matrices=False)
+    b = len(unscaled.sigmas)
+    assert unscaled.sigmas == pytest.approx(singular[:b] / np.sqrt(len(unscaled)), rel=1e-4)
+    assert unscaled.explained == pytest.approx((singular[:b] ** 2).sum() / (singular**2).sum(), abs=1e-6)
+    first = centred @ right[0] / unscaled.sigmas[0]
+    assert abs(np.corrcoef(first, unscaled.coefficients[:, 0])[0, 1]) == pytest.approx(1.0, abs=1e-6)
+    assert (unscaled.scales == windows.scales).all()  # Σ of eq. 3
+    assert unscaled.explained > windows.explained
+
+
 def test_projection_gives_the_stored_coefficients(windows):
     entries = np.array([0, 5, len(windows) - 1])
     assert windows.project(windows.window_rows(entries)) == pytest.approx(windows.coefficients[entries], abs=1e-5)

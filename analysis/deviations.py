@@ -1,0 +1,155 @@
+"""What differs between `paper=literal` and the papers, as data for the documentation."""
+
+from typing import NamedTuple
+
+
+class Deviation(NamedTuple):
+    """One difference. paper: A to D. place: equation, section or figure. difference, reason: sentences."""
+
+    paper: str
+    place: str
+    difference: str
+    reason: str
+
+
+_UNSTATED = "The paper gives no value."
+_UNDEFINED = "The paper does not define it."
+DEVIATIONS = tuple(
+    Deviation(*entry)
+    for entry in (
+        # every paper
+        ("A–D", "experiments", "Rendered persons, or simulated points, replace the footage.", "It is not available."),
+        (
+            "A–D", "experiments",
+            "The assumed limb lengths are up to 3 %, girths 10 %, the camera 0.2 % and 0.1°, and the initial pose 3 cm "
+            "and 0.05 rad wrong. `dataset.perturb=false` removes these errors.",
+            "A real person's body and camera are never known exactly.",
+        ),
+        # A
+        (
+            "A", "section 5", "All particles and limbs share the n sampled points. They are drawn on the patch, "
+            "uniformly in its coordinates, not among its pixels.",
+            "Likelihoods then differ by the poses and not by sampling noise.",
+        ),
+        ("A", "section 5", "Points outside an image are excluded and reduce q; α of a sphere is 0.", _UNDEFINED),
+        (
+            "A", "eq. 3, 10–11", "σ of the image noise, ε and p_occluded were chosen on other people and scenes; the "
+            "experiments' files state the values and their curves.", _UNSTATED,
+        ),
+        (
+            "A", "section 6.1", "Samples are of the normal distribution truncated to the limits; the paper's density "
+            "does not integrate to one near them.", "A filter can only sample from a normalised density.",
+        ),
+        ("A", "section 6.1", "The noise of poses and velocities is `SIGMA` and `SIGMA_VELOCITY`.", _UNSTATED),
+        (
+            "A", "section 6.2", "Cycles are walks of CMU's walkers, divided at gait events instead of by hand. The gap "
+            "between the ends of a cycle is distributed linearly over it.", "The dancers' motions are not available.",
+        ),
+        (
+            "A", "section 6.2", "The torso's velocities are not part of the state.",
+            "Neither eq. 14–17 nor the likelihood depends on them: without them the posterior of all other variables "
+            "is the same.",
+        ),
+        (
+            "A", "eq. 14", "λ is the standard deviation of a coefficient over the cycles, the singular value divided "
+            "by √(m − 1).", "The unknown factor ε absorbs the quotient.",
+        ),
+        (
+            "A", "eq. 15", "The phase advances by the mean speed of the training cycles; the equation has no drift.",
+            "Without a drift the phase moves by noise only, whose deviation would be as large as a frame's advance.",
+        ),
+        ("A", "eq. 14–17", "The noise of coefficients, phase, position and orientation is that of ours.", _UNSTATED),
+        # B
+        (
+            "B", "eq. 1", "Signal and noise of a period are the mean squares of an F ratio.",
+            "The paper refers to a technical report; the ratio of its white noise is flat, as that of an F ratio.",
+        ),
+        (
+            "B", "section 2.1", "Periods need not be whole, and must fit twice into a sequence.",
+            "CMU's walks are short; longer periods have too few degrees of freedom.",
+        ),
+        (
+            "B", "section 2.1", "For the alignment, angles are divided by their standard deviations and phases "
+            "rounded to 1/256 of a cycle. The first sequence alone is a second initial reference.",
+            "Sequences in opposite phase cancel in the paper's initial reference.",
+        ),
+        (
+            "B", "section 2.2", "Slices are cubic splines; an unobserved point starts as the mean of the others.",
+            _UNDEFINED,
+        ),
+        (
+            "B", "section 2.2", "The Fourier functions are real and orthonormal, the mean is projected on them too, "
+            "and the tolerance 1e-6 is relative.", "The mean of real cycles is not periodic; a relative tolerance is "
+            "independent of units.",
+        ),
+        ("B", "section 2.2", "q is 8. A fifth of the samples is removed in blocks.", _UNSTATED),
+        ("B", "fig. 1", "The axis of the signal-to-noise ratio is logarithmic.", "Angles differ by powers of ten."),
+        (
+            "B", "section 3", "The noise is ours; that of the root's position is a walker's displacement per frame. σ "
+            "and p_occluded were chosen on other walkers.", "The paper gives no values; nothing else moves the root.",
+        ),
+        ("B", "eq. 5", "Sampled points as for A, section 5.", "As for A."),
+        # C
+        (
+            "C", "section 4", "The database is CMU's and Bandai's without the tracked performer, with 82 000 windows "
+            "at 30 Hz instead of 50 000.", "The paper's recordings are not available.",
+        ),
+        (
+            "C", "section 4", "Position and heading enter as velocities in the body's heading frame, and are predicted "
+            "by increments.", "Otherwise a match depends on where and in which direction a person walks.",
+        ),
+        (
+            "C", "section 4", "Velocities are per frame, by backward differences. 16 components explain 94 % of the "
+            "variance (the paper: 89 %); with velocities per second 77 %.", "The unit is not stated; A uses m/frame.",
+        ),
+        (
+            "C", "section 4.2", "β for tracking and synthesis, the noise of a copied pose, σ and p_occluded; β of the "
+            "arm is that of fig. 4, the others were chosen on other people.", "The paper gives β only for fig. 4.",
+        ),
+        ("C", "section 4", "Samples are not re-weighted (footnote 3); `importance_correction` does.",
+         "The paper does not state that it does."),
+        ("C", "section 6", "Initial windows are sampled at temperature 0.05.", _UNSTATED),
+        ("C", "section 5", "The likelihood is A's on truncated cones, with A's differences.", "As for A."),
+        # D
+        (
+            "D", "eq. 4", "All ellipsoids share one width of their field.", _UNSTATED,
+        ),
+        (
+            "D", "eq. 5", "A point belongs to the part with the smallest abs(log f/C) instead of abs(f − C).",
+            "One centimetre inside a forearm abs(f − C) exceeds C, the value of every distant limb.",
+        ),
+        (
+            "D", "eq. 10", "The global motion is fitted by distances, from the extrapolation of the two previous "
+            "frames.", "The field vanishes beyond a fraction of a limb's radius.",
+        ),
+        (
+            "D", "eq. 14", "The derivative by μ includes that of the mean and is exact, of a periodic spline.",
+            "The equation omits a term of eq. 9; finite differences approximate the same derivative.",
+        ),
+        (
+            "D", "section 3.2", "Training motions are CMU's and Bandai's walks and runs without the performer's data "
+            "set. The body has 25 parameters instead of about 80.", "The treadmill recordings are not available.",
+        ),
+        ("D", "section 4", "The initial pose and the phases of the ends are the true ones with an error.",
+         "The paper sets them by hand."),
+        (
+            "D", "fig. 10", "The arms and the neck keep their initial angles.",
+            "The paper does not track the arms and does not say how they are excluded.",
+        ),
+        ("D", "fig. 6", "Angles are compared with the truth instead of gyroscopes.", "Rendered persons have none."),
+    )
+)  # fmt: skip
+"""All differences of the literal rows from the papers, and their unspecified parts."""
+
+
+def page() -> str:
+    """Return the page of the documentation, in Markdown."""
+    lines = [
+        "# Deviations from the papers", "",
+        "This page is for readers who compare a result of `paper=literal` with its publication. It lists every "
+        "difference that remains, and every value that a paper does not give. *Ours* has further differences, which "
+        "the file of each experiment lists under `paper.literal`.", "",
+        "| paper | place | difference | reason |", "| --- | --- | --- | --- |",
+        *(f"| {each.paper} | {each.place} | {each.difference} | {each.reason} |" for each in DEVIATIONS), "",
+    ]  # fmt: skip
+    return "\n".join(lines)
