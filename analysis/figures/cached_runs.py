@@ -44,7 +44,7 @@ def every_run(
 def measured(run: Run, names: Sequence[str]) -> dict[str, float]:
     """Return a run's metrics of these names, NaN for missing ones; nothing is recorded. The scene differs between
     seeds."""
-    entry = [f"seed={run.seed}", f"dataset.seed={run.seed}", f"dataset.motion='{run.clip}'"]
+    entry = [f"seed={run.seed}", f"dataset.motion='{run.clip}'"]
     chosen = [f"experiment={run.experiment}", *entry, *run.overrides]
     metrics = finished(composed(chosen), run.experiment).metrics
     return {name: metrics.get(name, float("nan")) for name in names}

@@ -30,8 +30,6 @@ from workbench.utils.errors import InputError
 
 PAPERS = ("literal", "ours")
 N_SEEDS, N_SEEDS_QUICK, N_SEEDS_PEOPLE = 10, 2, 2
-DATASET_SEED_OFFSET = 1000
-"""Difference between a run's seed and that of its dataset."""
 NEXT_PERSON = 100
 """Difference between the first seeds of two people."""
 KNEES = [("knee_flexion_rmse_deg", "°")]
@@ -90,12 +88,10 @@ def _replicates(
     overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1], *more]
     config = composed(overrides)
     file = _file(experiment, paper, config, source.folder)
-    own_seed = "seed" in (config.dataset or {})
     cached: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.is_file() else {}
     for seed in seeds:
         if str(seed) not in cached:
-            dataset_seed = [f"dataset.seed={DATASET_SEED_OFFSET + seed}"] if own_seed else []
-            cached[str(seed)] = _run(composed([*overrides, f"seed={seed}", *dataset_seed]), experiment)
+            cached[str(seed)] = _run(composed([*overrides, f"seed={seed}"]), experiment)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(json.dumps(cached, indent=1))
     return Replicates(tuple(cached[str(seed)] for seed in seeds))
