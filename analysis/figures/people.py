@@ -16,7 +16,7 @@ from workbench.utils.errors import InputError
 
 LISTS: Mapping[tuple[str, ...], str] = {("walk",): "test", ("run",): "test_run", ("walk", "run"): "test_walk_run"}
 """List below `clips` in the configuration, by the activities of an experiment."""
-FULL = "report_full"
+FULL = "test_full"
 """The list for a motion file's own skeleton with every joint."""
 METRICS = {"mpjpe_abs_mm": "mm", "mpjpe_mm": "mm", "mpjpe_px": "px", "knee_flexion_rmse_deg": "°", "coverage_90": ""}
 """Metrics of the table with their units, if a run has them."""
