@@ -187,10 +187,6 @@ def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_write
 @pytest.mark.parametrize(("group", "option"), CHOICES)
 def test_the_runs_seed_is_that_of_every_component_with_one_unless_it_has_its_own(group, option):
     if "seed" in config_keys(import_target(options(group)[option].target)):
-        assert compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3"])[group].seed == 3
-        assert (
-            compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", f"{group}.seed=1"])[
-                group
-            ].seed
-            == 1
-        )
+        for words, seed in (((), 3), ((f"{group}.seed=1",), 1)):
+            config = compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", *words])
+            assert config[group].seed == seed
