@@ -10,7 +10,7 @@ from analysis.figures.cached_runs import Run
 from analysis.figures.recordings import Source
 from analysis.figures.replicates import PAPERS, runs_of, short
 from analysis.figures.unrecorded import Result
-from workbench.evaluation.track_loss import TRACKED_MM, lost_frames, lost_states
+from workbench.evaluation.track_loss import lost_frames
 from workbench.utils.arrays import BoolArray
 from workbench.utils.errors import InputError
 
@@ -67,11 +67,10 @@ class Claim:
 
 
 def lost(result: Result) -> BoolArray:
-    """Return whether the person is lost in each frame (F,) after the first: the joints are further from the truth than
-    a forearm's width in the image, or than TRACKED_MM in space, root-aligned where there are images."""
-    states = lost_frames(result.series)
-    in_space = result.series.get("mpjpe_mm", ())
-    return np.asarray(states) | lost_states(in_space, [TRACKED_MM] * len(in_space))
+    """Return whether the person is lost in each frame (F,) after the first; raises InputError without joint errors."""
+    if (states := lost_frames(result.series)) is None:
+        raise InputError("the runs have no joint errors")
+    return states
 
 
 def tracked(at_least: float = 0.0, at_most: float = 1.0, last_frame: int | None = None) -> Judge:

@@ -51,10 +51,9 @@ class Run:
         return f"{self.clip} {self.seed}".lstrip()
 
     def own_configuration(self) -> DictConfig:
-        """Return the configuration; every seed has its own scene, if the dataset has a seed."""
+        """Return the configuration with clip and seed."""
         clip = [f"dataset.motion='{self.clip}'"] if self.clip else []
-        scene = [f"dataset.seed={self.seed}"] if "seed" in (self.configuration.dataset or {}) else []
-        return composed([*chosen(self.experiment), *clip, *self.overrides, f"seed={self.seed}", *scene])
+        return composed([*chosen(self.experiment), *clip, *self.overrides, f"seed={self.seed}"])
 
 
 class RunCache:

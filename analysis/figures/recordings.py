@@ -85,7 +85,10 @@ GENERATED: Mapping[str, Sequence[str]] = {
 VARIANTS: Mapping[str, tuple[str, ...]] = {
     "arm_implicit": ("arm_smooth_300", "prior=implicit"),
     "arm_smooth_3000": ("arm_smooth_300", "inference.n_particles=3000"),
-    "arm_implicit_waving": ("arm_smooth_300", "prior=implicit", "training.exclude=[dataset-1_byebye_giant_001]"),
+    "arm_implicit_waving": (
+        "arm_smooth_300", "prior=implicit", "training.exclude=[dataset-1_byebye_giant_001]",
+        "dataset.motion=dataset-1_byebye_giant_001", "dataset.first_frame=8", "dataset.view_azimuth_deg=180",
+    ),
     "temperature_arm": (
         "temperature", "prior.angles=[right_arm]", "prior.include_root=false", "study.clip=dataset-1_byebye_giant_001",
         "study.frame=17", "study.betas=[0.05]",

@@ -31,7 +31,7 @@ def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
 def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capfd):
     code, told, _ = run(
-        "sweep", "-m", "experiment=held_out_subjects", "dataset.motion='05_01','02_01'", "dataset.perturb=false",
+        "sweep", "-m", "experiment=held_out_subjects", "dataset.motion='38_02','02_01'", "dataset.perturb=false",
         "seed=0", f"paths.data={data}", f"hydra.sweep.dir={tmp_path / 'jobs'}", *SMALL,
     )  # fmt: skip
     assert code == 0, told

@@ -52,6 +52,7 @@ class Scene:
     inputs: RunInputs = field(default_factory=lambda: RunInputs(height_m=HEIGHT_M, rate_hz=RATE_HZ))
     errors: dict = field(default_factory=dict)
     annotations: np.ndarray | None = None
+    truth_m: np.ndarray | None = None
     inlier_fraction: float = 0.9
     body: object = BODY
 
@@ -61,6 +62,8 @@ class Scene:
         for t, pose in enumerate(self.poses):
             views = tuple(View(c, image, marks[t]) for c, marks in zip(self.cameras, self.keypoints, strict=True))
             truth = None if self.annotations is None else Truth(annotations=self.annotations[t])
+            if self.truth_m is not None:
+                truth = Truth(joints=joints(self.body.skeleton, pose[None])[0] + self.truth_m[t])
             frame = Frame(t, float(self.times_s[t]), views, truth, None if self.points is None else self.points[t])
             poses = pose + 0.01 * rng.standard_normal((20, 25))
             step = Step(frame, SPACE, poses[:, :1], poses, np.full(20, -np.log(20.0)), np.zeros(20, np.int64), pose,

@@ -17,12 +17,14 @@ _NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
 def quoted(argument: str) -> str:
     """Return an argument with its value quoted if Hydra cannot parse it, such as `n_track_losses>0` or a folder.
 
-    A value with symbols of Hydra's grammar is unchanged, except for folders and clip names such as 35_02. Raises
-    InputError for a value on which Hydra's parser fails.
+    A value with symbols of Hydra's grammar is unchanged, except for folders, clip names such as 35_02, and nested
+    interpolations, which Hydra parses in quotes only. Raises InputError for a value on which Hydra's parser fails.
     """
     key, sign, value = argument.partition("=")
-    if not sign or argument.startswith("-") or value[:1] in ("'", '"') or "${" in value:
+    if not sign or argument.startswith("-") or value[:1] in ("'", '"'):
         return argument
+    if "${" in value:
+        return argument if "'" in value or _is_parsed(argument) else f"{key}='{value}'"
     value = _NAME.sub(r"'\g<0>'", value)
     argument = f"{key}={value}"
     if _is_parsed(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):

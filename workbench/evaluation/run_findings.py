@@ -20,8 +20,8 @@ from workbench.evaluation.calibration_findings import (
 from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
 from workbench.evaluation.multiview_consistency import bends, limb_lengths
 from workbench.evaluation.run_measurements import RunMeasurements, foot_speeds, walking_velocity
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, LOST_MM, TRACKED_MM, WINDOW_FRAMES
-from workbench.evaluation.track_outcome import doubtful_frames, has_values
+from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, UNCERTAIN_MM, WINDOW_FRAMES
+from workbench.evaluation.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray
 
 _LIMB_TOLERANCE = 0.20
@@ -212,24 +212,23 @@ def _place(measured: RunMeasurements) -> Iterator[Finding]:
 
 
 def _uncertainty(measured: RunMeasurements) -> Iterator[Finding]:
-    """Compare the stated uncertainty with the errors, and both with the threshold of a track in space."""
+    """Compare the stated uncertainty with the errors, and with UNCERTAIN_MM."""
     errors = {name: values[1:] for name, values in measured.errors.items()}
     coverage = errors.get("coverage_90", errors.get("coverage_90_joints", np.empty(0)))
     if has_values(coverage) and (covered := float(np.nanmean(coverage))) < _MIN_COVERAGE:
         text = f"the 90 % credible intervals cover {covered:.0%} of the true values"
         yield Finding("overconfident", text)
-    in_space, doubtful = errors.get("mpjpe_abs_mm", np.empty(0)), doubtful_frames(measured)[1:]
-    if has_values(in_space) and "mpjpe_px" in errors and doubtful.any() and np.nanmax(in_space) >= TRACKED_MM:
-        text = f"the error in space reaches {np.nanmax(in_space):.0f} mm, mean {np.nanmean(in_space):.0f} mm"
-        yield Finding("error in space", f"{text}, with {np.nanmean(errors['mpjpe_px']):.1f} px in the image")
+    drift = depth_drift(measured)
+    if drift.exceeds.any():
+        yield Finding("depth drift", drift.message)
     shown = measured.observed_frames
     uncertain = [groups for groups, valid in zip(measured.uncertain_groups, shown, strict=True) if groups and valid]
     if len(uncertain) > 0.5 * shown.sum():
         groups = ", ".join(sorted({group for each in uncertain for group in each}))
-        text = f"the expected error of {groups} exceeds {LOST_MM:g} mm in {len(uncertain)} frames"
+        text = f"the expected error of {groups} exceeds {UNCERTAIN_MM:g} mm in {len(uncertain)} frames"
         yield Finding("large expected error", text)
     depth_m = measured.depth_std_m[shown]
-    if has_values(depth_m) and (std := float(np.nanmedian(depth_m))) > 1e-3 * LOST_MM:
+    if has_values(depth_m) and (std := float(np.nanmedian(depth_m))) > 1e-3 * UNCERTAIN_MM:
         yield Finding("uncertain depth", f"the person's depth is known to ± {std:.2f} m only")
 
 

@@ -15,7 +15,7 @@ from workbench.core.step import Step
 from workbench.evaluation.multiview_consistency import LIMBS, height_px, keypoint_pixels
 from workbench.evaluation.observed_joints import ObservedJoints
 from workbench.evaluation.step_calibration import GROUPS
-from workbench.evaluation.track_loss import LOST_MM
+from workbench.evaluation.track_loss import UNCERTAIN_MM
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3
@@ -26,7 +26,7 @@ _STEP_S = 0.07
 """The same for an ankle, whose swing takes 0.4 s."""
 _FEET = [JOINT_NAMES.index(name) for name in ("pelvis", "left_ankle", "right_ankle")]
 _ERRORS = (
-    "mpjpe_abs_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px", "coverage_90", "coverage_90_joints"
+    "mpjpe_abs_mm", "mpjpe_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px", "coverage_90", "coverage_90_joints"
 )  # fmt: skip
 
 
@@ -41,10 +41,11 @@ class RunMeasurements:
     annotation_height_px: (F,) height of the person in the annotations that errors are measured by.
     lengths_m: of the tracked body, by limb.
     inlier_fraction: (F,) fraction of the observations near the body.
-    uncertain_groups: (F,) groups of joints whose expected error exceeds LOST_MM.
+    uncertain_groups: (F,) groups of joints whose expected error exceeds UNCERTAIN_MM.
     iterations: of a fit, 0 without one.
     estimated_joints: (F, J, 3), m.
     depth_std_m: (F,) standard deviation of the pelvis' distance, where the only camera measures it.
+    depth_error_m: (F,) mean error of the joints along the first camera's line of sight, by the true joints.
     point_extent_m: (F, 3) along x, y and z, of the middle 90 % of the points.
     """
 
@@ -61,6 +62,7 @@ class RunMeasurements:
     iterations: float
     estimated_joints: FloatArray
     depth_std_m: FloatArray
+    depth_error_m: FloatArray
     point_extent_m: FloatArray
 
     @property
@@ -121,7 +123,7 @@ class MeasurementCollector:
             self._cameras.setdefault(view.camera.name, view.camera)
         self._searched |= {view.camera.name for view in frame.views if view.keypoints is not None}
         points = None if frame.points is None or not len(frame.points) else frame.points
-        uncertain = tuple(each for each in GROUPS if errors.get(f"expected_error_{each}_mm", 0.0) > LOST_MM)
+        uncertain = tuple(each for each in GROUPS if errors.get(f"expected_error_{each}_mm", 0.0) > UNCERTAIN_MM)
         if len(step.poses) == 1:  # no stated uncertainty
             errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
         self._rows.append(
@@ -131,7 +133,7 @@ class MeasurementCollector:
                 "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else height_px(annotations) / self._scale,
-                "depth_std_m": _depth_std(step),
+                "depth_std_m": _depth_std(step), "depth_error_m": _depth_error(step, estimate),
                 "extent_m": np.full(3, np.nan) if points is None else np.ptp(
                     np.percentile(points, [5.0, 95.0], axis=0), axis=0
                 ),
@@ -152,8 +154,11 @@ class MeasurementCollector:
         rows, n, cameras = self._rows, len(self._rows), self._cameras
         series = {
             name: np.array([row[name] for row in rows], np.float64)
-            for name in ("time_s", "annotation_height_px", "inlier_fraction", "depth_std_m", "joints", "extent_m")
-        }
+            for name in (
+                "time_s", "annotation_height_px", "inlier_fraction", "depth_std_m", "depth_error_m", "joints",
+                "extent_m",
+            )
+        }  # fmt: skip
         views = np.array([[row["views"].get(name, (np.nan, 0.0)) for name in cameras] for row in rows], np.float64)
         views = views.reshape(n, len(cameras), 2)
         none = np.full((len(JOINT_NAMES), 3), np.nan)
@@ -173,6 +178,7 @@ class MeasurementCollector:
             inlier_fraction=series["inlier_fraction"],
             uncertain_groups=tuple(row["uncertain"] for row in rows), iterations=self._iterations,
             estimated_joints=series["joints"].reshape(n, len(JOINT_NAMES), 3), depth_std_m=series["depth_std_m"],
+            depth_error_m=series["depth_error_m"],
             point_extent_m=series["extent_m"].reshape(n, 3),
         )  # fmt: skip
 
@@ -185,6 +191,16 @@ def _depth_std(step: Step) -> float:
     depths, weights = step.poses[:, :N_POSITION] @ step.frame.views[0].camera.rotation[2], np.exp(step.log_weights)
     mean = float(weights @ depths)
     return float(np.sqrt(weights @ (depths - mean) ** 2))
+
+
+def _depth_error(step: Step, joints_m: FloatArray) -> float:
+    """Return the mean error of joints (J, 3), m, along the first camera's line of sight, positive if too far away; NaN
+    without a camera or true joints."""
+    truth = step.frame.truth
+    if not step.frame.views or truth is None or truth.joints is None:
+        return float("nan")
+    errors = (joints_m - truth.joints) @ step.frame.views[0].camera.rotation[2]
+    return float(np.nanmean(errors)) if np.isfinite(errors).any() else float("nan")
 
 
 def stance(pelvis: FloatArray, ankles: FloatArray, times_s: FloatArray) -> FloatArray:

@@ -5,19 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.utils.arrays import BoolArray
+from workbench.utils.arrays import BoolArray, FloatArray
 
 FOREARM_OVER_HEIGHT = 0.044
 """A forearm's width over a person's height, the mean of the two ends of `from_height`: the threshold of a track in the
 image."""
 TRACKED_MM = 150.0
-"""Threshold of the mean joint error of a track in space: half a head. Where images show the person, a
-larger error makes frames doubtful, as the depth of one camera is uncertain."""
-LOST_MM = 450.0
-"""Mean joint error from which on a track is lost although it agrees with the image: the distance between the shoulders,
-0.26 of an adult's height (Drillis & Contini 1966), beyond which the estimate and the person do not overlap."""
+"""Threshold of the mean joint error of a track in space, half a head: of the root-aligned error where images show the
+person, whose depth one camera hardly observes, else of the absolute error."""
+UNCERTAIN_MM = 450.0
+"""Expected error from which on a group of joints, or a depth, is uncertain: the distance between the shoulders, 0.26 of
+an adult's height (Drillis & Contini 1966), beyond which the estimate and the person do not overlap."""
 WINDOW_FRAMES = 5
 """Frames over which an error is averaged, so that a single frame is neither a loss nor a recovery."""
+
+_Series = Sequence[float] | FloatArray
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class TrackEvent:
     frame: int
 
 
-def track_events(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW_FRAMES) -> list[TrackEvent]:
+def track_events(errors: _Series, thresholds: _Series, window: int = WINDOW_FRAMES) -> list[TrackEvent]:
     """Return the losses and recoveries of a track, which alternate.
 
     The track is lost where the mean error over `window` frames reaches the mean threshold. The event is the first of
@@ -54,7 +56,7 @@ def track_events(errors: Sequence[float], thresholds: Sequence[float], window: i
     return events
 
 
-def lost_states(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW_FRAMES) -> BoolArray:
+def lost_states(errors: _Series, thresholds: _Series, window: int = WINDOW_FRAMES) -> BoolArray:
     """Return whether each frame (F,) lies between a loss and the next recovery, or the end; see `track_events`."""
     lost = np.zeros(len(errors), dtype=bool)
     for event in track_events(errors, thresholds, window):
@@ -62,22 +64,27 @@ def lost_states(errors: Sequence[float], thresholds: Sequence[float], window: in
     return lost
 
 
-def lost_frames(errors: Mapping[str, Sequence[float]]) -> BoolArray | None:
-    """Return whether the track is lost in each frame (F,), by the image and in space; None without a threshold.
+def criteria(errors: Mapping[str, _Series]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return the errors that decide whether a track is lost, by name, each with its thresholds, (F,); {} without any.
 
-    errors: series over frames by name. In the image mpjpe_px is compared with forearm_width_px. In space mpjpe_abs_mm
-    is compared with LOST_MM, or with TRACKED_MM without images.
+    errors: series over frames by name. Where images show the person these are mpjpe_px with forearm_width_px, and
+    mpjpe_mm with TRACKED_MM; else mpjpe_abs_mm with TRACKED_MM.
     """
-    in_space = errors.get("mpjpe_abs_mm")
-    if "mpjpe_px" in errors and "forearm_width_px" in errors:
-        lost = lost_states(errors["mpjpe_px"], errors["forearm_width_px"])
-        if in_space is not None and len(in_space) == len(lost):
-            lost |= lost_states(in_space, [LOST_MM] * len(lost))
-        return lost
-    return None if in_space is None else lost_states(in_space, [TRACKED_MM] * len(in_space))
+    in_image = "mpjpe_px" in errors and "forearm_width_px" in errors
+    pairs = {"mpjpe_px": np.asarray(errors["forearm_width_px"], np.float64)} if in_image else {}
+    n, in_space = len(errors["mpjpe_px"]) if in_image else None, "mpjpe_mm" if in_image else "mpjpe_abs_mm"
+    if in_space in errors and n in (None, len(errors[in_space])):
+        pairs[in_space] = np.full(len(errors[in_space]), TRACKED_MM)
+    return {name: (np.asarray(errors[name], np.float64), thresholds) for name, thresholds in pairs.items()}
 
 
-def track_metrics(errors: Mapping[str, Sequence[float]]) -> dict[str, float]:
+def lost_frames(errors: Mapping[str, _Series]) -> BoolArray | None:
+    """Return whether the track is lost in each frame (F,) by any of its `criteria`; None without any."""
+    lost = [lost_states(*each) for each in criteria(errors).values()]
+    return np.asarray(np.any(lost, axis=0)) if lost else None
+
+
+def track_metrics(errors: Mapping[str, _Series]) -> dict[str, float]:
     """Return n_track_losses, tracked (0 or 1) and lost_fraction of a track's errors, see `lost_frames`; {} without."""
     if (lost := lost_frames(errors)) is None or not len(lost):
         return {}

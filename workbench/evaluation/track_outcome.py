@@ -1,10 +1,19 @@
 """Outcome of a run: whether the person was tracked, frame by frame, by ground truth, annotations or keypoints."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
 from workbench.evaluation.run_measurements import RunMeasurements
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM, WINDOW_FRAMES, lost_frames, lost_states
+from workbench.evaluation.track_loss import (
+    FOREARM_OVER_HEIGHT,
+    TRACKED_MM,
+    WINDOW_FRAMES,
+    criteria,
+    lost_states,
+)
 from workbench.utils.arrays import BoolArray, FloatArray
 
 TRACKED, LOST, UNKNOWN = "tracked", "lost", "not known"
@@ -15,55 +24,85 @@ thresholds: a trunk's depth."""
 _NORMAL_90 = 1.645
 """Half width of a normal distribution's 90 % interval, in standard deviations."""
 _DRIFT_S = 0.5
-"""Time over which the error in space is averaged, a step of a walk: shorter errors are of limbs and detections."""
+"""Time over which the error in depth is averaged, a step of a walk: shorter errors are of limbs and detections."""
+_LOST_BY = {"mpjpe_px": "{:.0f} px in the image", "mpjpe_mm": "{:.0f} mm root-aligned", "mpjpe_abs_mm": "{:.0f} mm"}
+"""Descriptions of an error by which the track is lost."""
 
 
 def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tuple[str, ...]]:
     """Return whether the person was tracked, and the states (F,) of the frames, "" in a run without errors.
 
-    A frame is lost where the error in the image or in space reaches its threshold, see `lost_frames`; without ground
-    truth, also where the distance from the keypoints does. Others are doubtful as of `doubtful_frames`. The first
-    frame, whose pose may be given, is tracked.
+    A frame is lost where the error in the image or the root-aligned error reaches its threshold, see `criteria`;
+    without ground truth, also where the distance from the keypoints does. Others are doubtful as of `doubtful_frames`.
+    The first frame, whose pose may be given, is tracked.
     shows_person: the dataset has observations of the person.
     """
     n, details = len(measured.frames), _details(measured)
-    errors = {name: values[1:] for name, values in measured.errors.items()}
-    of_errors = lost_frames({name: values.tolist() for name, values in errors.items()})
-    known = _evaluated(measured)
-    if of_errors is None and not known.any():
+    has_errors, known = bool(criteria(measured.errors)), _evaluated(measured)
+    if not has_errors and not known.any():
         return _unknown(measured, shows_person, details), ("",) * n
-    lost = np.zeros(n, dtype=bool)
-    if not _has_truth(measured):
-        distances_px, widths_px = _keypoint_distances(measured)
-        lost |= lost_states(distances_px.tolist(), widths_px.tolist())
-    lost[1:] |= False if of_errors is None else of_errors
-    lost[:1] &= of_errors is None
+    losses = _losses(measured)
+    lost: BoolArray = np.any([np.zeros(n, dtype=bool), *losses.values()], axis=0)
+    lost[:1] &= not has_errors
     doubtful = doubtful_frames(measured)
     states = [UNKNOWN if not known[k] else LOST if lost[k] else DOUBTFUL if doubtful[k] else TRACKED for k in range(n)]
     states[:1] = [TRACKED] if not (lost | doubtful)[:1].any() else [LOST if lost[0] else DOUBTFUL]
-    if n == 1 and of_errors is not None:
+    if n == 1 and has_errors:
         return Finding("no ground truth", _and("only one frame, whose pose is given", details)), ("",)
     if lost.any():
         excess = float(np.nanmean(_relative_errors(measured)[lost & known])) if (lost & known).any() else 0.0
         is_usable = lost[known].mean() < _MOSTLY or excess < _FAR
-        return _lost(measured, lost, known, DOUBTFUL if is_usable else NOT_USABLE, details), tuple(states)
-    if of_errors is None:
+        level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, losses, lost, known)
+        return Finding(LOST, _and(text, details), level), tuple(states)
+    if not has_errors:
         return Finding("no ground truth", f"no ground truth, {details}", TRUSTWORTHY), tuple(states)
-    n_evaluated = int(np.isfinite(errors["mpjpe_px" if "mpjpe_px" in errors else "mpjpe_abs_mm"]).sum())
+    n_evaluated = int(np.isfinite(next(iter(criteria(measured.errors).values()))[0][1:]).sum())
     where = f"in all {n_evaluated} {'' if _has_truth(measured) else 'annotated '}frames after the first"
     return Finding(TRACKED, _and(f"tracked {where}", details), TRUSTWORTHY), tuple(states)
 
 
+@dataclass(frozen=True, eq=False)
+class DepthDrift:
+    """Drift of the estimate along the line of sight.
+
+    message: a clause with its size, "" below TRACKED_MM. exceeds: (F,) whether it is larger than TRACKED_MM and the
+    90 % interval that the run states for the depth.
+    """
+
+    message: str
+    exceeds: BoolArray
+
+
+def depth_drift(measured: RunMeasurements) -> DepthDrift:
+    """Return the drift in depth, averaged over _DRIFT_S, in the frames after the first."""
+    steps_s, error_mm = np.diff(measured.times_s), 1e3 * np.abs(measured.depth_error_m)
+    error_mm[:1] = np.nan
+    window = max(WINDOW_FRAMES, int(_DRIFT_S / np.median(steps_s)) if len(steps_s) and np.median(steps_s) > 0.0 else 0)
+    limits = np.fmax(TRACKED_MM, _NORMAL_90 * 1e3 * measured.depth_std_m)
+    drifts = lost_states(error_mm, np.full(len(error_mm), TRACKED_MM), window)
+    message = f"depth drifted by {np.nanmax(error_mm[drifts]):.0f} mm" if drifts.any() else ""
+    return DepthDrift(message, lost_states(error_mm, limits, window))
+
+
 def doubtful_frames(measured: RunMeasurements) -> BoolArray:
-    """Return whether the error in space exceeds TRACKED_MM and the 90 % interval that the run states for the depth of
-    one camera, or the error expected by the posterior exceeds LOST_MM, (F,)."""
-    doubtful: BoolArray = np.array([bool(groups) for groups in measured.uncertain_groups], dtype=bool)
-    in_space, steps_s = measured.errors.get("mpjpe_abs_mm"), np.diff(measured.times_s)
-    if in_space is not None and len(steps_s):
-        window = max(WINDOW_FRAMES, int(_DRIFT_S / np.median(steps_s)) if np.median(steps_s) > 0.0 else 0)
-        limits = np.fmax(TRACKED_MM, _NORMAL_90 * 1e3 * measured.depth_std_m)
-        doubtful[1:] |= lost_states(in_space[1:].tolist(), limits[1:].tolist(), window)
-    return doubtful
+    """Return whether the depth drifted beyond its stated uncertainty, or the error expected by the posterior exceeds
+    UNCERTAIN_MM, (F,)."""
+    uncertain: BoolArray = np.array([bool(groups) for groups in measured.uncertain_groups], dtype=bool)
+    return uncertain | depth_drift(measured).exceeds
+
+
+def _losses(measured: RunMeasurements) -> dict[str, BoolArray]:
+    """Return the lost frames (F,) by each criterion that loses any, described with its mean error in them."""
+    after_first = {name: values[1:] for name, values in measured.errors.items()}
+    losses: dict[str, BoolArray] = {}
+    for name, (errors, thresholds) in criteria(after_first).items():
+        if (lost := lost_states(errors, thresholds)).any():
+            losses[_LOST_BY[name].format(np.nanmean(errors[lost]))] = np.concatenate([[False], lost])
+    if not _has_truth(measured):
+        distances_px, widths_px = _keypoint_distances(measured)
+        if (lost := lost_states(distances_px, widths_px)).any():
+            losses[f"{np.nanmean(distances_px[lost]):.0f} px from the keypoints"] = lost
+    return losses
 
 
 def _evaluated(measured: RunMeasurements) -> BoolArray:
@@ -88,21 +127,23 @@ def _keypoint_distances(measured: RunMeasurements) -> tuple[FloatArray, FloatArr
 
 def _relative_errors(measured: RunMeasurements) -> FloatArray:
     """Return the largest of a frame's errors (F,) over their thresholds; NaN without any."""
-    errors = measured.errors
-    distance_px, width_px = _keypoint_distances(measured)
-    each = [errors["mpjpe_abs_mm"] / TRACKED_MM] if "mpjpe_abs_mm" in errors else [distance_px / width_px]
-    if "mpjpe_px" in errors and "forearm_width_px" in errors:
-        each.append(errors["mpjpe_px"] / errors["forearm_width_px"])
+    each = [errors / thresholds for errors, thresholds in criteria(measured.errors).values()]
+    if not _has_truth(measured):
+        distance_px, width_px = _keypoint_distances(measured)
+        each.append(distance_px / width_px)
     return np.asarray(np.fmax.reduce(each))
 
 
-def _lost(measured: RunMeasurements, lost: BoolArray, known: BoolArray, level: str, details: str) -> Finding:
-    """Describe a loss in frames (F,); known: the evaluated ones."""
+def _described_loss(
+    measured: RunMeasurements, losses: Mapping[str, BoolArray], lost: BoolArray, known: BoolArray
+) -> str:
+    """Describe a loss in frames (F,): its first frame, by which errors (see `_losses`), and the fraction of the known
+    frames."""
     first = int(np.flatnonzero(lost)[0])
-    text = f"lost from frame {measured.frames[first]}"
+    text = f"lost from frame {measured.frames[first]}: {' and '.join(text for text in losses if losses[text][first])}"
     if not lost[-1]:
         text += f", recovered from frame {measured.frames[int(np.flatnonzero(lost)[-1]) + 1]}"
-    return Finding(LOST, _and(f"{text}, {lost[known].mean():.0%} of the frames", details), level)
+    return f"{text}, {lost[known].mean():.0%} of the frames"
 
 
 def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Finding:
@@ -121,12 +162,16 @@ def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Fin
 def _details(measured: RunMeasurements) -> str:
     """Return mean errors after the first frame with units, the distances from annotations and keypoints, and the
     uncertainty of one camera's depth."""
-    forms = {"mpjpe_abs_mm": "absolute MPJPE {:.0f} mm", "pa_mpjpe_mm": "PA-MPJPE {:.0f} mm"}
+    forms = {"mpjpe_abs_mm": "absolute MPJPE {:.0f} mm", "mpjpe_mm": "root-aligned {:.0f} mm"}
+    forms |= {"pa_mpjpe_mm": "PA-MPJPE {:.0f} mm"}
     forms |= {"mpjpe_px": "{:.1f} px"} if _has_truth(measured) else {}
     errors = {name: measured.errors[name][1:] for name in forms if name in measured.errors}
     parts = [forms[name].format(float(np.nanmean(each))) for name, each in errors.items() if has_values(each)]
     if not _has_truth(measured):
         parts += [_annotation_error(measured), _keypoint_error(measured)]
+    drift = depth_drift(measured)
+    if drift.message and not drift.exceeds.any():  # otherwise a finding
+        parts.append(f"{drift.message}, within its 90 % interval")
     depth_m = measured.depth_std_m
     if has_values(depth_m) and not _has_truth(measured):
         parts.append(f"depth known to ± {np.nanmedian(depth_m):.2f} m")

@@ -9,8 +9,10 @@ from verdict_scenes import HEIGHT_M, RATE_HZ, N, RunInputs, moved, point_scene, 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.association.keypoint_kalman import exchanged
+from workbench.evaluation import run_measurements
 
 LATE = np.arange(N) >= 20
+FOUR, ONE, POINTS = scene(4), scene(1), point_scene()
 
 
 def rescaled(intact, factor):
@@ -40,10 +42,11 @@ def annotated(intact, away_px):
     return replace(intact, keypoints=blind, annotations=marks, errors=errors)
 
 
-def with_truth(error_mm, error_px=2.0, **more):
-    """A scene with errors of a ground truth in every frame."""
-    series = {"mpjpe_abs_mm": error_mm, "mpjpe_px": error_px, "forearm_width_px": 20.0, **more}
-    return replace(scene(1), errors={name: np.broadcast_to(value, N) for name, value in series.items()})
+def with_truth(error_mm, error_px=2.0, aligned_mm=60.0, **more):
+    """A scene with errors of a ground truth in every frame; those in the world are all along the line of sight."""
+    series = {"mpjpe_abs_mm": error_mm, "mpjpe_mm": aligned_mm, "mpjpe_px": error_px, "forearm_width_px": 20.0, **more}
+    away = -1e-3 * np.broadcast_to(error_mm, N)[:, None] * ONE.cameras[0].rotation[2]
+    return replace(ONE, errors={name: np.broadcast_to(value, N) for name, value in series.items()}, truth_m=away)
 
 
 def sunk(intact, up_m):
@@ -57,7 +60,6 @@ def off_centre(camera):
     return replace(camera, matrix=camera.matrix * [[1.5, 1, 1.5], [1, 1.5, 1.5], [1, 1, 1]])
 
 
-FOUR, ONE, POINTS = scene(4), scene(1), point_scene()
 SMALL = person(from_height(1.2))
 SHIFT = np.array([1.0, 1.0, 1.0])
 FAULTS = {
@@ -71,7 +73,7 @@ FAULTS = {
     "y-up, one camera": (replace(ONE, cameras=tuple(map(y_up, ONE.cameras))), "vertical", "not usable"),
     "y-up points": (replace(POINTS, points=POINTS.points[..., [0, 2, 1]] * [1, 1, -1]), "vertical", "doubtful"),
     "far from its annotations": (annotated(ONE, 416.0), "lost", "not usable"),
-    "drift in depth": (with_truth(np.where(LATE, 400.0, 50.0)), "error in space", "doubtful"),
+    "drift in depth": (with_truth(np.where(LATE, 400.0, 50.0)), "depth drift", "doubtful"),
     "image size": (replace(ONE, cameras=tuple(map(off_centre, ONE.cameras))), "image size", "doubtful"),
     "10 km away": (replace(ONE, poses=walk() + 1e4 * np.eye(25)[1]), "distance", "not usable"),
     "implausibly small": (replace(ONE, body=person(from_height(0.8))), "height mismatch", "doubtful"),
@@ -143,9 +145,27 @@ def test_an_estimate_far_from_its_annotations_is_lost_by_them():
 
 
 def test_lanes_agree_with_errors_and_expected_errors():
-    drift = with_truth(np.where(LATE, 400.0, 50.0)).verdict()
-    assert (drift.outcome.kind, drift.states[5], drift.states[-1]) == ("tracked", "tracked", "doubtful")
-    away = with_truth(np.where(LATE, 700.0, 50.0)).verdict()
-    assert (away.outcome.kind, away.states[-1]) == ("lost", "lost")
+    away = with_truth(60.0, aligned_mm=np.where(LATE, 210.0, 50.0)).verdict()
+    assert (away.outcome.kind, away.states[5], away.states[-1]) == ("lost", "tracked", "lost")
+    assert "lost from frame 20: 210 mm root-aligned" in away.message
     uncertain = with_truth(60.0, expected_error_legs_mm=np.where(LATE, 600.0, 20.0)).verdict()
     assert (uncertain.states[5], uncertain.states[-1]) == ("tracked", "doubtful")
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_drift_in_depth_is_stated_of_a_tracked_and_of_a_lost_person(sign):
+    drift = with_truth(sign * np.where(LATE, 260.0, 50.0))
+    drift = replace(drift, errors=drift.errors | {"mpjpe_abs_mm": np.where(LATE, 260.0, 50.0)})
+    found = drift.verdict()
+    assert (found.outcome.kind, found.states[5], found.states[-1]) == ("tracked", "tracked", "doubtful")
+    assert found.message.count("depth drifted by 260 mm") == 1
+    lost = replace(drift, errors=drift.errors | {"mpjpe_mm": np.where(LATE, 210.0, 50.0)}).verdict()
+    assert lost.outcome.kind == "lost"
+    assert "depth drifted by 260 mm" in lost.message
+
+
+def test_drift_in_depth_within_the_stated_interval_is_no_problem(monkeypatch):
+    monkeypatch.setattr(run_measurements, "_depth_std", lambda step: 0.2)  # its 90 % interval is ± 329 mm
+    found = with_truth(260.0).verdict()
+    assert (found.level, set(found.states)) == ("trustworthy", {"tracked"})
+    assert "depth drifted by 260 mm, within its 90 % interval" in found.message

@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.track_loss import TrackEvent, lost_frames, lost_states, track_events, track_metrics
+from workbench.evaluation.track_loss import (
+    TRACKED_MM,
+    TrackEvent,
+    criteria,
+    lost_frames,
+    lost_states,
+    track_events,
+    track_metrics,
+)
 
 WIDTH = [10.0] * 20
 
@@ -57,15 +65,22 @@ def test_losses_and_finds_alternate_in_the_order_of_frames(errors):
     assert lost_states(errors, [20.0] * len(errors)).any() == bool(events)
 
 
-def test_a_track_is_lost_by_the_image_and_in_space():
+def test_a_track_is_lost_by_the_image_and_by_the_root_aligned_error():
     near, far, n = [2.0] * 10, [2.0] * 5 + [50.0] * 5, 10
-    widths = [20.0] * n
-    by_image = {"mpjpe_px": far, "forearm_width_px": widths, "mpjpe_abs_mm": [100.0] * n}
-    in_space = {"mpjpe_px": near, "forearm_width_px": widths, "mpjpe_abs_mm": [100.0] * 5 + [900.0] * 5}
-    for errors in (by_image, in_space, {"mpjpe_abs_mm": [100.0] * 5 + [400.0] * 5}):
+    seen = {"mpjpe_px": near, "forearm_width_px": [20.0] * n, "mpjpe_mm": [100.0] * n, "mpjpe_abs_mm": [100.0] * n}
+    wrong = {"mpjpe_px": far}, {"mpjpe_mm": [100.0] * 5 + [250.0] * 5}
+    for errors in (*(seen | each for each in wrong), {"mpjpe_abs_mm": [100.0] * 5 + [400.0] * 5}):
         assert lost_frames(errors).tolist() == [False] * 5 + [True] * 5
         assert track_metrics(errors) == {"n_track_losses": 1.0, "tracked": 0.0, "lost_fraction": 0.5}
-    drift = {"mpjpe_px": near, "forearm_width_px": widths, "mpjpe_abs_mm": [300.0] * n}
-    assert track_metrics(drift)["tracked"] == 1.0
+    assert track_metrics(seen | {"mpjpe_abs_mm": [900.0] * n})["tracked"] == 1.0  # drift in depth
     assert lost_frames({"mpjpe_px": near}) is None
     assert track_metrics({"mpjpe_px": near}) == {}
+
+
+@given(st.sampled_from(["mpjpe_px", "mpjpe_mm"]), st.lists(st.floats(0.0, 400.0), min_size=6, max_size=6))
+def test_no_criterion_compensates_for_another(name, values):
+    good = {"mpjpe_px": [0.0] * 6, "forearm_width_px": [20.0] * 6, "mpjpe_mm": [0.0] * 6}
+    errors = good | {name: values}
+    by_one = lost_states(values, [20.0 if name == "mpjpe_px" else TRACKED_MM] * 6)
+    assert lost_frames(errors).tolist() == by_one.tolist()
+    assert set(criteria(errors)) == {"mpjpe_px", "mpjpe_mm"}

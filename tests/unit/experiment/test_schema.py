@@ -184,3 +184,11 @@ def test_the_command_line_wins_over_the_paper():
 def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_writes_it():
     prior = composed("experiment=arm_smooth_300", "prior=implicit", "paper=literal")["prior"]
     assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 1.0)
+
+
+@pytest.mark.parametrize(("group", "option"), CHOICES)
+def test_the_runs_seed_is_that_of_every_component_with_one_unless_it_has_its_own(group, option):
+    if "seed" in config_keys(import_target(options(group)[option].target)):
+        for words, seed in (((), 3), ((f"{group}.seed=1",), 1)):
+            config = compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", *words])
+            assert config[group].seed == seed

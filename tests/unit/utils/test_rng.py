@@ -46,7 +46,7 @@ def made(monkeypatch):
 )
 def test_no_two_streams_of_a_run_are_equal(words, made, tmp_path):
     prepare_hydra()
-    usual = ["paths.data=null", "seed=5", "dataset.seed=5", f"paths.cache={tmp_path}", "dataset.n_frames=2"]
+    usual = ["paths.data=null", "seed=5", f"paths.cache={tmp_path}", "dataset.n_frames=2"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=words + usual)
     if "n_particles" in config.inference:

@@ -1,12 +1,10 @@
 """Interpolation resolvers of `conf/`, among them those of experiment=held_out_subjects.
 
-A hash of the clip's name assigns the clip to a split. A hash of the clip's name and the seed determines the view and
-the occlusion. Neither depends on the other clips of the list.
+A hash of the clip's name and the seed determines the view and the occlusion, independently of the other clips.
 """
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -15,11 +13,8 @@ from omegaconf import ListConfig
 from workbench.motion.formats.names import clip_name, excluded_subjects
 from workbench.utils.errors import InputError
 
-_SPLITS = ("test", "validation")
-"""Splits of the clips, by the hash of their names: clips to report, and clips for tuning parameters."""
-
-_Activities = Mapping[str, Mapping[str, int]]
-"""First frame of every clip, by activity and clip name."""
+_Protocol = Mapping[str, Mapping[str, Mapping[str, int]]]
+"""First frame of every clip, by split, activity and clip name."""
 
 
 def _hash_choice(text: str, *options: object) -> object:
@@ -34,28 +29,24 @@ def _hash_choice(text: str, *options: object) -> object:
     return options[int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % len(options)]
 
 
-def _split_of(clip: object) -> str:
-    """Return the split of a clip, given by name or path, see `clip_name`."""
-    return _SPLITS[hashlib.sha256(clip_name(str(clip)).encode()).digest()[0] % 2]
-
-
-def _clips_of(activities: _Activities, split: str | None = None) -> list[str]:
-    """Return the clips of all activities in one split, or in both for None; InputError for an unknown split."""
-    if split is not None and split not in _SPLITS:
-        raise InputError(f"clips.split: expected one of {', '.join(_SPLITS)} or null, found {split!r}")
-    listed = [clip for clips in activities.values() for clip in clips]
-    return [clip for clip in listed if split in (None, _split_of(clip))]
-
-
-def _activity_of(activities: _Activities, clip: object) -> str | None:
-    """Return the activity of a clip, or None for a clip that is not listed."""
-    return next((name for name, clips in activities.items() if clip_name(str(clip)) in clips), None)
-
-
-def _first_frame(activities: _Activities, clip: object) -> int:
-    """Return the first frame of a clip, at 30 Hz, or 0 for a clip that is not listed."""
+def _listed(protocol: _Protocol, clip: object) -> tuple[str | None, str | None, int]:
+    """Return split, activity and first frame (at 30 Hz) of a clip, given by name or path; None, None, 0 for others."""
     name = clip_name(str(clip))
-    return next((int(clips[name]) for clips in activities.values() if name in clips), 0)
+    places = (
+        (split, activity, int(clips[name]))
+        for split, activities in protocol.items()
+        for activity, clips in activities.items()
+        if name in clips
+    )
+    return next(places, (None, None, 0))
+
+
+def _clips_of(protocol: _Protocol, split: str | None = None) -> list[str]:
+    """Return the clips of all activities in one split, or in all for None; InputError for an unknown split."""
+    if split is not None and split not in protocol:
+        raise InputError(f"clips.split: expected one of {', '.join(protocol)} or null, found {split!r}")
+    splits = protocol if split is None else [split]
+    return [clip for each in splits for clips in protocol[each].values() for clip in clips]
 
 
 def _if_set(value: str | None, then: object, otherwise: object) -> object:
@@ -63,13 +54,13 @@ def _if_set(value: str | None, then: object, otherwise: object) -> object:
     return otherwise if value in (None, "builtin") else then
 
 
-def _performers(*motions: Any, by_style: bool = False) -> list[str]:
-    """Return the performers (or styles) of the motions, which learned priors exclude.
+def _performers(*motions: Any) -> list[str]:
+    """Return the performers of the motions, which learned priors exclude.
 
     motions: each a name, a list of names or None.
     """
     listed = (names if isinstance(names, list | ListConfig) else [names] for names in motions if names is not None)
-    return excluded_subjects((str(name) for names in listed for name in names), by_style)
+    return excluded_subjects(str(name) for names in listed for name in names)
 
 
 def _sweep_over(values: Sequence[str]) -> str:
@@ -79,9 +70,10 @@ def _sweep_over(values: Sequence[str]) -> str:
 
 RESOLVERS: Mapping[str, Callable[..., object]] = MappingProxyType(
     {
-        "activity_of": _activity_of, "clips_of": _clips_of, "first_frame": _first_frame, "hash_choice": _hash_choice,
-        "if_set": _if_set, "performers": _performers, "split_of": _split_of,
-        "styles": partial(_performers, by_style=True), "sweep_over": _sweep_over,
+        "activity_of": lambda protocol, clip: _listed(protocol, clip)[1], "clips_of": _clips_of,
+        "first_frame": lambda protocol, clip: _listed(protocol, clip)[2], "hash_choice": _hash_choice,
+        "if_set": _if_set, "performers": _performers,
+        "split_of": lambda protocol, clip: _listed(protocol, clip)[0], "sweep_over": _sweep_over,
     }
 )  # fmt: skip
 """Functions by resolver name, as in `${name:…}`."""

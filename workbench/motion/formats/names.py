@@ -40,12 +40,10 @@ def style(name: str) -> str | None:
     return f"bandai-{bandai[2]}" if bandai else None
 
 
-def excluded_subjects(names: Iterable[str], by_style: bool = False) -> list[str]:
+def excluded_subjects(names: Iterable[str]) -> list[str]:
     """Return the performers of clips, each once, to be excluded from the training set of a model that tracks them.
 
-    by_style : for Bandai's clips their style, in all activities and both data sets, instead of a whole data set. A clip
-    without a known performer is returned itself. Generated motions and markers have none.
+    A clip without a known performer is returned itself. Generated motions and markers have none.
     """
     clips = [name for name in names if not name.startswith(GENERATED) and not name.lower().endswith(_MARKERS)]
-    performers = [((style(name) if by_style else None) or performer(name) or clip_name(name)) for name in clips]
-    return list(dict.fromkeys(performers))
+    return list(dict.fromkeys(performer(name) or clip_name(name) for name in clips))

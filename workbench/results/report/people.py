@@ -26,15 +26,14 @@ def half_of(settings: Mapping[str, Any]) -> str | None:
 def person_of(settings: Mapping[str, Any]) -> str:
     """Return the performers of a configuration's motion; a generated person is another one for every seed.
 
-    In a protocol that excludes styles, Bandai's styles count as people. "" without a motion: such a dataset shows one
-    person.
+    Each of Bandai's data sets counts as one person. "" without a motion: such a dataset shows one person.
     """
     dataset = settings.get("dataset") or {}
     motion = dataset.get("motion")
     if motion is None:
         return ""
     names = list(map(str, motion if isinstance(motion, list) else [motion]))
-    people = excluded_subjects(names, by_style=half_of(settings) is not None)
+    people = excluded_subjects(names)
     if any(name.startswith(GENERATED) for name in names):
         people.append(f"generated {dataset.get('seed', 0)}")
     return " and ".join(people)

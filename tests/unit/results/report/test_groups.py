@@ -195,7 +195,7 @@ def test_doubts_are_judged_over_all_frames_but_the_given_one(protocol_runs):
         ({"dataset": {"motion": "35_02", "seed": 3}}, "35"),
         ({"dataset": {"motion": ["35_02", "32_02", "35_15"]}}, "35 and 32"),
         ({"dataset": {"motion": "dataset-1_bow_tired_001"}}, "bandai-1"),
-        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"split": "test"}}, "bandai-tired"),
+        ({"dataset": {"motion": "dataset-1_bow_tired_001"}, "protocol": {"split": "test"}}, "bandai-1"),
         ({"dataset": {"motion": "builtin", "seed": 3}}, "generated 3"),
         ({"dataset": {"source": "demo.mp4"}}, ""),
         ({"dataset": None}, ""),
