@@ -4,7 +4,7 @@
 
 The experiment runs as published with the tracker's own body, camera and initial pose (`dataset.perturb=false`), once
 for every value, clip and seed. The clips are `clips.validation`, or generated scenes, such as `--clips builtin --seeds
-100 101`. FILE caches every run, see `cached_runs`.
+100 101`. FOLDER caches every run, see `cached_runs`.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def main() -> int:
     parser.add_argument("--clips", nargs="+", help="motions (clips.validation)")
     parser.add_argument("--seeds", nargs="+", type=int, default=[100])
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE", help="further overrides")
-    parser.add_argument("-o", "--out", type=Path, default=Path("build/literal_constants.jsonl"), metavar="FILE")
+    parser.add_argument("--runs", type=Path, default=Path("recordings/runs"), metavar="FOLDER", help="for the cache")
     chosen = parser.parse_args()
     same = (f"paths.data={chosen.data}", *SAME, *chosen.set)
     runs = [
@@ -49,7 +49,7 @@ def main() -> int:
         for clip in chosen.clips or people("validation", chosen.data)
         for setting in (f"{chosen.key}={value}" for value in chosen.values)
     ]
-    print(curve(numbers_of(runs, chosen.out, MEASURED)))
+    print(curve(numbers_of(runs, chosen.runs, MEASURED)))
     return 0
 
 

@@ -6,26 +6,31 @@ import pytest
 
 from analysis import deviations, literal_constants
 from analysis.figures import cached_runs
+from analysis.figures.unrecorded import Result
 
 
 def test_the_curve_has_a_row_for_each_value(tmp_path, monkeypatch, capsys):
     seen = []
 
-    def measured(run, names):
-        seen.append(run)
-        sigma = float(run.overrides[-1].partition("=")[2])
-        return {name: float(sigma == 50.0) if name == "tracked" else sigma + run.seed for name in names}
+    def measured(config, experiment):
+        seen.append((experiment, config.paper, config))
+        numbers = dict.fromkeys(literal_constants.MEASURED, float(config.likelihood.sigma + config.seed))
+        return Result({**numbers, "tracked": float(config.likelihood.sigma == 50.0)}, {}, 1.0)
 
     monkeypatch.setattr(cached_runs, "measured", measured)
     arguments = ["walk_circle", "likelihood.sigma", "20", "50", "--clips", "builtin", "--seeds", "100", "102"]
-    more = ["--set", "prior.beta=0.1", "--data", "DATA", "-o", str(tmp_path / "runs.jsonl")]
+    more = ["--set", "likelihood.p_occluded=0.1", "--data", str(tmp_path), "--runs", str(tmp_path / "runs")]
     monkeypatch.setattr(sys, "argv", ["literal_constants", *arguments, *more])
-    assert literal_constants.main() == 0
-    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
-    assert [row[0] for row in rows] == ["| likelihood.sigma=20", "| likelihood.sigma=50"]
-    assert [(row[1], row[-1]) for row in rows] == [("121.0", "0 of 2 |"), ("151.0", "2 of 2 |")]
-    assert all({"paper=literal", "dataset.perturb=false", "prior.beta=0.1"} < set(run.overrides) for run in seen)
-    assert {(run.clip, run.seed) for run in seen} == {("builtin", 100), ("builtin", 102)}
+    for _ in range(2):
+        assert literal_constants.main() == 0
+        rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
+        assert [row[0] for row in rows] == ["| likelihood.sigma=20", "| likelihood.sigma=50"]
+        assert [(row[1], row[-1]) for row in rows] == [("121.0", "0 of 2 |"), ("151.0", "2 of 2 |")]
+    assert len(seen) == 4  # the second time from the cache
+    for experiment, paper, config in seen:
+        assert (experiment, paper, config.likelihood.p_occluded) == ("walk_circle", "literal", 0.1)
+        assert not config.dataset.perturb
+        assert config.dataset.seed == config.seed
 
 
 @pytest.mark.parametrize("entry", deviations.DEVIATIONS, ids=lambda entry: f"{entry.paper} {entry.place}")
