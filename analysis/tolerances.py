@@ -77,7 +77,8 @@ def half_width(reference: FloatArray, others: FloatArray, n_numbers: int, chaoti
     """
     d = (others - reference).ravel()
     if agreement(np.broadcast_to(reference, others.shape), others) <= Agreement.ROUNDING:
-        return float(np.ptp(reference)) if chaotic else 1e-6 * float(np.abs(reference).max())
+        rounding = 1e-6 * float(np.abs(reference).max())
+        return max(rounding, float(np.ptp(reference))) if chaotic else rounding
     reach = scipy.stats.t.ppf(1.0 - LEVEL / (2 * n_numbers), d.size) * np.sqrt(1.0 + 1.0 / d.size)
     return max(float(reach * np.sqrt(np.mean(d**2))), MARGIN * float(np.abs(d).max()))
 

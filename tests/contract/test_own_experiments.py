@@ -41,6 +41,7 @@ def resolved(*overrides):
 
 
 @pytest.mark.parametrize("original", FILES, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_a_copy_is_the_same_experiment(folder, original):
     text = original.read_text(encoding="utf-8")
     (folder / "experiment" / "copied.yaml").write_text(text, encoding="utf-8")
@@ -77,6 +78,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("text", ERRORS)
+@pytest.mark.slow
 def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, capsys, text):
     file = folder / "experiment" / "mine.yaml"
     file.write_text(f"# @package _global_\n{text}\n", encoding="utf-8", errors="surrogateescape")

@@ -117,6 +117,7 @@ def check(recordings, *overrides):
 
 
 @pytest.mark.parametrize("experiment", TRACKED)
+@pytest.mark.slow
 def test_whoever_an_experiment_tracks_is_not_learned_from(experiment, recordings):
     check(recordings, f"experiment={experiment}")
 

@@ -86,6 +86,7 @@ def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
     assert not list(Path.cwd().iterdir())  # nothing is left behind
 
 
+@pytest.mark.slow
 def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(walk, capsys, tmp_path):
     junit = tmp_path / "out.xml"
     code, told = check(capsys, walk, "prior.sigma_phase=0.009009", "--junit", junit)

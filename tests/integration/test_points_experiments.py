@@ -29,6 +29,7 @@ def test_a_fit_follows_the_person_from_an_automatic_start(cache, summary_of, tmp
 STEADY = "inference.problem={_target_: workbench.inference.least_squares.motion_fit.MotionFit, frames_per_style: null}"
 
 
+@pytest.mark.slow
 def test_a_generated_walk_is_found_in_noisy_keypoints(summary_of, tmp_path):
     small = ("dataset.n_frames=10", "prior.n_components=4", "prior.activities=[walk]", "inference.n_particles=30")
     summary = summary_of(tmp_path, "experiment=walk_keypoints_synthetic", STEADY, *small)

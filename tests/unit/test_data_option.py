@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(("options", "code", "word"), [([], 0, "skipped"), (["--require-data"], 1, "error")])
+@pytest.mark.slow
 def test_what_is_required_is_not_skipped(options, code, word, tmp_path):
     hidden = ("WORKBENCH_DATA", "PYTEST_ADDOPTS")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}

@@ -91,6 +91,7 @@ def test_as_many_pairs_and_seeds_as_computed_find_the_change():
     assert np.mean(stats.ttest_ind(before, 1.0 + after, axis=1).pvalue <= 0.01) == pytest.approx(0.95, abs=0.015)
 
 
+@pytest.mark.slow
 def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
     made = []
 

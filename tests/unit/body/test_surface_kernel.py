@@ -60,6 +60,7 @@ def test_the_search_and_the_derivative_at_once_agree_with_one_after_the_other(sc
 
 @pytest.mark.parametrize("n", [0, 1, 32, 100])
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
+@pytest.mark.slow
 def test_distances_in_many_poses_agree_with_the_reference(scene, n):
     rng = np.random.default_rng(7)
     pose, _, points = scenes.pose_and_points(rng, *scene, n)

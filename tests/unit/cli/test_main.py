@@ -131,6 +131,7 @@ def test_what_ends_a_command_decides_its_exit_code(error, code, words, monkeypat
     "words", ["components", "components prior.smooth", "--help", "run --help", "run --cfg job", "runs list FOLDER",
               "runs list FOLDER --json", "runs list FOLDER --csv"]
 )  # fmt: skip
+@pytest.mark.slow
 def test_a_closed_pipe_ends_a_command_quietly(words, tmp_path):
     """The reader ends before the first line is written."""
     command = [sys.executable, "-m", "workbench", *words.replace("FOLDER", str(tmp_path)).split()]

@@ -33,6 +33,7 @@ def video(tmp_path):
 
 
 @pytest.mark.parametrize("given", [True, False], ids=["camera given", "camera estimated"])
+@pytest.mark.slow
 def test_a_video_becomes_a_recording_and_exports(given, video, tmp_path, capsys):
     camera = ["--camera", str(tmp_path / "camera.toml")] if given else []
     overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]

@@ -52,6 +52,7 @@ SLOW = [pytest.param(heading, marks=pytest.mark.slow) for heading in (0, 130, 18
 
 
 @pytest.mark.parametrize("heading_deg", [50, *SLOW])
+@pytest.mark.slow
 def test_a_walk_is_found_in_keypoints_from_nothing(heading_deg):
     times, phases, poses = walk(8, heading=np.radians(heading_deg))
     steps = run(frames(times, keypoints(poses, sigma_px=3.0, missed=0.1)))

@@ -119,6 +119,7 @@ def test_draws_of_few_people_and_cycles_are_counted():
     assert result.metrics["drawn_components_3_to_7"] == pytest.approx(inside)
 
 
+@pytest.mark.slow
 def test_published_rules_change_the_studies():
     assert LearnWalk(torso_speed="norm").run(rng()).metrics != LearnWalk().run(rng()).metrics
     assert PeriodSnr(summed=True).run(rng()).metrics != PeriodSnr().run(rng()).metrics

@@ -79,6 +79,7 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
     assert len(cached) == 1  # nothing outdated is left
 
 
+@pytest.mark.slow
 def test_a_kernel_that_cannot_be_cached_still_runs(package):
     (package / "a_helper.py").write_text(HELPER)
     (package / "a_kernel.py").write_text(KERNEL)
