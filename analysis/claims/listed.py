@@ -59,7 +59,7 @@ def spread_growth(search: str, *by_beta: SeedResults) -> float:
     return float(np.min(np.diff(distances) / distances[:-1]))
 
 
-def largest_distance(search: str, *by_beta: SeedResults) -> float:
+def largest_total_variation(search: str, *by_beta: SeedResults) -> float:
     """Return the largest total variation of samples from the enumerated odds."""
     return max(mean(results, f"tv_{search}") for results in by_beta)
 
@@ -102,7 +102,7 @@ CLAIMS = (
     Claim("C3", "spread grows over four β; odds as enumerated",
           tuple(once("temperature", f"prior.beta={beta}") for beta in BETAS),
           {paper: both(within("smallest growth", partial(spread_growth, search), 0.0),
-                       within("total variation", partial(largest_distance, search), high=0.05))
+                       within("total variation", partial(largest_total_variation, search), high=0.05))
            for paper, search in SEARCHES.items()},
           reasons={"literal": "the tree's odds only approximate p(c_i | c_t), as C says"}),
     Claim("C4", "coefficients roughly Gaussian, and not Gaussian", (once("coefficient_histograms"),),
