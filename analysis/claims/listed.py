@@ -8,6 +8,7 @@ import numpy as np
 from analysis.claims.claim import Claim, SeedResults, Setup, both, mean, ratio, tracked, within
 from analysis.claims.measures import activities_apart, gait_within_recorded, gaps_filled, jacobian_cost, search_time
 from analysis.figures.replicates import PAPERS
+from workbench.motion.synthetic.arm import BEND_S, STRAIGHT_S
 
 MOST, FEW, NEARLY_NONE = 0.8, 0.2, 0.1
 """Fractions of the seeds: 8, 2 and 1 of 10."""
@@ -15,16 +16,19 @@ ULTRA_MS = 300_000.0
 """Time of a frame with 10 000 samples on the Ultra 1 of paper A, ms."""
 GAUSSIAN_TV = 0.05
 """Total variation of 1000 samples of a Gaussian from it, by the bins of experiment=coefficient_histograms."""
+BENT_FRAME = 1 + round((STRAIGHT_S + BEND_S) * 30.0)
+"""First frame in which the elbow of the generated arm is bent."""
 BETAS = (0.01, 0.1, 1.0, 10.0)
 SEARCHES = {"literal": "sign_tree", "ours": "search"}
 IMPUTATIONS = {"literal": "_paper", "ours": ""}
 
 
 def share_concentrating(results: SeedResults) -> float:
-    """Return the fraction of seeds whose interval of the twist is over 90° wide in frame 10, and in frame 30, after the
-    elbow has bent about frame 20, under half as wide and about the truth."""
-    before, after = (np.array([result.series["twist_width_deg"][k] for result in results]) for k in (9, 29))
-    covered = np.array([result.series["twist_covered"][29] for result in results])
+    """Return the fraction of seeds whose interval of the twist is over 90° wide in frame 10, and in BENT_FRAME under
+    half as wide and about the truth."""
+    k = BENT_FRAME - 1  # the series begin with frame 1
+    before, after = (np.array([result.series["twist_width_deg"][each] for result in results]) for each in (9, k))
+    covered = np.array([result.series["twist_covered"][k] for result in results])
     return float(np.mean((before > 90.0) & (after < 0.5 * before) & (covered == 1.0)))
 
 
