@@ -29,7 +29,7 @@ from workbench.results.table import read_runs
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 FORMAT_1 = Path(__file__).parents[1] / "unit" / "recording" / "recordings" / "format_1.rrd"
-TRACKED = {1: FORMAT_1, 2: BASELINES / "walk_straight.rrd"}
+TRACKED = {1: FORMAT_1, 2: BASELINES / "walk_circle.rrd"}
 STUDIES = {2: BASELINES / "learn_walk.rrd"}
 RECORDINGS = [*TRACKED.items(), *STUDIES.items()]
 
