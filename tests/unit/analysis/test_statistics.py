@@ -155,7 +155,7 @@ def test_every_row_of_a_table_can_be_run():
 
 
 def test_every_table_of_the_pages_is_made_by_the_command():
-    assert command.included() <= set(TABLES)
+    assert command.included() <= {*TABLES, "claims"}  # the last of analysis.claims
     assert {path.stem for path in command.FOLDER.glob("*.md")} == command.included()
     readme = command.README.read_text(encoding="utf-8")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in command.FOLDER.glob("*.md")}
