@@ -12,6 +12,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.motion_export import trc_text
+from workbench.recording.read.reader import read
 
 COCO_17 = (
     *["head_centre"] * 5,
@@ -87,7 +88,9 @@ def test_the_arm_of_the_balancing_man_is_tracked(run, data):
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     assert metrics["mpjpe_px"] < metrics["forearm_width_px"]
-    assert metrics["lost_fraction"] < 0.25  # by one camera an arm may be lost for a moment
+    recorded = read(folder / "run.rrd")
+    beyond = recorded.metric("mpjpe_px")[1] > recorded.metric("forearm_width_px")[1]
+    assert np.mean(beyond[1:]) < 0.25  # in the image; one camera hardly observes the depth of an arm
     assert {
         "marker_offset_right_elbow_mm",
         "marker_offset_right_wrist_mm",

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from itertools import count, islice
@@ -151,17 +151,36 @@ def _configs(group: Sequence[Run], request: Request, n_seeds: int | None) -> lis
         return [request.config(run) for run in group]
     used, config = {run.settings.get("seed", 0) for run in group}, request.config(group[0])
     seeds = islice((seed for seed in count() if seed not in used), n_seeds)
-    return [OmegaConf.merge(config, {"seed": seed}) for seed in seeds]  # type: ignore[misc]
+    has_own_scenes = len(group) > 1 and all(map(_draws_scene_by_seed, group))
+    changes = [{"seed": seed, **({"dataset": {"seed": seed}} if has_own_scenes else {})} for seed in seeds]
+    return [OmegaConf.merge(config, change) for change in changes]  # type: ignore[misc]
 
 
 def _groups_of_seeds(runs: Sequence[Run]) -> list[list[Run]]:
-    """Return groups of runs whose configurations differ only in seeds and keys without effect, in order of the
-    first."""
+    """Return groups of runs whose configurations differ only in seeds and keys without effect, in order of the first.
+
+    Runs of different scenes are in one group if each scene has the seed of its run.
+    """
     groups: dict[str, list[Run]] = {}
     for run in runs:
-        same = {key: value for key, value in run.settings.items() if key not in ("seed", *NO_EFFECT)}
-        groups.setdefault(json.dumps(same, sort_keys=True, default=str), []).append(run)
-    return list(groups.values())
+        same = {key: value for key, value in run.settings.items() if key not in ("seed", "dataset", *NO_EFFECT)}
+        dataset = {key: value for key, value in _dataset(run).items() if key != "seed"}
+        groups.setdefault(json.dumps([same, dataset], sort_keys=True, default=str), []).append(run)
+    split: list[list[Run]] = []
+    for group in groups.values():
+        scenes = dict.fromkeys(_dataset(run).get("seed") for run in group)
+        together = len(scenes) == 1 or all(map(_draws_scene_by_seed, group))
+        split += [group] if together else [[r for r in group if _dataset(r).get("seed") == each] for each in scenes]
+    return split
+
+
+def _dataset(run: Run) -> Mapping[str, Any]:
+    return run.settings.get("dataset") or {}
+
+
+def _draws_scene_by_seed(run: Run) -> bool:
+    """Return whether the seed of the scene is that of the run."""
+    return "seed" in _dataset(run) and bool(_dataset(run)["seed"] == run.settings.get("seed", 0))
 
 
 def rerun(was: Run, config: DictConfig, folder: Path) -> Run:
