@@ -50,7 +50,7 @@ def gaps_filled(method: str, source: Source, results: SeedResults) -> Verdict:
 
 def activities_apart(source: Source) -> Verdict:
     """Return whether 5 to 8 components explain 90 % of walking and running, and a line separates the activities in the
-    first two. As in paper D nobody acts a style; the numbers with acted styles are given too."""
+    first two. As in paper D the styles are natural; the numbers with acted styles are given too."""
     every = database_motions(
         "recorded" if source.data else "builtin", data=source.data, cache=CACHE, activities=("walk", "run")
     )
