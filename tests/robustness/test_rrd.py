@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rerun as rr
 from damage import changes, damaged, flips, refusal
@@ -81,6 +82,20 @@ def test_flipped_bits_that_crash_the_decoder(tmp_path):
     found, problems = open_sound_runs(tmp_path)
     assert {"period_snr", "arm_twist"} <= {run.path.stem for run in found}
     assert len(found) + len(problems) == 8
+
+
+def test_decoding_that_fills_the_memory_is_refused(tmp_path, monkeypatch):
+    """A flipped bit of a length makes Rerun's decoder reserve gigabytes for a moment, then report damage."""
+    path = leave_recorded(tmp_path / "run", "run") / "run.rrd"
+    probe.decode(path)
+
+    def reserve_and_report(path):
+        np.ones(450_000_000, np.uint8)
+        raise InputError(f"{path}: damaged")
+
+    monkeypatch.setattr(probe, "read", reserve_and_report)
+    with pytest.raises(MemoryError):
+        probe.decode(path)
 
 
 def test_runs_of_this_machine_are_read_directly(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
-"""Test decoding of untrusted recordings in a sandbox, since some damage crashes Rerun's decoder."""
+"""Test decoding of untrusted recordings in a sandbox, since some damage crashes Rerun's decoder or fills the memory."""
 
 import platform
+import resource
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +14,7 @@ from workbench.utils.run_files import read_summary
 from workbench.utils.sandbox import parse_limited
 
 _BATCH = 20  # recordings that one child process decodes
+_MEMORY_BYTES = 400_000_000  # of decoding a batch, plus ten times the size of its files
 
 
 def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
@@ -47,7 +49,7 @@ def refuse_crashing(paths: Sequence[Path]) -> None:
 
 def crash_message(path: Path) -> str:
     """Return the message for a recording whose decoding crashes."""
-    return f"{path}: expected a whole recording, found damage that crashes its decoder"
+    return f"{path}: expected a whole recording, found damage that crashes its decoder or fills the memory"
 
 
 def crashing_recordings(paths: Sequence[Path]) -> set[Path]:
@@ -76,7 +78,12 @@ def is_own(path: Path) -> bool:
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:
-    """Decode recordings completely; an InputError is ignored, since the reader raises it again."""
+    """Decode recordings completely; an InputError is ignored, since the reader raises it again.
+
+    Raises MemoryError where decoding takes far more memory than the size of the files explains: a flipped bit of a
+    length makes the decoder reserve gigabytes before it reports the damage.
+    """
+    most = _peak_bytes() + _MEMORY_BYTES + 10 * sum(path.stat().st_size for path in paths)
     for path in paths:
         with suppress(InputError):
             run = read(path)
@@ -86,4 +93,14 @@ def decode(*paths: Path) -> dict[str, AnyArray]:
         with suppress(InputError):
             for chunk in read_chunks(path, EVERYTHING):
                 chunk.to_record_batch()
+    if _peak_bytes() > most:
+        raise MemoryError("decoding takes far more memory than the file has bytes")
     return {}
+
+
+def _peak_bytes() -> int:
+    """Return the most memory that this process has had so far."""
+    if (status := Path("/proc/self/status")).is_file():  # the other source includes what a parent process had
+        (peak,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(peak.split()[1]) * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
