@@ -12,7 +12,7 @@ from workbench.core.frame import Frame
 from workbench.core.residual import SQUARED, Loss
 from workbench.inference.least_squares.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.least_squares.least_squares import steps
-from workbench.inference.least_squares.motion_fit import fit_from, fit_sequence
+from workbench.inference.least_squares.motion_fit import fit_from, fit_sequence, restart
 from workbench.inference.least_squares.residuals import joint_residual
 from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.least_squares.systematic_errors import SharedErrors
@@ -46,6 +46,18 @@ def test_a_sequence_is_fitted_from_a_rough_start(frames_per_style, phases):
     assert fit.inliers.mean() == pytest.approx(0.85, abs=0.1)
     assert len(np.unique(fit.states[:, :2], axis=0)) == 10 // frames_per_style
     assert set(fit.timing_s) == {"start", "least_squares"}
+
+
+def test_a_stalled_phase_is_searched_anew_from_the_worst_frames():
+    times, states = walk(30)
+    data = FitData(joint_residuals(states, noise_m=0.01), times, ROBUST)
+    assert restart(decoder(), data, data, states) is None
+    stalled = states.copy()
+    stalled[12:, 2] = states[12, 2]
+    found = restart(decoder(), data, data, stalled)
+    first = int(np.flatnonzero((found != stalled).any(axis=1))[0])
+    assert 12 <= first <= 22
+    np.testing.assert_allclose(found[first:, 2], states[first:, 2], atol=0.05)
 
 
 @pytest.mark.parametrize("n_frames", [1, 2, 3])
