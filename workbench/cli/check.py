@@ -20,10 +20,10 @@ from workbench.recording.side_by_side import write_side_by_side
 from workbench.results.check.against import check_against
 from workbench.results.check.outcome import Check, exit_code, moved, notes, table, write_junit
 from workbench.results.check.rerun import Request, check_each, check_groups, check_two, read_sound, renew
-from workbench.results.formatting import printable
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
+from workbench.utils.text import printable
 
 
 @interruptible()

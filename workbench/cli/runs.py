@@ -20,11 +20,12 @@ import pandas as pd
 import typer
 
 from workbench.results.diff import diff as difference
-from workbench.results.formatting import printable, text
+from workbench.results.formatting import text
 from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps
 from workbench.results.table import read_runs, records_of
 from workbench.utils import processes
 from workbench.utils.errors import InputError
+from workbench.utils.text import printable
 
 HOME = ("recordings/runs", "recordings/sweeps")
 _N_ROWS = 40

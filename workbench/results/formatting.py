@@ -7,6 +7,8 @@ from typing import Any
 
 import pandas as pd
 
+from workbench.utils.text import printable
+
 
 def number(value: float) -> str:
     """Return four significant digits, or all digits before the point; a dash for a value that is not finite."""
@@ -22,11 +24,6 @@ def cell(value: Any) -> str:
     if value is None:
         return ""
     return number(value) if isinstance(value, float) else str(value)
-
-
-def printable(words: str) -> str:
-    """Return text in one line, with control characters, which untrusted recordings may contain, replaced by spaces."""
-    return "".join(letter if letter.isprintable() else " " for letter in words)
 
 
 def table_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> pd.DataFrame:

@@ -16,11 +16,11 @@ from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.read.chunks import recording_of
 from workbench.recording.write.cards import CARD, column, preview_of, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS
-from workbench.results.formatting import printable
 from workbench.results.query import varied
 from workbench.results.report.variation import TARGET, flat, what_varied
 from workbench.results.table import records_of
 from workbench.utils.errors import InputError
+from workbench.utils.text import printable
 
 _TEXTS = ("status", "started", "path")
 _LONGEST_TITLE = 200

@@ -15,12 +15,12 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.results.formatting import printable
 from workbench.sweep.job import ASIDE, FAILED, metric_of
 from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import SUMMARY, read_summary
 from workbench.utils.run_lock import is_locked, run_folder
+from workbench.utils.text import printable
 
 _ENDED = ("complete", "stopped", "failed", "interrupted")
 """Statuses in summary.json of a run that has ended."""

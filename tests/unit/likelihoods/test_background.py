@@ -11,7 +11,7 @@ from tests.oracles.image_motion import PosedView, limb_patches
 from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues.background import Background, contour_samples
-from workbench.likelihoods.cues.image_levels import log_ratio, static_background
+from workbench.likelihoods.cues.image_levels import log_ratio, median_over_frames, static_background
 from workbench.likelihoods.image_motion import ImageMotion, regular_samples
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
@@ -24,6 +24,14 @@ def test_median_and_deviation_of_a_pixel_are_robust():
     np.testing.assert_array_equal(found.median, 102.0)
     np.testing.assert_allclose(found.sigma, 1.4826 * 4.0, rtol=1e-6)  # |deviations| 6 4 128 2 0 148 2
     np.testing.assert_array_equal(static_background(np.full((3, 2, 2, 1), 7.0, np.float32)).sigma, 3.0)
+
+
+@pytest.mark.parametrize("n_frames", [1, 6, 7])
+def test_the_median_over_frames_is_that_of_numpy(n_frames):
+    stack = np.random.default_rng(0).uniform(0.0, 255.0, (n_frames, 5, 4, 3)).astype(np.float32)
+    found = median_over_frames(stack)
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, np.median(stack, axis=0))
 
 
 @pytest.fixture

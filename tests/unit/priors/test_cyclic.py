@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from tests.oracles import cyclic as oracle
 from workbench.body.camera import plain_camera
@@ -10,7 +11,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, person_skeleton
 from workbench.core.residual import projection_jacobian
 from workbench.motion.models.walking import WalkingModel
-from workbench.priors.cyclic import Cyclic, decode
+from workbench.priors.cyclic import TABLE_PHASES, Cyclic, at_table_phases, decode
 
 T, D = 32, 3
 
@@ -31,6 +32,12 @@ def states(prior, n, seed=1):
     state = np.random.default_rng(seed).normal(size=(n, len(prior.space)))
     state[:, prior.space.slices["phase"]] %= 1.0
     return state
+
+
+@pytest.mark.parametrize("n_phases", [33, 64, TABLE_PHASES])
+def test_curves_keep_their_frequencies_at_the_phases_of_the_table(n_phases):
+    curves = np.random.default_rng(0).standard_normal((3, n_phases, 4))
+    np.testing.assert_array_equal(at_table_phases(curves), scipy.signal.resample(curves, TABLE_PHASES, axis=1))
 
 
 def test_the_kernel_agrees_with_numpy():

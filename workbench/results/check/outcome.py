@@ -9,9 +9,10 @@ from statistics import median
 
 from workbench.recording.read.reader import Run
 from workbench.results.check.agreement import Agreement, Demand, MetricChange
-from workbench.results.formatting import printable, table_of, text
+from workbench.results.formatting import table_of, text
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
+from workbench.utils.text import printable
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
 _MAIN = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")

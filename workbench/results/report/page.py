@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-from workbench.results.formatting import cells, numeric, printable, text
+from workbench.results.formatting import cells, numeric, text
 from workbench.results.report.contents import Contents
+from workbench.utils.text import printable
 
 
 @dataclass(frozen=True)
