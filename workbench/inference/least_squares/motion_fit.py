@@ -52,7 +52,7 @@ class MotionFit:
     Deviations. D sets the first pose and the phases' ends by hand, and has no regularisation, see `fit_problem`. The
     global motion is fitted by distances for every residual kind, because the field vanishes beyond a fraction of a
     limb's radius. A frame's root may start from the linear extrapolation of the two previous ones, see `global_motion`.
-    Unless `plain`, frames with a worse fit than others are searched anew, see `restart`.
+    Unless `plain`, frames with a worse fit than others are searched again, see `restart`.
     """
 
     @staticmethod
@@ -166,8 +166,8 @@ def fit_sequence(
 
 
 def restart(decoder: MotionDecoder, data: FitData, coarse: FitData, states: FloatArray) -> FloatArray | None:
-    """Return states (T, D) that are searched anew from the N_FRAMES frames with the worst fit on, or None where no such
-    frames cost more than RESTART_FACTOR times those with the best fit.
+    """Return states (T, D) searched again from the N_FRAMES frames of the worst fit on, or None where no such frames
+    cost more than RESTART_FACTOR times those of the best fit.
 
     In a walk that becomes a run, for example, the sequential fit can stay in the walk's phase; these frames then cost
     more than the others. The caller decides by the cost of the whole fit whether the new states are better.
