@@ -8,8 +8,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
+from omegaconf import OmegaConf
 
+from analysis.figures.unrecorded import composed
 from workbench.recording.read.reader import Run, read
 from workbench.utils.errors import InputError
 
@@ -163,7 +164,8 @@ def recording(experiment: str, source: Source, recordings: Sequence[Run], paper:
     candidates = [run for run in recordings if run.status == "complete" and run.provenance.get("experiment") == name]
     candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
     for overrides in source.variants(experiment, paper) if candidates else ():
-        settings = what_matters(_composed(experiment, overrides))
+        config: Any = OmegaConf.to_container(composed([*chosen(experiment), *overrides]), resolve=True)
+        settings = what_matters(config)
         for run in candidates:
             if what_matters(run.settings) == settings:
                 return run
@@ -181,29 +183,12 @@ def _without_places(value: Any) -> Any:
     return value
 
 
-def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
-    """Return the configuration that `workbench` would run and prints."""
-    done = subprocess.run(
-        [*_command(experiment, overrides), "--cfg", "job", "--resolve"], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        errors = done.stderr.strip().splitlines() or [f"no configuration, exit code {done.returncode}"]
-        raise InputError(f"{experiment}: {errors[-1]}")
-    settings: dict[str, Any] = yaml.safe_load(done.stdout)
-    return settings
-
-
 def _made(experiment: str, source: Source, paper: str) -> Run:
-    overrides = source.variants(experiment, paper)[-1]
+    words = ["run", *chosen(experiment), *source.variants(experiment, paper)[-1]]
     folder = source.folder / experiment / f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
-    print(f"  {' '.join(['workbench', *_command(experiment, overrides)[3:]])}", flush=True)
-    done = subprocess.run(
-        [*_command(experiment, overrides), f"hydra.run.dir={folder}"], stdout=subprocess.PIPE, check=False
-    )
+    print(f"  {' '.join(['workbench', *words])}", flush=True)
+    command = [sys.executable, "-m", "workbench", *words, f"hydra.run.dir={folder}"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=False)
     if done.returncode:
         raise InputError(f"{experiment}: the run ended with exit code {done.returncode}")  # and has said why
     return read(folder / "run.rrd")
-
-
-def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "workbench", "run", *chosen(experiment), *overrides]
