@@ -14,27 +14,22 @@ from analysis.figures.unrecorded import composed
 from workbench.recording.read.reader import Run, read
 from workbench.utils.errors import InputError
 
-_FEW = ("dataset.n_frames=21", "inference.n_particles=400")
-_FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
 _SYNTHESES = (
     "synthesize_walk", "synthesize_wave", "synthesize_dance", "synthesize_punch", "synthesize_walk_or_run",
     "synthesize_run_to_walk", "synthesize_walk_to_run",
 )  # fmt: skip
+_FEW = ("dataset.n_frames=16", "inference.n_particles=100")
+_FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
 QUICK: Mapping[str, Sequence[str]] = {
-    "walk_straight": _FEW,
-    "walk_circle": _FEW,
-    "walk_prior_only": _FEW,
-    "walk_cyclic": _FEW,
+    **dict.fromkeys(
+        ("walk_straight", "walk_circle", "walk_prior_only", "walk_cyclic"),
+        ("dataset.n_frames=21", "inference.n_particles=400"),
+    ),
     "arm_twist": ("inference.n_particles=1000",),
-    "arm_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
-    "arm_smooth_300": ("dataset.n_frames=16", "inference.n_particles=100"),
+    **dict.fromkeys(("arm_implicit", "arm_smooth_300", "arm_implicit_waving", "body_implicit", "body_smooth"), _FEW),
     "arm_smooth_3000": ("dataset.n_frames=16", "inference.n_particles=1000"),
-    "body_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
-    "body_smooth": ("dataset.n_frames=16", "inference.n_particles=100"),
     **dict.fromkeys(("synthesize_run", *_SYNTHESES), ("dataset.n_frames=31",)),
-    "temperature": ("study.n_probes=3",),
-    "temperature_arm": ("study.n_probes=3",),
-    "arm_implicit_waving": ("dataset.n_frames=16", "inference.n_particles=100"),
+    **dict.fromkeys(("temperature", "temperature_arm"), ("study.n_probes=3",)),
     "particles_by_dimension": (
         "study.max_particles=4096", "study.n_seeds=3", "study.n_frames=4", "study.dims=[1,2,3]",
         "study.dims_body=[1,2,3]",
@@ -63,23 +58,13 @@ RECORDED: Mapping[str, Sequence[str]] = {
 AS_IT_STANDS = {("walk_prior_only", "literal")}
 """Readings without a recorded walk: the paper's is on a circle."""
 
-_WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
+_WALKER = ("dataset.motion=builtin", "prior.motions=builtin", "prior.exclude=[]")
 GENERATED: Mapping[str, Sequence[str]] = {
-    "arm_implicit": (*_WALKER, "prior.exclude=[]"),
-    "arm_smooth_300": ("dataset.motion=builtin",),
-    "arm_smooth_3000": ("dataset.motion=builtin",),
-    "body_implicit": (*_WALKER, "prior.exclude=[]"),
-    "body_smooth": ("dataset.motion=builtin",),
-    "synthesize_run": (*_WALKER, "prior.exclude=[]"),
-    **dict.fromkeys(
-        _SYNTHESES,
-        (*_WALKER, "prior.exclude=[]", "prior.activities=[]", "dataset.first_frame=15"),
-    ),
-    "temperature": ("prior.motions=builtin",),
+    **dict.fromkeys(("arm_implicit", "arm_implicit_waving", "body_implicit", "synthesize_run"), _WALKER),
+    **dict.fromkeys(("arm_smooth_300", "arm_smooth_3000", "body_smooth"), ("dataset.motion=builtin",)),
+    **dict.fromkeys(_SYNTHESES, (*_WALKER, "prior.activities=[]", "dataset.first_frame=15")),
+    **dict.fromkeys(("temperature", "tree_balance", "coefficient_histograms"), ("prior.motions=builtin",)),
     "temperature_arm": ("prior.motions=builtin", "study.clip=null", "study.frame=null"),
-    "arm_implicit_waving": (*_WALKER, "prior.exclude=[]"),
-    "tree_balance": ("prior.motions=builtin",),
-    "coefficient_histograms": ("prior.motions=builtin",),
 }
 """Overrides that replace recorded motion by generated people; for trials, not for the papers' figures."""
 
