@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from analysis.figures.readings import OURS, Reading
+from analysis.figures.readings import OURS, PaperFigure, Reading
 from analysis.figures.run_descriptions import setup
 from analysis.figures.style import ON_IMAGE, bare, canvas
 from tests.oracles.image_motion import PosedView, hidden_samples, inside_image, limb_patches
@@ -28,9 +28,6 @@ from workbench.recording.study.drawing import FAINT, INK, SERIES
 from workbench.results.pictures import Picture, pictures
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
-
-EXPERIMENTS = ("walk_straight",)
-READINGS = OURS
 
 PLACES = ("n_samples", "seed", "sampling", "taper", "occlusion")
 """What of a recorded likelihood decides where its points are and which count."""
@@ -165,3 +162,6 @@ def _camera(run: Run) -> Camera:
     width, height = (int(size) for size in numbers(lens, "Pinhole:resolution"))
     translation = -rotation @ numbers(place, "Transform3D:translation")
     return Camera(paths[0], width, height, matrix, rotation, translation, np.zeros(5))
+
+
+FIGURES = {"a_fig1_body": PaperFigure(("walk_straight",), OURS, draw)}

@@ -9,13 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.readings import OURS, Reading
+from analysis.figures.readings import OURS, PaperFigure, Reading
 from analysis.figures.style import bare, canvas
 from workbench.recording.study.drawing import ESTIMATE, INK, SERIES, TRUTH, label_ends
 from workbench.utils.arrays import FloatArray
-
-EXPERIMENTS = ("walk_straight",)
-READINGS = OURS
 
 LENGTH_M, RADIUS_M, DISTANCE_M = 0.42, 0.07, 4.0
 """A thigh, and how far from the camera its middle is."""
@@ -97,3 +94,6 @@ def _grids(axes: Axes, alpha: float) -> None:
         axes.plot(*points.transpose(2, 1, 0), color=colour, linewidth=0.9)
     axes.set_title("surface and patch", color=INK)
     bare(axes)
+
+
+FIGURES = {"a_fig2_planar_patch": PaperFigure(("walk_straight",), OURS, draw)}

@@ -9,14 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.panels import evenly, images, marginal
-from analysis.figures.readings import BOTH, DIFFERENCES, Reading
+from analysis.figures.readings import BOTH, DIFFERENCES, PaperFigure, Reading
 from analysis.figures.sequences import KEY, N_FRAMES, words
 from analysis.figures.style import canvas, rows
 from workbench.recording.read.reader import Run
 from workbench.utils.arrays import FloatArray
 
-EXPERIMENTS = ("arm_twist",)
-READINGS = BOTH
 ANGLES = {
     "right_shoulder_flexion": "shoulder flexion",
     "right_shoulder_abduction": "shoulder abduction",
@@ -57,3 +55,6 @@ def band_deg(run: Run, name: str) -> FloatArray:
     low, high = (run.scalars[f"posterior/parameters/{name}/{end}"].values[:, 0] for end in ("low", "high"))
     width: FloatArray = np.degrees(high - low)
     return width
+
+
+FIGURES = {"a_fig4_arm_marginals": PaperFigure(("arm_twist",), BOTH, draw)}

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from analysis.figures.frames import particles, scenes
-from analysis.figures.readings import OURS, Reading
+from analysis.figures.readings import OURS, PaperFigure, Reading
 from analysis.figures.run_descriptions import accuracy, setup
 from analysis.figures.studies import AZIMUTH_DEG, ELEVATION_DEG, projected, sticks
 from analysis.figures.style import bare, canvas
@@ -22,7 +22,6 @@ from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import TRUTH
 
 EXPERIMENTS = ("temperature", "temperature_arm", "arm_implicit_waving")
-READINGS = OURS
 FRAME = 10
 """Of those tracked: that of temperature_arm's draws."""
 
@@ -70,3 +69,6 @@ def _particles(axes: Axes, run: Run, frame: int) -> None:
         axes.add_collection(LineCollection(flat, colors=colour, linewidths=width))
     axes.autoscale_view()
     bare(axes)
+
+
+FIGURES = {"c_fig3_arm": PaperFigure(EXPERIMENTS, OURS, draw)}

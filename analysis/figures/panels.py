@@ -62,11 +62,10 @@ def _boxes(recorded: Sequence[Picture]) -> FloatArray:
 def skeletons(row: Sequence[Axes], run: Run, frames: Sequence[int], azimuth_deg: float = -60.0) -> None:
     """Draw the expected pose and the truth in space, where the truth is, seen from that azimuth and a little above."""
     for axes, scene in zip(row, scenes(run, frames), strict=True):
-        where = scene.truth if len(scene.truth) else scene.estimate
         for lines, colour, width in ((scene.truth, TRUTH, 1.2), (scene.estimate, ESTIMATE, 1.8)):
             flat = list(projected(lines, azimuth_deg, 15.0))
             axes.add_collection(LineCollection(flat, colors=colour, linewidths=width))
-        _frame_body(axes, projected(where.reshape(-1, 3), azimuth_deg, 15.0))
+        _frame_body(axes, projected(_body(scene).reshape(-1, 3), azimuth_deg, 15.0))
 
 
 def bodies(row: Sequence[Axes], run: Run, frames: Sequence[int]) -> None:
@@ -82,8 +81,7 @@ def bodies(row: Sequence[Axes], run: Run, frames: Sequence[int]) -> None:
         axes.scatter(points[:, 0], points[:, 1], s=0.7, color=POINTS, linewidths=0.0, zorder=3)
         truth = list(projected(scene.truth, azimuth, 0.0))
         axes.add_collection(LineCollection(truth, colors=TRUTH, linewidths=0.8, zorder=4))
-        where = scene.truth if len(scene.truth) else scene.estimate
-        _frame_body(axes, projected(where.reshape(-1, 3), azimuth, 0.0))
+        _frame_body(axes, projected(_body(scene).reshape(-1, 3), azimuth, 0.0))
         axes.set_title(f"frame {scene.frame}", fontsize=7.5, pad=2.0)
 
 
@@ -96,8 +94,7 @@ def points(row: Sequence[Axes], run: Run, frames: Sequence[int], azimuth_offset_
         axes.scatter(flat[:, 0], flat[:, 1], s=0.7, color=POINTS, linewidths=0.0)
         truth = list(projected(scene.truth, azimuth, 0.0))
         axes.add_collection(LineCollection(truth, colors=TRUTH, linewidths=0.8))
-        where = scene.truth if len(scene.truth) else scene.estimate
-        _frame_body(axes, projected(where.reshape(-1, 3), azimuth, 0.0))
+        _frame_body(axes, projected(_body(scene).reshape(-1, 3), azimuth, 0.0))
         axes.set_title(f"frame {scene.frame}", fontsize=7.5, pad=2.0)
 
 

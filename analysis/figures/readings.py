@@ -1,7 +1,10 @@
 """An experiment's results in its two readings, as its paper writes it and as ours, and their description."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
 
 from analysis.figures.replicates import Replicates
 from workbench.recording.read.reader import Run
@@ -50,3 +53,11 @@ class Reading:
         n_tracked, n = numbers.tracked_counts
         errors = ", ".join(numbers.described(metric, unit) for metric, unit in available)
         return f"{n_tracked} of {n} seeds tracked; {errors}"
+
+
+class PaperFigure(NamedTuple):
+    """A published figure: the experiments and readings that it shows, and the drawing of their recordings."""
+
+    experiments: tuple[str, ...]
+    readings: tuple[str, ...]
+    draw: Callable[[Mapping[str, Reading]], Figure]

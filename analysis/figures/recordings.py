@@ -8,32 +8,28 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
+from omegaconf import OmegaConf
 
+from analysis.figures.unrecorded import composed
 from workbench.recording.read.reader import Run, read
 from workbench.utils.errors import InputError
 
-_FEW = ("dataset.n_frames=21", "inference.n_particles=400")
-_FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
 _SYNTHESES = (
     "synthesize_walk", "synthesize_wave", "synthesize_dance", "synthesize_punch", "synthesize_walk_or_run",
     "synthesize_run_to_walk", "synthesize_walk_to_run",
 )  # fmt: skip
+_FEW = ("dataset.n_frames=16", "inference.n_particles=100")
+_FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
 QUICK: Mapping[str, Sequence[str]] = {
-    "walk_straight": _FEW,
-    "walk_circle": _FEW,
-    "walk_prior_only": _FEW,
-    "walk_cyclic": _FEW,
+    **dict.fromkeys(
+        ("walk_straight", "walk_circle", "walk_prior_only", "walk_cyclic"),
+        ("dataset.n_frames=21", "inference.n_particles=400"),
+    ),
     "arm_twist": ("inference.n_particles=1000",),
-    "arm_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
-    "arm_smooth_300": ("dataset.n_frames=16", "inference.n_particles=100"),
+    **dict.fromkeys(("arm_implicit", "arm_smooth_300", "arm_implicit_waving", "body_implicit", "body_smooth"), _FEW),
     "arm_smooth_3000": ("dataset.n_frames=16", "inference.n_particles=1000"),
-    "body_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
-    "body_smooth": ("dataset.n_frames=16", "inference.n_particles=100"),
     **dict.fromkeys(("synthesize_run", *_SYNTHESES), ("dataset.n_frames=31",)),
-    "temperature": ("study.n_probes=3",),
-    "temperature_arm": ("study.n_probes=3",),
-    "arm_implicit_waving": ("dataset.n_frames=16", "inference.n_particles=100"),
+    **dict.fromkeys(("temperature", "temperature_arm"), ("study.n_probes=3",)),
     "particles_by_dimension": (
         "study.max_particles=4096", "study.n_seeds=3", "study.n_frames=4", "study.dims=[1,2,3]",
         "study.dims_body=[1,2,3]",
@@ -62,23 +58,13 @@ RECORDED: Mapping[str, Sequence[str]] = {
 AS_IT_STANDS = {("walk_prior_only", "literal")}
 """Readings without a recorded walk: the paper's is on a circle."""
 
-_WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
+_WALKER = ("dataset.motion=builtin", "prior.motions=builtin", "prior.exclude=[]")
 GENERATED: Mapping[str, Sequence[str]] = {
-    "arm_implicit": (*_WALKER, "prior.exclude=[]"),
-    "arm_smooth_300": ("dataset.motion=builtin",),
-    "arm_smooth_3000": ("dataset.motion=builtin",),
-    "body_implicit": (*_WALKER, "prior.exclude=[]"),
-    "body_smooth": ("dataset.motion=builtin",),
-    "synthesize_run": (*_WALKER, "prior.exclude=[]"),
-    **dict.fromkeys(
-        _SYNTHESES,
-        (*_WALKER, "prior.exclude=[]", "prior.activities=[]", "dataset.first_frame=15"),
-    ),
-    "temperature": ("prior.motions=builtin",),
+    **dict.fromkeys(("arm_implicit", "arm_implicit_waving", "body_implicit", "synthesize_run"), _WALKER),
+    **dict.fromkeys(("arm_smooth_300", "arm_smooth_3000", "body_smooth"), ("dataset.motion=builtin",)),
+    **dict.fromkeys(_SYNTHESES, (*_WALKER, "prior.activities=[]", "dataset.first_frame=15")),
+    **dict.fromkeys(("temperature", "tree_balance", "coefficient_histograms"), ("prior.motions=builtin",)),
     "temperature_arm": ("prior.motions=builtin", "study.clip=null", "study.frame=null"),
-    "arm_implicit_waving": (*_WALKER, "prior.exclude=[]"),
-    "tree_balance": ("prior.motions=builtin",),
-    "coefficient_histograms": ("prior.motions=builtin",),
 }
 """Overrides that replace recorded motion by generated people; for trials, not for the papers' figures."""
 
@@ -163,7 +149,8 @@ def recording(experiment: str, source: Source, recordings: Sequence[Run], paper:
     candidates = [run for run in recordings if run.status == "complete" and run.provenance.get("experiment") == name]
     candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
     for overrides in source.variants(experiment, paper) if candidates else ():
-        settings = what_matters(_composed(experiment, overrides))
+        config: Any = OmegaConf.to_container(composed([*chosen(experiment), *overrides]), resolve=True)
+        settings = what_matters(config)
         for run in candidates:
             if what_matters(run.settings) == settings:
                 return run
@@ -181,29 +168,12 @@ def _without_places(value: Any) -> Any:
     return value
 
 
-def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
-    """Return the configuration that `workbench` would run and prints."""
-    done = subprocess.run(
-        [*_command(experiment, overrides), "--cfg", "job", "--resolve"], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        errors = done.stderr.strip().splitlines() or [f"no configuration, exit code {done.returncode}"]
-        raise InputError(f"{experiment}: {errors[-1]}")
-    settings: dict[str, Any] = yaml.safe_load(done.stdout)
-    return settings
-
-
 def _made(experiment: str, source: Source, paper: str) -> Run:
-    overrides = source.variants(experiment, paper)[-1]
+    words = ["run", *chosen(experiment), *source.variants(experiment, paper)[-1]]
     folder = source.folder / experiment / f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
-    print(f"  {' '.join(['workbench', *_command(experiment, overrides)[3:]])}", flush=True)
-    done = subprocess.run(
-        [*_command(experiment, overrides), f"hydra.run.dir={folder}"], stdout=subprocess.PIPE, check=False
-    )
+    print(f"  {' '.join(['workbench', *words])}", flush=True)
+    command = [sys.executable, "-m", "workbench", *words, f"hydra.run.dir={folder}"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=False)
     if done.returncode:
         raise InputError(f"{experiment}: the run ended with exit code {done.returncode}")  # and has said why
     return read(folder / "run.rrd")
-
-
-def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "workbench", "run", *chosen(experiment), *overrides]

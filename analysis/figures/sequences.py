@@ -48,7 +48,7 @@ def compared(title: str, readings: Mapping[str, Reading], paper: str) -> Figure:
     return figure
 
 
-def fitted(title: str, readings: Reading, paper: str, n_frames: int = 7) -> Figure:
+def fitted(title: str, readings: Reading, paper: str) -> Figure:
     """Draw the surface fitted to points, in frames from the first to the last, a row for either reading."""
     key = "Black: observed points; blue: true skeleton; solid: fit."
     angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in readings.runs.items())
@@ -56,7 +56,7 @@ def fitted(title: str, readings: Reading, paper: str, n_frames: int = 7) -> Figu
     figure = canvas(title, 1.7 * len(readings.runs) + 1.3, caption)
     parts = rows(figure, [1.0] * len(readings.runs), [readings.row(reading) for reading in readings.runs])
     for part, run in zip(parts, readings.runs.values(), strict=True):
-        frames = evenly(run, n_frames)
+        frames = evenly(run, 7)
         bodies(part.subplots(1, len(frames)), run, frames)
     return figure
 

@@ -32,6 +32,11 @@ def at_least(low: float) -> Range:
     return Range(f"at least {low:g}", lambda value: low <= value < np.inf)
 
 
+def optional(valid: Range) -> Range:
+    """Return the range with None."""
+    return Range(f"{valid.description} or null", lambda value: value is None or valid.contains(value))
+
+
 def one_of(*choices: str) -> Range:
     """Return the range of these words."""
     return Range(f"one of {', '.join(choices)}", lambda value: value in choices)

@@ -118,7 +118,7 @@ class MultiView:
         _ = self._true_joints  # read now, so that errors are raised before the first frame
         return SequenceInfo(
             name=", ".join(one.cameras[0].name for one in infos), n_frames=len(self._used_rows),
-            rate_hz=self._videos[0].true_rate_hz,
+            rate_hz=self._videos[0].times.rate_hz,
             source_rate_hz=next((one.source_rate_hz for one in infos if one.source_rate_hz is not None), None),
             cameras=tuple(one.cameras[0] for one in infos), scale=infos[0].scale,
             has_keypoints=any(one.has_keypoints for one in infos) or bool(self._target),

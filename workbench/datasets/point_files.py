@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.core.capabilities import POINTS, START, Traits, component_traits
-from workbench.core.checks import RATE, at_least, check, one_of
+from workbench.core.checks import RATE, at_least, check, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
 from workbench.datasets.files.point_formats import READERS, in_order, read_hdf5
@@ -78,11 +78,8 @@ class PointFiles:
 
     def __post_init__(self) -> None:
         check("points", self, up=one_of(*AXES), rate_hz=RATE, max_points=at_least(1))
-        check("points", self, first_frame=at_least(0), seed=at_least(0))
-        if self.unit is not None:
-            check("points", self, unit=one_of(*_UNITS))
-        if self.n_frames is not None and self.n_frames < 1:
-            raise InputError(f"points: n_frames must be at least 1, found {self.n_frames}")
+        check("points", self, first_frame=at_least(0), seed=at_least(0), n_frames=optional(at_least(1)))
+        check("points", self, unit=optional(one_of(*_UNITS)))
         if self.truth is not None and self.first_frame < self.truth_first_frame:
             frames = f"first_frame={self.first_frame} and truth_first_frame={self.truth_first_frame}"
             raise InputError(f"points: expected first_frame of at least truth_first_frame, found {frames}")

@@ -15,7 +15,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
-from workbench.core.checks import Range, at_least, one_of
+from workbench.core.checks import at_least, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.side_information import INITIAL_POSE
@@ -80,9 +80,8 @@ class Synthetic(Scene):
     keypoint_sigma_px: float | None = None
 
     def __post_init__(self) -> None:
-        none_or_more = Range("at least 0 or null", lambda value: value is None or 0.0 <= value < np.inf)
         self.check(path=one_of(*PATHS), person_px=at_least(1), noise_std=at_least(0), contrast=at_least(0))
-        self.check(clutter=at_least(0), keypoint_sigma_px=none_or_more)
+        self.check(clutter=at_least(0), keypoint_sigma_px=optional(at_least(0)))
 
     @cached_property
     def info(self) -> SequenceInfo:

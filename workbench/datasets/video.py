@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.body.camera import Camera, load_lenses
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
-from workbench.core.checks import UNIT, UP_TO_1, check
+from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
@@ -113,11 +113,9 @@ class Video:
     keypoint_layout: str | None = None
 
     def __post_init__(self) -> None:
-        check("video", self, scale=UP_TO_1, occluded_weight=UNIT)
-        if self.first_frame < 0:
-            raise InputError(f"video: first_frame must be at least 0, found {self.first_frame}")
-        if self.n_frames is not None and self.n_frames < 1:
-            raise InputError(f"video: n_frames must be at least 1, found {self.n_frames}")
+        check(
+            "video", self, scale=UP_TO_1, occluded_weight=UNIT, first_frame=at_least(0), n_frames=optional(at_least(1))
+        )
 
     @cached_property
     def info(self) -> SequenceInfo:
@@ -133,7 +131,7 @@ class Video:
         annotated = np.empty(0) if self._keypoints is None else self._keypoints.frames
         input_counts = {} if self._keypoints is None else self._keypoints.counts
         return SequenceInfo(
-            name=self.path.name, n_frames=len(self._used), rate_hz=self.true_rate_hz, scale=self.scale,
+            name=self.path.name, n_frames=len(self._used), rate_hz=self.times.rate_hz, scale=self.scale,
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
@@ -169,11 +167,6 @@ class Video:
         if self.rate_hz is not None:
             return given_times(self.rate_hz)
         return frame_times(self.path, self._timestamps_s)
-
-    @property
-    def true_rate_hz(self) -> float:
-        """Frames per second: rate_hz, or else the source's."""
-        return self.times.rate_hz
 
     @cached_property
     def _timestamps_s(self) -> FloatArray:
@@ -233,7 +226,7 @@ class Video:
         detected = self._detected.detected_frames
         if self._detected.confidence is None:  # a person is visible between two annotated frames
             detected = np.arange(detected[0], detected[-1] + 1)
-        return visible_frames(self.path.name, detected, span, self.true_rate_hz)
+        return visible_frames(self.path.name, detected, span, self.times.rate_hz)
 
     @cached_property
     def _last(self) -> int:
@@ -277,7 +270,7 @@ class Video:
             )
         height_m = ADULT_M if self.height_m is None else self.height_m
         segments = head_foot_segments(self._keypoints)
-        measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.true_rate_hz)
+        measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.times.rate_hz)
         if lenses:
             lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
             estimate = pose_by_height(fitted(lens, self.image_size, self.source), *segments, measured)

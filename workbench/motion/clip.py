@@ -5,14 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.motion.formats.units_axes import Axes, world_axes
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.input_limits import check_places, check_rate
 
-Y_UP = world_axes("y")
-"""Motion files are usually y-up with the person facing z: (x, y, z) world = (z, x, y) file. The axes are permuted
-cyclically, which preserves handedness; a person who faces z in the file faces x in the world, with z up."""
-FILE_FROM_WORLD = [1, 2, 0]  # the inverse
+FILE_FROM_WORLD = [1, 2, 0]
+"""Axes of a file that is y-up with the person facing z, as usual: (x, y, z) file = (y, z, x) world. They are permuted
+cyclically, which preserves handedness."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,23 +43,6 @@ class MotionClip:
     def orientations(self) -> FloatArray:
         """Rotations (F, K, 3, 3) from every joint's frame to the world."""
         return world_rotations(self.parents, self.rotations)
-
-
-def clip_of_file(
-    name: str, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
-    rotations: FloatArray, translations: FloatArray, axes: Axes = Y_UP,
-) -> MotionClip:  # fmt: skip
-    """Return the clip of a file's content, in the world's axes, with joint positions.
-
-    offsets (K, 3), m, and rotations (F, K, 3, 3) are as in `MotionClip`, but in the file's axes. translations :
-    (F, K, 3), m, position of every joint in its parent's frame, and of the root in the world. axes : of the file.
-    """
-    rotations, translations = axes.rotations(rotations), axes.vectors(translations)
-    positions = joint_positions(parents, world_rotations(parents, rotations), translations)
-    offsets = axes.vectors(offsets)
-    check_rate(f"clip {name}", rate_hz)
-    check_places(f"clip {name}", positions)
-    return MotionClip(name, rate_hz, first_frame, joints, parents, offsets, rotations, positions)
 
 
 def world_rotations(parents: IntArray, rotations: FloatArray) -> FloatArray:

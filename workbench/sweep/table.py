@@ -202,7 +202,7 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     return 1
 
 
-def watch(folder: Path, period_s: float = PERIOD_S) -> int:
+def watch(folder: Path) -> int:
     """Print the table of a sweep until all jobs have ended or no process runs the sweep.
 
     Returns 0 if all jobs are complete, else 1. Raises InputError if there is no sweep or its folder is removed.
@@ -211,7 +211,7 @@ def watch(folder: Path, period_s: float = PERIOD_S) -> int:
     progress = Progress(plan, began_ns=start.stat().st_mtime_ns if start.is_file() else 0)
     alive = True
     while alive and progress.not_ended():
-        sleep(period_s)
+        sleep(PERIOD_S)
         if not folder.is_dir():
             raise InputError(f"{folder}: the folder was removed")
         alive = is_locked(folder) or any(is_locked(folder / str(job)) for job in progress.not_ended())

@@ -1,6 +1,5 @@
-"""The papers' figures: every published figure has a script, which draws from recordings and shows their numbers."""
+"""The papers' figures: each draws from recordings and shows their numbers."""
 
-import importlib
 import os
 import subprocess
 import sys
@@ -12,7 +11,11 @@ import pytest
 from matplotlib.style import context
 from recording_steps import BODY, steps
 
+from analysis.figures import a_fig2_planar_patch
+from analysis.figures.__main__ import paper_figures
+from analysis.figures.readings import Reading
 from analysis.figures.recordings import VARIANTS
+from analysis.figures.replicates import Replicates
 from workbench.core.state_space import StateSpace
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.recording.read.reader import read
@@ -22,11 +25,10 @@ from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 ROOT = Path(__file__).parents[3]
-SCRIPTS = sorted(path.stem for path in (ROOT / "analysis" / "figures").glob("[abcd]_*.py"))
 FILES = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
 EXPERIMENTS = FILES | set(VARIANTS)
 FAST = ("a_fig4_arm_marginals", "a_fig5_walk_straight", "b_fig1_left_period", "d_fig5_walk_steady")
-"""Scripts of each kind of figure; the others are drawn by the slow tests."""
+"""One of each kind of figure; the others are drawn by the slow tests."""
 TRACKED = {
     "mpjpe_px": 12.3, "mpjpe_abs_mm": 45.6, "mpjpe_mm": 23.4, "tracked": 1.0,
     "hip_flexion_rmse_deg": 3.4, "knee_flexion_rmse_deg": 5.6,
@@ -40,16 +42,6 @@ prior: {beta: 0.05, missing_fraction: 0.2}
 inference: {n_particles: 40}
 """
 X = np.linspace(0.0, 1.0, 9)
-
-
-@pytest.fixture(autouse=True)
-def from_the_root(monkeypatch):
-    """`analysis` is not installed: it is imported from the repository."""
-    monkeypatch.syspath_prepend(str(ROOT))
-
-
-def script(name):
-    return importlib.import_module(f"analysis.figures.{name}")
 
 
 def labels(part: str) -> dict[str, str]:
@@ -139,24 +131,23 @@ def seven_steps(with_points):
 
 def reading_of(run, papers):
     """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
-    readings, replicates = script("readings"), script("replicates")
     numbers = {
-        paper: replicates.Replicates(tuple({**run.result, "tracked": held} for held in (1.0, float(paper == "ours"))))
+        paper: Replicates(tuple({**run.result, "tracked": held} for held in (1.0, float(paper == "ours"))))
         for paper in papers
     }
-    return readings.Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
+    return Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in SCRIPTS]
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in paper_figures()]
 )
-def test_a_script_draws_the_runs_of_its_experiments(recorded, name, tmp_path):
-    module = script(name)
-    assert set(module.EXPERIMENTS) <= EXPERIMENTS
+def test_a_figure_draws_the_runs_of_its_experiments(recorded, name, tmp_path):
+    figure = paper_figures()[name]
+    assert set(figure.experiments) <= EXPERIMENTS
     with context(STYLE):
-        figure = module.draw({name: reading_of(recorded[name], module.READINGS) for name in module.EXPERIMENTS})
-        figure.savefig(tmp_path / "figure.png", dpi=40)
-    assert all(axes.has_data() for axes in figure.get_axes())
+        drawn = figure.draw({each: reading_of(recorded[each], figure.readings) for each in figure.experiments})
+        drawn.savefig(tmp_path / "figure.png", dpi=40)
+    assert all(axes.has_data() for axes in drawn.get_axes())
 
 
 @pytest.mark.slow
@@ -185,7 +176,7 @@ def test_missing_runs_are_made_small_and_used_again(tmp_path):
 
 def test_a_patch_is_exact_at_the_silhouette_and_off_by_the_radius_over_the_sine_in_the_middle():
     """At the limb's end, where nothing is interpolated along it; to first order in its size over the distance."""
-    module = script("a_fig2_planar_patch")
+    module = a_fig2_planar_patch
     for alpha in (0.0, 0.5, 1.0):
         exact, patch = module.projections(alpha, np.zeros(2), np.array([np.pi / 2.0, 0.0]))
         first_order = 2.0 * module.RADIUS_M**2 / module.DISTANCE_M

@@ -5,7 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from workbench.core.checks import BELOW_1, FINITE, INSIDE_UNIT, POSITIVE, UNIT, UP_TO_1, at_least, check, one_of
+from workbench.core.checks import (
+    BELOW_1,
+    FINITE,
+    INSIDE_UNIT,
+    POSITIVE,
+    UNIT,
+    UP_TO_1,
+    at_least,
+    check,
+    one_of,
+    optional,
+)
 from workbench.utils.errors import InputError
 
 
@@ -20,6 +31,7 @@ from workbench.utils.errors import InputError
         (FINITE, [-1e9, 0.0], [np.inf, -np.inf]),
         (at_least(3), [3, 4.5], [2, np.inf]),
         (one_of("mean", "sum"), ["mean", "sum"], ["median"]),
+        (optional(at_least(1)), [None, 1], [0, -1.0]),
     ],
 )
 def test_ranges_hold_their_values_and_never_nan(expected, inside, outside):

@@ -196,36 +196,6 @@ def write_asf(path, names, parents, directions, lengths, unit, axes, orders, cha
     path.write_bytes((newline.join([*lines, " end"]) + newline).encode())
 
 
-ASF = """:units
-  length 0.5
-  angle deg
-:root
-  order TX TY TZ RX RY RZ
-  axis XYZ
-  position 0 0 0
-  orientation 0 0 0
-:bonedata
-  begin
-    name thigh
-    direction 0 -1 0
-    length 10
-    axis 0 0 90 XYZ
-    dof rx
-  end
-  begin
-    name shin
-    direction 0 -1 0
-    length 5
-    axis 0 0 0 XYZ
-  end
-:hierarchy
-  begin
-    root thigh
-    thigh shin
-  end
-"""
-
-
 def test_another_skeleton_may_be_named(tmp_path):
     (tmp_path / "5.asf").write_text(sound_files.ASF)
     (tmp_path / "5_01.amc").write_text(sound_files.AMC)

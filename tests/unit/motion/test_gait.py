@@ -68,7 +68,7 @@ def test_speed_height_and_sway_are_those_of_walking_people(subject):
 
 def test_a_circle_is_one_and_the_heading_follows_it():
     subject = average_subject()
-    motion = walker(subject, 12.0, 60.0, "circle", radius_m=2.0)
+    motion = walker(subject, 12.0, 60.0, "circle")
     centred = motion.poses[:, :2] - [0.0, 2.0]
     assert np.linalg.norm(centred, axis=1) == pytest.approx(2.0, abs=0.05)  # half the sideways sway
     tangent = np.unwrap(np.arctan2(centred[:, 1], centred[:, 0])) + np.pi / 2.0

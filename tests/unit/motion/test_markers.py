@@ -25,16 +25,6 @@ def places(n=4):
     return joints(BODY.skeleton, poses)
 
 
-@pytest.mark.parametrize("unit", ["m", "mm"])
-def test_what_is_written_as_trc_is_read_back(tmp_path, unit):
-    truth = places()
-    truth[2, 5] = np.nan
-    (tmp_path / "a.trc").write_text(trc_text("a.trc", JOINT_NAMES, truth, 50.0, unit))
-    markers = read_markers(tmp_path / "a.trc")
-    assert (markers.names, markers.rate_hz) == (JOINT_NAMES, 50.0)
-    np.testing.assert_allclose(joint_centres(markers, markers.positions), truth, atol=1e-7)
-
-
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
 @pytest.mark.parametrize("up", ["y", "z"])
 def test_unit_and_axes_are_told_by_the_person_whatever_the_header_says(unit, factor, up, caplog):
@@ -90,26 +80,6 @@ def test_positions_between_frames_are_linear_and_unknown_beside_gaps_and_outside
     np.testing.assert_allclose(found[3], 0.5 * (truth[2] + truth[3]))
     np.testing.assert_allclose(found[4], truth[3])
     assert np.isnan(found[5:]).all()
-
-
-def test_c3d_is_read_as_trc_is(tmp_path):
-    ezc3d = pytest.importorskip("ezc3d")
-    truth = places()
-    file, points = ezc3d.c3d(), np.ones((4, len(JOINT_NAMES), len(truth)))
-    points[:3] = 1000.0 * truth.transpose(2, 1, 0)
-    points[:3, 5, 2] = np.nan
-    file["parameters"]["POINT"]["RATE"]["value"] = [50.0]
-    file["parameters"]["POINT"]["LABELS"]["value"] = JOINT_NAMES
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = points
-    file.write(str(tmp_path / "a.c3d"))
-    markers = read_markers(tmp_path / "a.c3d")
-    truth[2, 5] = np.nan
-    assert markers.rate_hz == 50.0
-    np.testing.assert_allclose(joint_centres(markers, markers.positions), truth, atol=1e-6)  # it keeps 32 bits
-    (tmp_path / "bad.c3d").write_bytes(b"no such thing")
-    with pytest.raises(InputError, match=r"bad\.c3d: expected a C3D file"):
-        read_markers(tmp_path / "bad.c3d")
 
 
 def test_what_cannot_be_told_is_refused(tmp_path):

@@ -17,7 +17,7 @@ NAN = float("nan")
 NOISE = np.random.default_rng(0).normal(size=(100, 2))
 PAPER = {"variance": 0.95, "n_components": None, "scaling": "none"}
 OPTIONS = [
-    (walker, {"path": "zigzag"}, "zigzag"), (walker, {"path": "circle", "radius_m": 0.1}, "radius"),
+    (walker, {"path": "zigzag"}, "zigzag"),
     *[(each, wrong, "two frames") for each in (walker, runner)
       for wrong in ({"duration_s": 0.0}, {"rate_hz": 0.0}, {"duration_s": NAN})],
     (learn_activities, {"n_components": 0}, "1 to"), (learn_activities, {"n_components": 500}, "1 to"),

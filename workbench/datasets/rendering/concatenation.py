@@ -29,12 +29,10 @@ class _Concatenation:
     phases: FloatArray
 
 
-def concatenate(
-    motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend_s: float = BLEND_S
-) -> _Concatenation:
+def concatenate(motions: Sequence[Motion], n_frames: int, first_frame: int = 0) -> _Concatenation:
     """Concatenate K motions of one rate in n_frames, each in an equal share of the frames.
 
-    The next motion starts in the same phase of its gait cycle, near its middle. During about `blend_s` seconds the
+    The next motion starts in the same phase of its gait cycle, near its middle. During about BLEND_S seconds the
     motion in the person's own frame (steps ahead and to the left, turns, height, lean and joint angles) is blended from
     one motion to the next, so that position and heading are continuous. Steps and heights are scaled by the length of
     the legs; the shape is the first person's. A single motion is cut, and its poses stay bitwise identical.
@@ -50,7 +48,7 @@ def concatenate(
     lengths: IntArray = np.diff(np.round(np.linspace(0, n_frames, n + 1)).astype(np.int64)).astype(np.int64)
     if lengths.min() < 2:
         raise InputError(f"dataset: expected n_frames of at least {2 * n} to concatenate {n} motions, found {n_frames}")
-    half = int(np.clip(round(0.5 * blend_s * first.rate_hz), 1, lengths.min() // 2))
+    half = int(np.clip(round(0.5 * BLEND_S * first.rate_hz), 1, lengths.min() // 2))
     ends = lengths + half  # each overlaps with the next one
     ends[-1] -= half
     rows = _person_frame_rows(first, first)[_frame_range(first, first_frame, first_frame + int(ends[0]))]

@@ -21,6 +21,7 @@ N_FOURIER = 20
 """Fourier coefficients of each slice (paper B, step 4): the constant, ten cosines and nine sines."""
 
 SHRINKAGE = 0.025
+TOLERANCE = 1e-6
 MAX_ITERATIONS = 1000
 log = logging.getLogger(__name__)
 
@@ -120,7 +121,7 @@ def fourier_basis(phases: FloatArray, n_phases: int) -> FloatArray:
     return waves
 
 
-def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = 1e-6) -> _FunctionalPca:
+def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = TOLERANCE) -> _FunctionalPca:
     """Return the functional PCA by the paper's steps 2–9: truncate to q singular values, impute, iterate.
 
     The iteration stops when ‖X − X₄‖ decreases by less than the fraction `tolerance`, or with a warning after 1000
@@ -128,16 +129,13 @@ def fpca_paper(slices: Slices, n_components: int = 5, tolerance: float = 1e-6) -
     orthonormal; the returned mean is projected on them too, because the row mean of real cycles is not periodic. Raises
     InputError if there are not more slices than components.
     """
-    _check_size(slices, n_components)
     return _fpca(slices, n_components, partial(_keep_largest, n_components), tolerance)
 
 
-def fpca_shrunk(
-    slices: Slices, n_components: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6
-) -> _FunctionalPca:
+def fpca_shrunk(slices: Slices, n_components: int = 5) -> _FunctionalPca:
     """Return the functional PCA with soft-thresholded singular values around every sequence's centre.
 
-    All singular values are reduced by `shrinkage` times the largest one of the initial estimate (spectral
+    All singular values are reduced by SHRINKAGE times the largest one of the initial estimate (spectral
     regularisation), so that no rank is chosen and incomplete cycles are not overfitted. Each sequence's mean angles,
     which are posture rather than motion, are not shrunk. The components are those of the completed slices. Raises
     InputError as `fpca_paper`.
@@ -146,10 +144,9 @@ def fpca_shrunk(
     ----------
     Mazumder, Hastie & Tibshirani, Spectral Regularization Algorithms, 2010.
     """
-    _check_size(slices, n_components)
     first = _spectra(slices.values - slices.values.mean(axis=0))
     largest = np.linalg.norm((first - _centres(first, slices)).reshape(len(first), -1), 2)
-    return _fpca(slices, n_components, partial(_soften, float(shrinkage * largest), slices), tolerance)
+    return _fpca(slices, n_components, partial(_soften, float(SHRINKAGE * largest), slices), TOLERANCE)
 
 
 def _fpca(
@@ -157,7 +154,9 @@ def _fpca(
 ) -> _FunctionalPca:
     """Iterate steps 2–9; `reconstruct` is steps 5–6: from spectra (N, 20, m) of X − 1μᵀ to a low rank and its
     penalty."""
-    n_phases = slices.values.shape[1]
+    n, n_phases, n_angles = slices.values.shape
+    if not 1 <= n_components <= (maximum := min(n - 1, N_FOURIER * n_angles)):
+        raise InputError(f"functional PCA: {n} slices allow 1 to {maximum} components, found {n_components}")
     basis = fourier_basis(np.arange(n_phases) / n_phases, n_phases)
     x, complete = slices.values, bool(slices.observed.all())
     errors: list[float] = []
@@ -181,14 +180,6 @@ def _fpca(
         scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
         curves=curves + mean_curve, completed=x, errors=np.array(errors),
     )  # fmt: skip
-
-
-def _check_size(slices: Slices, n_components: int) -> None:
-    maximum = min(len(slices.values) - 1, N_FOURIER * slices.values.shape[2])
-    if not 1 <= n_components <= maximum:
-        raise InputError(
-            f"functional PCA: {len(slices.values)} slices allow 1 to {maximum} components, found {n_components}"
-        )
 
 
 def _spectra(curves: FloatArray) -> FloatArray:

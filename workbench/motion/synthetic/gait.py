@@ -30,6 +30,7 @@ from workbench.utils.errors import InputError
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 PATHS = ("straight", "circle")
+RADIUS_M = 2.0  # of the circle
 N_HARMONICS = 6
 STANCE = 0.6  # duty factor of a foot: two double-support phases of a tenth of the cycle
 _CYCLE = np.linspace(0.0, 1.0, 257)
@@ -130,9 +131,7 @@ def variation(average: GaitSubject, published: Mapping[str, GaitCurve], rng: np.
     return GaitSubject(average.name, shape, stride_hz, rng.uniform(), curves)
 
 
-def walker(
-    subject: GaitSubject, duration_s: float, rate_hz: float, path: str = "straight", radius_m: float = 2.0
-) -> Motion:
+def walker(subject: GaitSubject, duration_s: float, rate_hz: float, path: str = "straight") -> Motion:
     """Return a walk of `subject` over the ground z = 0, from above the origin towards +x.
 
     The root's height keeps the lower ankle at its height over the sole. The root's speed keeps the stance foot at rest
@@ -142,20 +141,17 @@ def walker(
     ----------
     subject : the walker.
     duration_s, rate_hz : s, Hz.
-    path : "straight", or "circle", to the left about (0, radius_m).
-    radius_m : of the circle, m.
+    path : "straight", or "circle", to the left about (0, RADIUS_M).
 
     Raises
     ------
-    InputError : an unknown path, fewer than two frames, a rate that is not positive, or a radius below 0.5 m.
+    InputError : an unknown path, fewer than two frames, or a rate that is not positive.
     """
     if path not in PATHS:
         raise InputError(f"walker: path must be one of {', '.join(PATHS)}, found {path!r}")
     times = frame_times("walker", duration_s, rate_hz)
-    if path == "circle" and not radius_m >= 0.5:
-        raise InputError(f"walker: expected a radius_m of at least 0.5 m for a circle, found {radius_m}")
     phases = subject.phase + subject.stride_hz * times
-    curvature = 1.0 / radius_m if path == "circle" else 0.0
+    curvature = 1.0 / RADIUS_M if path == "circle" else 0.0
     positions, heights, headings = _root_path(subject, phases, curvature)
     angles = subject.angles(phases)
     angles[:, 0] += headings
