@@ -4,7 +4,8 @@
 
 The experiment runs as published with the tracker's own body, camera and initial pose (`dataset.perturb=false`), once
 for every value, clip and seed. The clips are `clips.validation`, or generated scenes, such as `--clips builtin --seeds
-100 101`. FOLDER caches every run, see `cached_runs`.
+100 101`. With `--set paper=ours dataset.perturb=true` the constant is that of ours. FOLDER caches every run, see
+`cached_runs`.
 """
 
 import argparse
