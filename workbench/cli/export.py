@@ -107,9 +107,8 @@ def _never_shown(run: Run, skeleton: Skeleton) -> tuple[BoolArray, BoolArray]:
         likelihood = run.settings.get("likelihood")
     except InputError:  # the motion is still known
         likelihood = None
-    is_keypoints = (
-        isinstance(likelihood, dict) and likelihood.get("_target_") == options("likelihood")["keypoints"].target
-    )
+    keypoints = options("likelihood")["keypoints"].target
+    is_keypoints = isinstance(likelihood, dict) and likelihood.get("_target_") == keypoints
     weights = keypoint_weights(run.path) if is_keypoints else {}
     if not weights:
         return np.zeros(len(skeleton.names), dtype=bool), np.zeros(len(skeleton.dof_names), dtype=bool)
