@@ -81,8 +81,9 @@ def _option(option: Option) -> Iterator[str]:
     for key, (_, default) in keys.items():
         value = settings.get(key, default)
         default_text = "*required*" if value is inspect.Parameter.empty else _code(value)
-        description = _escaped(option.notes.get(key) or parameters.get(key, ""))
+        description = _escaped(option.all_notes.get(key) or parameters.get(key, ""))
         yield f"| `{key}` | {default_text} | {_unit(key)} | {description} |"
+    yield from (f"| `{key}` | | | {_escaped(note)} |" for key, note in option.notes.items() if "." in key)
 
 
 def _without_parameters(docstring: str) -> tuple[str, dict[str, str]]:

@@ -72,7 +72,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m analysis.benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="figures to measure; none: all")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="write the figures here, and their table to a .md file"
+    )
     parser.add_argument("--compare", type=Path, metavar="FILE", help="figures written earlier")
     parser.add_argument("--worse", type=float, default=0.25, metavar="SHARE", help="how much worse is too much (0.25)")
     options = parser.parse_args(arguments)

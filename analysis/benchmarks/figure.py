@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from analysis.tables.table import markdown
 from workbench.results.formatting import table_of, text
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 BETTER = ("lower", "higher")
-_COLUMNS = ("name", "figure", "bar", "unit", "reached", "reference or peer")
+_COLUMNS = ("benchmark", "value", "goal", "unit", "reached", "reference or peer")
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,11 @@ def table(figures: Sequence[Figure]) -> str:
     return text(table_of(_COLUMNS, map(_row, figures)))
 
 
+def page_table(figures: Sequence[Figure]) -> str:
+    """Return the table of values and goals in Markdown, without the references."""
+    return markdown([_COLUMNS[:-1], ["---"] * 5, *([f"`{name}`", *cells[:-1]] for name, *cells in map(_row, figures))])
+
+
 def _row(figure: Figure) -> tuple[str, ...]:
     value = "-" if math.isnan(figure.value) else f"{figure.value:.3g}"
     bar = f"{'≤' if figure.better == 'lower' else '≥'} {figure.bar:.3g}"
@@ -57,13 +63,15 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 def write_figures(path: Path, figures: Sequence[Figure]) -> None:
-    """Write a JSON list of {name, value, unit, bar, better, reference}; a value that was not measured is null.
+    """Write a JSON list of {name, value, unit, bar, better, reference}, and `page_table` to a .md file of this name.
 
-    Raises InputError when the file cannot be written.
+    A value that was not measured is null. Raises InputError when a file cannot be written.
     """
     rows = [asdict(figure) | {"value": _number_or_null(figure.value)} for figure in figures]
     with whole_file(path) as part:
         part.write_text(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    with whole_file(path.with_suffix(".md")) as part:
+        part.write_text(page_table(figures), encoding="utf-8")
 
 
 def read_figures(path: Path) -> list[Figure]:

@@ -8,6 +8,7 @@ import numpy as np
 from analysis.figures.cached_runs import Run
 from analysis.figures.recordings import Source
 from analysis.figures.unrecorded import Result, composed
+from analysis.tables import video
 from analysis.tables.papers import EXACT, IMAGES, POINTS, SUBJECTS, of_subjects, over_seeds, with_deviations
 from analysis.tables.real import REAL_TABLES
 from analysis.tables.table import (
@@ -22,9 +23,7 @@ from analysis.tables.table import (
     between_seeds,
     mean,
     over_runs,
-)  # fmt: skip
-from analysis.tables.video import VIDEO
-from analysis.tables.video import runs as runs_of_video
+)
 from workbench.evaluation.step_calibration import GROUPS
 from workbench.experiment.config.resolvers import RESOLVERS
 
@@ -83,7 +82,6 @@ CALIBRATED: Rows = {
     }.items()
     for yes_or_no, exact in (("yes", ()), ("no", EXACT))
 }
-SCORES = {"nees_per_dim": 1, "crps_mm": 1, "crps_deg": 1, "mpjpe_abs_mm": 0, "mpjpe_px": 1}
 DETECTED = (
     "dataset.keypoint_sigma_px=4", "likelihood=keypoints", "likelihood.sigma_px=5", "likelihood.loss=huber",
     "inference=least_squares",
@@ -150,13 +148,9 @@ def by_seed(source: Source, n_seeds: int | None) -> dict[Labels, list[Run]]:
     return {(str(seed),): [run for run in runs if run.seed == seed] for seed in range(n_seeds or 3)}
 
 
-def calibration(statistic: Callable[..., Column]) -> Table:
-    """Return the table of the calibration of posteriors on test walkers, of one statistic."""
-    coverages = {"`coverage_90`": "coverage_90", **{group: f"coverage_90_{group}" for group in GROUPS}}
-    columns = [statistic(metric, 2, name=name) for name, metric in coverages.items()]
-    columns += [statistic(metric, digits, name=f"`{metric}`") for metric, digits in SCORES.items()]
-    rows = over_people(CALIBRATED, partial(listed, "test"), 2)
-    return Table(("experiment", "perturbed"), rows, columns)
+def calibration(columns: Sequence[Column]) -> Table:
+    """Return the table of the posteriors of test walkers."""
+    return Table(("experiment", "perturbed"), over_people(CALIBRATED, partial(listed, "test"), 2), columns)
 
 
 def lowest_nll(results: Mapping[Labels, Results]) -> set[Labels]:
@@ -168,7 +162,7 @@ def lowest_nll(results: Mapping[Labels, Results]) -> set[Labels]:
 
 def main_results(source: Source, n_seeds: int | None) -> dict[Labels, list[Run]]:
     """Return the runs of the table of the README."""
-    videos = runs_of_video(source, None)
+    videos = video.runs(source, None)
     unseen = "six recorded walkers, rendered, not used for learning or tuning"
     return {
         ("`workbench run`", "one generated walker, one rendered camera"): [
@@ -209,15 +203,19 @@ TABLES: Mapping[str, Table] = {
             column for metric, digits in (("mpjpe_abs_mm", 0), ("mpjpe_px", 1))
             for column in (mean(metric, digits), between_people(metric, digits, "SD between subjects"),
                            between_seeds(metric, digits))
-        ] + [TRACKED, RUNS],
+        ] + [TRACKED],
     ),
     "given": Table(
         ("quantity given without error",), over_people(GIVEN, partial(held_out, "validation"), 2),
         [mean("mpjpe_px", 1), mean("mpjpe_mm"), mean("mpjpe_abs_mm"), TRACKED, RUNS],
     ),
-    "calibration_means": calibration(mean),
-    "calibration_between_subjects": calibration(between_people),
-    "calibration_between_seeds": calibration(between_seeds),
+    "calibration_coverage": calibration(
+        [*with_deviations(("coverage_90", 2)), *(mean(f"coverage_90_{group}", 2, group) for group in GROUPS)]
+    ),
+    "calibration_scores": calibration(
+        [*(mean(name, 1) for name in ("nees_per_dim", "crps_mm", "crps_deg")), *with_deviations(("mpjpe_abs_mm", 0)),
+         mean("mpjpe_px", 1)]
+    ),
     "tuned_parameters": Table(
         ("parameter", "value"), over_people(TUNED, partial(listed, "validation"), 1),
         [mean("nll", 2), mean("crps_mm", 1), mean("crps_deg", 2), mean("coverage_90", 2), mean("nees_per_dim", 1),
@@ -236,7 +234,7 @@ TABLES: Mapping[str, Table] = {
         ("seed",), by_seed, [mean("mpjpe_abs_mm"), mean("mpjpe_px", 1), mean("mpjpe_mm"), TRACKED, RUNS]
     ),
     **REAL_TABLES,
-    "video": VIDEO,
+    "video": video.VIDEO,
     "results": Table(
         ("command", "subjects"), main_results,
         [*with_deviations(("mpjpe_abs_mm", 0)), mean("mpjpe_px", 1),

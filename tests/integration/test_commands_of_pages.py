@@ -91,7 +91,8 @@ SMALLER = {  # what makes them small; what is measured stays as it is written
 }  # fmt: skip
 ELSEWHERE = {  # what is not run here, and which test does
     "python3 -m venv": ".ci/run", "pip install": ".ci/run", "submitit_slurm": "test_slurm.py",
-    "pytest --pyargs": "test_own_components.py", "my/experiment": "test_own_experiments.py",
+    "pytest --pyargs": "test_own_components.py", "pytest -m slow": ".ci/run",
+    "my/experiment": "test_own_experiments.py",
     "--config-dir": "test_own_experiments.py", "--against": "test_check.py", "git bisect": "test_check.py",
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
     "my_components": "test_own_components.py", "runs watch": "test_watch.py",

@@ -33,3 +33,10 @@ def test_an_experiment_runs_as_its_paper_writes_it(cache, summary_of, experiment
     numbers = [value for name, value in summary["metrics"].items() if name in ("mpjpe_abs_mm", "jump_deg_mean")]
     assert np.isfinite(numbers).all()
     assert numbers
+
+
+def test_the_coverage_of_an_arm_is_that_of_its_parameters(cache, summary_of):
+    """The rest of the body is held at the perturbed initial pose."""
+    metrics = summary_of(cache, "experiment=arm_twist", *SMALL)["metrics"]
+    assert {name for name in metrics if name.startswith("coverage_90_")} == {"coverage_90_arms"}
+    assert metrics["coverage_90"] == metrics["coverage_90_arms"]

@@ -117,11 +117,17 @@ def _height(
         raise InputError(f"{video}: expected images, found none that can be decoded")
     size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(annotations))
     calibration = person_height.calibrate_by_height(name, size, *segments, measurements)
-    value, sigma = calibration.values, calibration.sigma
     notes = {"made_by": "workbench calibrate height"} | {
-        key: f"{value[key]:.4g} ± {deviation:.2g}" for key, deviation in sigma.items()
+        key: f"{calibration.values[key]:.4g} ± {deviation:.2g}" for key, deviation in calibration.sigma.items()
     }
     write_cameras(output, [calibration.camera], calibration.error_px, notes)
+    _print_by_height(name, calibration)
+    _print_written(output)
+
+
+def _print_by_height(name: str, calibration: person_height.HeightCalibration) -> None:
+    """Print the errors and the values of a camera that is calibrated by a person's height."""
+    value, sigma = calibration.values, calibration.sigma
     n_frames, error_px = len(calibration.frames), calibration.error_px
     print(f"{name}: reprojection error of head and feet {error_px:.1f} px over {n_frames} frames")
     rms = np.sqrt([(errors**2).mean() * 2.0 for errors in calibration.errors_px])
@@ -137,7 +143,6 @@ def _height(
             "the annotations do not determine the focal length; a default is used. Annotate the person near to and far "
             "from a camera that points downwards, or add --focal-px, or --distance-m and --camera-height-m"
         )
-    _print_written(output)
 
 
 def _check_output(output: Path, overwrite: bool) -> None:

@@ -96,12 +96,12 @@ def _keys(option: Option, target: Callable[..., object]) -> dict[str, str]:
     from workbench.experiment.config.instantiate import config_keys
 
     values: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
-    rows, notes = {}, option.notes
+    rows, notes = {}, option.all_notes
     for key, (_, default) in config_keys(target).items():
         value = values.get(key, "required" if default is inspect.Parameter.empty else default)
         text = "null" if value is None else list(value) if isinstance(value, tuple) else value
         rows[f"{key}: {text}"] = notes.get(key, "")
-    return rows
+    return rows | {key: note for key, note in option.notes.items() if "." in key}
 
 
 def _table(rows: Mapping[str, str], lines: int | None = None) -> str:

@@ -13,6 +13,7 @@ from workbench.body.kinematics import joints, undetermined
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.evaluation.camera_agreement import MIN_WEIGHT
+from workbench.experiment.config.options import options
 from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
@@ -24,7 +25,6 @@ from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-_KEYPOINTS_ALONE = "workbench.likelihoods.keypoints."
 _Y_UP = "y is up, z ahead where the world has x"
 _Z_UP = "z is up, as in the workbench"
 _AXES = {
@@ -60,8 +60,8 @@ def export_recording(
       workbench export run.rrd -o overlay.mp4
     """
     if output.suffix.lower() == SUFFIX:
-        n_frames = write_overlay(read_sound_run(recording), output, camera)
-        print(f"{output}: {n_frames} frames; estimate orange, truth blue")
+        n_frames, has_truth = write_overlay(read_sound_run(recording), output, camera)
+        print(f"{output}: {n_frames} frames; estimate orange{', truth blue' if has_truth else ''}")
         return
     check_output(output)  # before reading the recording
     run = read_sound_run(recording)
@@ -107,7 +107,8 @@ def _never_shown(run: Run, skeleton: Skeleton) -> tuple[BoolArray, BoolArray]:
         likelihood = run.settings.get("likelihood")
     except InputError:  # the motion is still known
         likelihood = None
-    is_keypoints = isinstance(likelihood, dict) and str(likelihood.get("_target_")).startswith(_KEYPOINTS_ALONE)
+    keypoints = options("likelihood")["keypoints"].target
+    is_keypoints = isinstance(likelihood, dict) and likelihood.get("_target_") == keypoints
     weights = keypoint_weights(run.path) if is_keypoints else {}
     if not weights:
         return np.zeros(len(skeleton.names), dtype=bool), np.zeros(len(skeleton.dof_names), dtype=bool)

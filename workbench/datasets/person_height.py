@@ -63,7 +63,7 @@ class Measurements:
 
 
 @dataclass(frozen=True, eq=False)
-class _HeightCalibration:
+class HeightCalibration:
     """camera: in a world with z up, its origin on the floor below the camera, x ahead. values, sigma: estimates and
     standard deviations of focal_px, tilt_deg, roll_deg, height_m. frames: of the segments. errors_px: (F, 4), residuals
     of head and feet, [u, v]. focal_information: 0 where the prior alone determines the focal length, up to 1 where
@@ -99,7 +99,7 @@ def head_foot_segments(annotations: JointAnnotations) -> tuple[tuple[int, ...], 
 
 def calibrate_by_height(
     name: str, size: tuple[int, int], frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
-) -> _HeightCalibration:
+) -> HeightCalibration:
     """Calibrate a camera with its principal point in the image's middle, square pixels and no distortion.
 
     Parameters
@@ -135,12 +135,12 @@ def calibrate_by_height(
     sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
     information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
-    return _HeightCalibration(camera, values, sigma, frames, errors, information)
+    return HeightCalibration(camera, values, sigma, frames, errors, information)
 
 
 def pose_by_height(
     lens: Camera, frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
-) -> _HeightCalibration:
+) -> HeightCalibration:
     """Return the pose of a camera whose matrix and distortion are known, by `calibrate_by_height`.
 
     The segments are moved to where a camera without distortion, of the same focal length and with its principal point

@@ -18,7 +18,7 @@ from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.multiview_consistency import height_px
-from workbench.evaluation.step_calibration import joint_calibration, pose_calibration
+from workbench.evaluation.step_calibration import given_parameters, joint_calibration, pose_calibration
 from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
 from workbench.utils.arrays import FloatArray
 
@@ -31,7 +31,11 @@ _OF_MAX_WEIGHT = ("mpjpe_abs_mm", "mpjpe_mm")
 
 
 def step_errors(
-    step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
+    step: Step,
+    body: Body,
+    moving: Sequence[str] = POSE_NAMES,
+    image_scale: float = 1.0,
+    initial: FloatArray | None = None,
 ) -> dict[str, float]:
     """Return the errors of a step against its truth; {} without one.
 
@@ -59,6 +63,7 @@ def step_errors(
     step, body : the estimate and the tracked body.
     moving : the parameters that the prior moves.
     image_scale : factor by which the images were resized.
+    initial : (P,) the true pose in the first frame, by which `given_parameters` are selected; None: none are.
     """
     truth = step.frame.truth
     if truth is None:
@@ -89,7 +94,8 @@ def step_errors(
     elif truth.annotations is not None and "mpjpe_px" in errors:
         errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * height_px(truth.annotations) / image_scale
     if truth.pose is not None:
-        errors |= pose_calibration(step, skeleton)
+        given = None if initial is None else given_parameters(skeleton, moving, truth.pose, initial)
+        errors |= pose_calibration(step, skeleton, given)
         errors["mpjae_local_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
         errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
     elif truth.joints is not None:

@@ -17,7 +17,7 @@ from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 _LEVELS = (0.5, 0.9)
 """Levels of the central credible intervals whose coverage is measured."""
 _FIXED_TOLERANCE = 1e-9
-"""m or rad: a parameter that is equal in all particles and as near as this to the truth counts as fixed to it."""
+"""m or rad: a parameter as near as this to another value counts as equal to it."""
 _RANKS: WeakKeyDictionary[Step, FloatArray] = WeakKeyDictionary()
 """Ranks of the true pose's parameters by step."""
 LARGE_MM = 50.0
@@ -33,21 +33,41 @@ GROUPS = {
 """Groups of angles and joints, by words in their names."""
 
 
-def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
+def given_parameters(skeleton: Skeleton, moving: Sequence[str], truth: FloatArray, initial: FloatArray) -> BoolArray:
+    """Select (P,), the parameters that are inputs: not in `moving`, with a true value that is still the initial one.
+
+    Their error is that of the given initial pose. A parameter that is not in `moving` but whose true value changes is
+    not selected: the posterior is wrong about it.
+
+    Parameters
+    ----------
+    moving : the parameters that the prior moves.
+    truth, initial : (P,) the true pose in this frame and in the first frame.
+    """
+    fixed = np.array([name not in moving for name in skeleton.dof_names])
+    return fixed & (np.abs(truth - initial) <= _FIXED_TOLERANCE)
+
+
+def pose_calibration(step: Step, skeleton: Skeleton, given: BoolArray | None = None) -> dict[str, float]:
     """Return coverage_50, coverage_90, crps_mm, crps_deg, nees_per_dim and nll over the parameters of the true pose.
 
     coverage_90 is also returned by group of GROUPS. crps_mm is of the root's position, crps_deg of all angles, taken on
     the same turn as the expected pose's. nees_per_dim is the mean of (truth − mean)² / variance of the single
     parameters, 1 if calibrated. nll is the mean of their `gaussian_nll`.
 
-    Parameters fixed to the truth are excluded: all particles equal it. Where all particles are equal and wrong, the
-    parameter is not covered, and has no nees_per_dim and nll. Without any parameter the result is coverage_90, NaN.
+    Parameters in which all particles are equal are excluded where they equal the truth or are given. Where they are
+    neither, the parameter is not covered, and has no nees_per_dim and nll. Without any parameter the result is
+    coverage_90, NaN.
+
+    Parameters
+    ----------
+    given : (P,) see `given_parameters`; None: no parameter is given.
 
     Raises
     ------
     ValueError : the step's frame has no true pose.
     """
-    values, weights, true, included = _compared(step)
+    values, weights, true, included = _compared(step, given)
     below = weight_below(values, weights, true)
     _RANKS[step] = ranks(below)
     if not included.any():
@@ -67,13 +87,13 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks (k,), in 0..1, of the true pose's parameters in `pose_calibration`; k = 0 without a true
-    pose."""
+    """Return the ranks (k,), in 0..1, of the true pose's parameters in the last `pose_calibration` of the step, else of
+    those of one without given parameters; k = 0 without a true pose."""
     if step not in _RANKS:
         truth = step.frame.truth
         if truth is None or truth.pose is None:
             return np.zeros(0)
-        values, weights, true, _ = _compared(step)
+        values, weights, true, _ = _compared(step, None)
         _RANKS[step] = ranks(weight_below(values, weights, true))
     return _RANKS[step]
 
@@ -93,12 +113,13 @@ def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measure
     return {**_coverages(weight_below(values, weights, true), names, "_joints"), "crps_joints_mm": score}
 
 
-def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+def _compared(step: Step, given: BoolArray | None) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Return poses (N, D), weights (N,), the true pose (D,), and which parameters (P,) of a pose are included."""
     if step.frame.truth is None or step.frame.truth.pose is None:
         raise ValueError(f"frame {step.frame.index}: expected a true pose to compare with, found none")
     poses, true = (unwrap_near(each, step.expected_pose) for each in (step.poses, step.frame.truth.pose))
-    included = step.spread | (np.abs(true - poses[0]) > _FIXED_TOLERANCE)
+    wrong = np.abs(true - poses[0]) > _FIXED_TOLERANCE
+    included = step.spread | (wrong if given is None else wrong & ~given)
     return poses.T[included].T, np.exp(step.log_weights), true[included], included  # contiguous columns
 
 

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,7 @@ class Meter:
 
     def __init__(self, components: Components) -> None:
         self._body, self._parameters, self._scale = components.body, components.parameters, components.clip.info.scale
+        self._clip = components.clip
         self._acceleration = AccelerationError(components.body.skeleton, components.parameters)
         self._markers = MarkerOffsets(components.body.skeleton, components.parameters)
         self._first = True  # the initial pose, which is not tracked
@@ -118,12 +120,18 @@ class Meter:
     def errors(self, step: Step) -> dict[str, float]:
         """Return the step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`,
         and its expected errors, see `expected_errors` of `step_calibration`."""
-        errors = step_errors(step, self._body, self._parameters, self._scale)
+        errors = step_errors(step, self._body, self._parameters, self._scale, self._initial)
         errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
         self._first = False
         return errors | self._acceleration.add(step) | self._markers.add(step)
+
+    @cached_property
+    def _initial(self) -> FloatArray | None:
+        """The true pose (P,) in the first frame, None if it is unknown."""
+        truth = next(iter(self._clip)).truth
+        return None if truth is None else truth.pose
 
     def catch_up(self, step: Step) -> None:
         """Add a step before the first measured one, for errors that use earlier frames."""

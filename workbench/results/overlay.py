@@ -20,8 +20,9 @@ _WIDTH_OVER_HEIGHT = 1.0 / 250.0
 _DEFAULT_HZ = 30.0
 
 
-def write_overlay(run: Run, path: Path, camera: str | None = None) -> int:
-    """Write the images of one camera with the skeletons as an MP4 file; return the number of frames.
+def write_overlay(run: Run, path: Path, camera: str | None = None) -> tuple[int, bool]:
+    """Write the images of one camera with the skeletons as an MP4 file; return the number of frames, and whether any
+    has a true skeleton.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ def write_overlay(run: Run, path: Path, camera: str | None = None) -> int:
     """
     _, times_s, _ = timed(run.path, "poses")
     rate_hz = 1.0 / float(np.median(np.diff(times_s))) if len(times_s) > 1 else _DEFAULT_HZ
-    n, writer = 0, None
+    n, has_truth, writer = 0, False, None
     with whole_file(path) as part:
         target = part.with_suffix(SUFFIX)  # OpenCV chooses the container by the extension
         try:
@@ -46,12 +47,12 @@ def write_overlay(run: Run, path: Path, camera: str | None = None) -> int:
                     if not writer.isOpened():
                         raise InputError(f"{path}: OpenCV cannot write an MP4 video here")
                 writer.write(image)
-                n += 1
+                n, has_truth = n + 1, has_truth or len(picture.skeletons["truth"]) > 0
         finally:
             if writer is not None:
                 writer.release()
         target.replace(part)
-    return n
+    return n, has_truth
 
 
 def drawn(picture: Picture) -> ByteArray:

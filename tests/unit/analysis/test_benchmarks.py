@@ -3,13 +3,14 @@
 import math
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from analysis.benchmarks import __main__ as benchmarks
 from analysis.benchmarks import scaling, tracking
-from analysis.benchmarks.figure import Figure, differences
+from analysis.benchmarks.figure import Figure, differences, page_table, read_figures
 from analysis.benchmarks.measuring import peak_gb
 from analysis.benchmarks.scaling import Curve
 
@@ -49,6 +50,15 @@ def test_the_command_fails_only_where_something_got_worse(monkeypatch, tmp_path)
     assert run([replace(FAST, value=2.0), MANY], "--compare", kept, "--worse", 2.0) == 0
     assert run([MANY], "--compare", kept) == 1
     assert run([FAST], "typo") == 2
+
+
+def test_the_table_of_the_page_is_that_of_the_reference():
+    reference = Path(benchmarks.__file__).with_name("reference.json")
+    figures = read_figures(reference)
+    assert reference.with_suffix(".md").read_text(encoding="utf-8") == page_table(figures)
+    rows = [line.split(" | ") for line in page_table([FAST, MANY]).splitlines()[2:]]
+    assert [row[1] for row in rows] == ["0.9", "80"]
+    assert [row[4] for row in rows] == ["yes |", "no |"]
 
 
 def law(exponent, cost=0.0):

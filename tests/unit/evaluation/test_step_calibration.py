@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from single_steps import SKELETON, standing, step_of
+from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Truth
+from workbench.evaluation.pose_errors import step_errors
 from workbench.evaluation.posterior_calibration import expected_calibration_error
 from workbench.evaluation.step_calibration import (
     area_under_curve,
@@ -50,6 +51,26 @@ def test_a_number_in_which_all_agree_counts_where_it_is_wrong():
     assert wrong["coverage_90"] == pytest.approx(24 / 25)
     assert wrong["crps_deg"] > right["crps_deg"]
     assert wrong["nees_per_dim"] == pytest.approx(right["nees_per_dim"])
+
+
+def test_parameters_that_are_given_count_once_their_true_value_changes():
+    poses, initial = drawn(), standing()
+    arm = [name for name in SKELETON.dof_names if "right_elbow" in name or "right_shoulder" in name]
+    fixed = [i for i, name in enumerate(SKELETON.dof_names) if name not in arm]
+    poses[:, fixed] = initial[fixed] + 0.05  # the given initial pose is wrong
+    step = step_of(poses, Truth(pose=initial))
+    found = step_errors(step, BODY, arm, initial=initial)
+    assert found["coverage_90"] == found["coverage_90_arms"] == 1.0
+    assert "coverage_90_legs" not in found
+    assert "crps_mm" not in found
+    assert len(pose_ranks(step)) == len(arm)
+    true = initial.copy()
+    true[HEADING] += 0.2
+    moved = step_errors(step_of(poses, Truth(pose=true)), BODY, arm, initial=initial)
+    assert moved["coverage_90"] == pytest.approx(len(arm) / (len(arm) + 1))
+    assert moved["coverage_90_root"] == 0.0
+    estimated = step_errors(step, BODY, SKELETON.dof_names, initial=initial)  # particles that agree by degeneracy
+    assert estimated["coverage_90"] == pytest.approx(len(arm) / 25)
 
 
 def test_z2_is_the_mean_square_of_the_miss_in_deviations():

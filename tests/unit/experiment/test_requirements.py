@@ -50,8 +50,7 @@ def test_a_conflict_is_one_sentence(words, sentence):
         (
             ["dataset=video"], {"dataset": "video"},
             "config: dataset=video requires source, calibration_file: add dataset.source=… "
-            "dataset.calibration_file=… (calibration_file: TOML of the "
-            "Pose2Sim",
+            "dataset.calibration_file=… (source: a video file",
         ),
         (
             ["dataset=video", "dataset.source=x.mp4"], {},

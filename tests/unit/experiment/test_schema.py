@@ -1,5 +1,8 @@
 """Options are typed by the class that line 1 names, say where they depart from it, and compose as a paper writes."""
 
+import inspect
+import re
+
 import pytest
 import yaml
 from hydra import compose, initialize_config_module
@@ -9,7 +12,7 @@ from omegaconf import OmegaConf
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.experiment.config.instantiate import build, check_targets, config_keys, import_target
-from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.options import GROUPS, Option, options
 from workbench.experiment.config.schema import prepare_hydra, typed
 from workbench.utils.errors import InputError
 
@@ -26,7 +29,26 @@ def hydra_is_ready():
 def test_every_option_names_its_class_on_line_1_and_notes_keys_of_it():
     for option in [options(group)[choice] for group, choice in CHOICES]:
         assert option.about
-        assert set(option.notes) <= set(config_keys(import_target(option.target))), option
+        assert {key.partition(".")[0] for key in option.notes} <= set(config_keys(import_target(option.target))), option
+
+
+def test_every_key_has_a_description():
+    for option in [options(group)[choice] for group, choice in CHOICES if group != "study"]:
+        target = import_target(option.target)
+        described = {
+            name for names in re.findall(r"([\w, ]+) ?: ", inspect.getdoc(target) or "") for name in names.split(", ")
+        }
+        assert {*config_keys(target)} <= {*option.all_notes, *(name.strip() for name in described)}, option
+
+
+def test_notes_continue_and_are_shared():
+    text = "_target_: a.B\n# About.\n#   one, two: first\n#     second\n#   one.key: third\nthree: 3 # fourth\n"
+    option = Option("a", "prior", "b", text)
+    assert option.about == "About"
+    assert option.notes == {"one": "first second", "two": "first second", "one.key": "third", "three": "fourth"}
+    walk, balance = options("dataset")["video"], options("dataset")["sports2d_walk"]
+    assert balance.notes == {}
+    assert walk.notes.items() <= balance.all_notes.items()
 
 
 def test_no_default_stands_twice():

@@ -33,7 +33,7 @@ def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
     recorded, estimated = run
     target = tmp_path / "overlay.mp4"
     assert main(["export", str(recorded.path), "-o", str(target)]) == 0
-    assert f"{N} frames" in capsys.readouterr().out
+    assert f"{N} frames; estimate orange, truth blue\n" in capsys.readouterr().out
     video = cv2.VideoCapture(str(target))
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, rel=1e-3)
     images = [video.read()[1] for _ in range(N)]
@@ -44,6 +44,14 @@ def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
         for u, v in CAMERA.project(places[knees]).round().astype(int):
             blue, _, red = image[v, u].astype(int)
             assert red > blue + 40  # orange, in a grey image
+
+
+def test_the_truth_is_named_only_where_it_is_drawn(tmp_path, capsys):
+    with Recorder(tmp_path / "run.rrd", BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
+        for step in steps(2, n_particles=20):
+            recorder.log(replace(step, frame=replace(step.frame, truth=None)), {})
+    assert main(["export", str(tmp_path / "run.rrd"), "-o", str(tmp_path / "overlay.mp4")]) == 0
+    assert capsys.readouterr().out.endswith("estimate orange\n")
 
 
 def test_pictures_are_those_of_the_frames_and_camera_asked_for(run):

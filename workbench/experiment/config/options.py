@@ -28,7 +28,26 @@ VARIABLE = "WORKBENCH_COMPONENTS"
 """Environment variable with package names, separated by commas."""
 
 _TARGET = re.compile(r"""_target_["']?:\s*["']?([\w.]+)""")
-_NOTE = re.compile(r"#   (\w+): (.+)")
+_NOTE = re.compile(r"#   ([\w.]+(?:, [\w.]+)*): (.+)")
+_COMMON_NOTES = {
+    "data": "folder of recorded motions and videos; null: none",
+    "cache": "folder for results that are computed once and used again",
+    "n_frames": "number of frames",
+    "rate_hz": "frames per second",
+    "width": "width of the image",
+    "height": "height of the image",
+    "focal_px": "focal length of the camera",
+    "distance_m": "distance from the camera to the person half-way through",
+    "view_azimuth_deg": "viewing direction relative to the direction of motion; 90: side view",
+    "n_points": "number of points in a frame",
+    "base": "the other prior; its keys are set by base.KEY",
+    "filter": "the particle filter; its keys are set by filter.KEY",
+    "algorithm": "how particles are resampled, moved and weighted; its keys are set by algorithm.KEY",
+    "n_particles": "number of particles; null: that of the filter",
+    "penalty": "smoothness of a least-squares fit: standard deviations of the changes between frames at 14 Hz, "
+    "e.g. {position: 0.013, angle: 0.11}; null: built in",
+}
+"""Notes on keys of several options."""
 _allowed: list[str] = []
 _config_dirs: list[Path] = []
 
@@ -60,12 +79,20 @@ class Option:
 
     @property
     def notes(self) -> dict[str, str]:
-        """Notes on keys, by key: `#   key: note`, or `key: value # note`."""
+        """Notes on keys, by key: `#   key: note`, continued by `#     `, or `key: value # note`; `a, b:` is for both
+        keys, `a.b:` for a key of the component a."""
         notes: dict[str, str] = {}
-        for line in self.text.splitlines():
+        for line in re.sub(r"\n#     ", " ", self.text).splitlines():
             if match := _NOTE.fullmatch(line) or re.match(r"(\w+):.*? # (.+)", line):
-                notes[match[1]] = match[2]
+                notes |= dict.fromkeys(match[1].split(", "), match[2])
         return notes
+
+    @property
+    def all_notes(self) -> dict[str, str]:
+        """The notes, with those of keys of several options, and those of other options of the class."""
+        others = [each.notes for each in options(self.group).values() if each.target == self.target]
+        inherited = {key: note for notes in others for key, note in notes.items() if "." not in key}
+        return _COMMON_NOTES | inherited | self.notes
 
 
 def allow_packages(packages: Iterable[str]) -> None:
