@@ -214,7 +214,7 @@ def _clip(clip: _ClipPeriods) -> Curves:
     curves = {"accumulated": _log10(clip.snr)}
     each = {title(name): _log10(clip.snr_per_angle[:, angle(name)]) for name in ANGLES}
     curves |= {label.removesuffix(" flexion"): each.pop(label) for label in list(each)[:4]}
-    marks = {"largest SNR": clip.estimate, "hip events": clip.events}
+    marks = {"found": clip.estimate, "hip events": clip.events}
     marks = {label: period for label, period in marks.items() if np.isfinite(period)}
     x_name = f"period in frames at {clip.rate_hz:g} Hz"
     return Curves(f"period/{clip.name}", clip.candidates, curves, x_name, "log₁₀ SNR", marks=marks, faint=each)

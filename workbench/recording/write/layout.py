@@ -370,7 +370,8 @@ def with_ticks(low: float, high: float, height: float) -> tuple[float, float]:
     low, high : the smallest and the largest value.
     height : of the axis, points, at least 50.
     """
-    spread = max(high - low, 1e-3 * max(abs(low), abs(high))) or 1.0
+    size = max(abs(low), abs(high))
+    spread = high - low if high - low > 1e-3 * size else size or 1.0  # of a constant its size
     ranges = []
     for step in 10.0 ** (np.floor(np.log10(spread)) + np.arange(-1.0, 3.0)):
         first, last = np.ceil(low / step), np.floor(high / step)
