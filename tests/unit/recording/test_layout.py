@@ -116,9 +116,9 @@ def test_expected_and_true_errors_by_joint_group_have_equal_axes_that_contain_th
 
 @given(_VALUE, _VALUE.map(abs), st.floats(50.0, 400.0))
 def test_an_axis_contains_its_values_and_two_labelled_ticks(low, spread, height):
-    """The viewer labels the multiples of a power of ten that are at least 22 points apart."""
+    """The viewer labels the multiples of a power of ten that are at least 21 points apart."""
     lower, upper = layout.with_ticks(low, low + spread, height)
     assert lower <= low <= low + spread <= upper
     steps = 10.0 ** np.arange(-9, 7)
-    labelled = steps[steps * height / (upper - lower) >= 22.0]
+    labelled = steps[steps * height / (upper - lower) >= 21.0]
     assert max(np.floor(upper / labelled) - np.ceil(lower / labelled)) >= 1

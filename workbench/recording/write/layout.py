@@ -31,8 +31,8 @@ _LANES = {
 # Heights, points, in a window of 1500 × 950, the smallest supported one: of the content, of a plot's curves, and of a
 # legend's row and frame.
 HEIGHT, CURVES_HEIGHT, SMALL, ROW, FRAME = 815.0, 170.0, 62.0, 23.0, 14.0
-_UNCERTAINTY, _INTERVAL, _FLEXION, _GROUP = 100.0, 130.0, 160.0, 300.0
-_TICK_HEIGHT, _TICK_MARGIN = 22.0, 0.06
+_UNCERTAINTY, _INTERVAL, _FLEXION, _GROUP = 100.0, 134.0, 160.0, 300.0
+_TICK_HEIGHT, _TICK_MARGIN = 21.0, 0.06
 """Points between two ticks, below which the viewer does not label them, and the margin of an axis, without which the
 viewer cuts the labels at the ends."""
 _CALIBRATION = ("coverage_", "crps_", "nees_", "nll")

@@ -30,7 +30,7 @@ SKIN_SPACING_M = 0.036
 """Grid spacing of the recorded mesh, which takes 60 kB a frame; 25 mm is smoother and takes 130 kB."""
 TRAILS = f"{ESTIMATE}/trails"
 _TRAIL_EVERY = 4  # frames from one stick figure to the next
-_EYE_DISTANCE_M = 1.8  # a person with raised arms, 2.3 m, fills the view's height
+_EYE_DISTANCE_M = 2.0  # a walking person fills 80 % of the height of the view
 _ELLIPSOIDS_PER_CONE = 11  # with fewer, rings are visible
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
