@@ -44,6 +44,7 @@ def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tup
     losses = _losses(measured)
     lost: BoolArray = np.any([np.zeros(n, dtype=bool), *losses.values()], axis=0)
     lost[:1] &= not has_errors
+    evaluated = known & (np.arange(n) >= has_errors)  # the frames of `lost_fraction`
     doubtful = doubtful_frames(measured)
     states = [UNKNOWN if not known[k] else LOST if lost[k] else DOUBTFUL if doubtful[k] else TRACKED for k in range(n)]
     states[:1] = [TRACKED] if not (lost | doubtful)[:1].any() else [LOST if lost[0] else DOUBTFUL]
@@ -51,13 +52,15 @@ def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tup
         return Finding("no ground truth", _and("only one frame, whose pose is given", details)), ("",)
     if lost.any():
         excess = float(np.nanmean(_relative_errors(measured)[lost & known])) if (lost & known).any() else 0.0
-        is_usable = lost[known].mean() < _MOSTLY or excess < _FAR
-        level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, losses, lost, known)
+        is_usable = lost[evaluated].mean() < _MOSTLY or excess < _FAR
+        level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, losses, lost, evaluated)
         return Finding(LOST, _and(text, details), level), tuple(states)
     if not has_errors:
         return Finding("no ground truth", f"no ground truth, {details}", TRUSTWORTHY), tuple(states)
     n_evaluated = int(np.isfinite(next(iter(criteria(measured.errors).values()))[0][1:]).sum())
-    where = f"in all {n_evaluated} {'' if _has_truth(measured) else 'annotated '}frames after the first"
+    annotated = "" if _has_truth(measured) else "annotated "
+    frames = f"all {n_evaluated} {annotated}frames" if n_evaluated > 1 else f"the only {annotated}frame"
+    where = f"in {frames} after the first"
     return Finding(TRACKED, _and(f"tracked {where}", details), TRUSTWORTHY), tuple(states)
 
 
@@ -135,21 +138,23 @@ def _relative_errors(measured: RunMeasurements) -> FloatArray:
 
 
 def _described_loss(
-    measured: RunMeasurements, losses: Mapping[str, BoolArray], lost: BoolArray, known: BoolArray
+    measured: RunMeasurements, losses: Mapping[str, BoolArray], lost: BoolArray, evaluated: BoolArray
 ) -> str:
-    """Describe a loss in frames (F,): its first frame, by which errors (see `_losses`), and the fraction of the known
-    frames."""
+    """Describe a loss in frames (F,): its first frame, by which errors (see `_losses`), and the fraction of the
+    evaluated frames."""
     first = int(np.flatnonzero(lost)[0])
     text = f"lost from frame {measured.frames[first]}: {' and '.join(text for text in losses if losses[text][first])}"
     if not lost[-1]:
         text += f", recovered from frame {measured.frames[int(np.flatnonzero(lost)[-1]) + 1]}"
-    return f"{text}, {lost[known].mean():.0%} of the frames"
+    return f"{text}, {lost[evaluated].mean():.0%} of the frames"
 
 
 def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Finding:
     """Return the outcome of a run without any error."""
     if not shows_person:
-        return Finding("no person visible", "no frame shows a person: the estimate is drawn from the prior", NOT_USABLE)
+        return Finding(
+            "no person visible", "the dataset has no observations: the motion is sampled from the prior", NOT_USABLE
+        )
     inliers = measured.inlier_fraction
     if measured.has_points:
         near = f": {np.nanmean(inliers):.0%} of them lie near the body" if has_values(inliers) else ""
@@ -185,7 +190,8 @@ def _annotation_error(measured: RunMeasurements) -> str:
         return ""
     valid = np.isfinite(px) & np.isfinite(heights) & (heights > 0.0)
     relative = f", {np.mean(px[valid] / heights[valid]):.1%} of the person's height" if valid.any() else ""
-    return f"{np.nanmean(px):.1f} px from the joints annotated in {int(np.isfinite(px).sum())} frames{relative}"
+    n = int(np.isfinite(px).sum())
+    return f"{np.nanmean(px):.1f} px from the joints annotated in {n} frame{'s' if n > 1 else ''}{relative}"
 
 
 def _keypoint_error(measured: RunMeasurements) -> str:

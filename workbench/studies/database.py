@@ -131,7 +131,7 @@ class Temperature:
 
     def _note(self, probes: _Probes) -> str:
         return (
-            f"Paper C, fig. 3: the poses after {self.n_draws} windows sampled for one probe at each temperature β "
+            f"**Paper C, fig. 3.** The poses after {self.n_draws} windows sampled for one probe at each temperature β "
             f"(dark) and the true pose after the probe (light), {probes.description}, whose clip is not in the "
             "database. Above: the paper's sign tree; below: our search, which samples with the exact probabilities. "
             "Samples at low β resemble the probe, those at high β are arbitrary. The second page compares both "
@@ -195,7 +195,7 @@ class CoefficientHistograms:
     def _note(self, probes: _Probes, missing: Sequence[int]) -> str:
         omitted = f" The database has no component {', '.join(map(str, missing))}." if missing else ""
         return (
-            f"Paper C, fig. 4: coefficients of {self.n_draws} windows sampled at β = {self.beta:g} for one probe, "
+            f"**Paper C, fig. 4.** Coefficients of {self.n_draws} windows sampled at β = {self.beta:g} for one probe, "
             f"{probes.description}, whose clip is not in the database, in units of each component's σ. Bars: samples "
             "by the paper's sign tree, above, and with the exact probabilities, below. Line: the independent Gaussian "
             "N(c_t, β σ²) about the probe. The exact probabilities are those of the Gaussian times the density of the "

@@ -281,11 +281,12 @@ def paper_alpha() -> float:
 
 def _note(metrics: Mapping[str, float], study: ParticlesByDimension) -> str:
     return (
-        f"Paper C, section 6: N ∝ 1/α^d. Number of particles per survivor of a frame, measured with "
-        f"{study.max_particles}, and the fewest within {study.tolerance_std:g} standard deviations of the Kalman "
-        f"filter after one frame and after {study.n_frames}; grey: each of {study.n_seeds} seeds. Independent angles: "
-        f"α = {metrics['alpha_independent']:.2f} per angle measured, {metrics['alpha_exact']:.2f} exact, "
-        f"{metrics['alpha_one_frame']:.2f} and {metrics['alpha_error']:.2f} near the Kalman filter; a body's: "
-        f"{metrics['alpha_body']:.2f}. C's 3000 particles for 8 parameters and 10¹⁶ for 50 imply "
-        f"{metrics['alpha_paper']:.2f}."
+        "**Paper C, section 6.** A particle filter needs N ∝ 1/α^d particles for d dimensions. The curves: particles "
+        f"per particle that survives the resampling of a frame, measured with {study.max_particles}; and the fewest "
+        f"particles whose estimate is within {study.tolerance_std:g} standard deviations of the Kalman filter's, after "
+        f"one frame and after {study.n_frames}; grey: each of {study.n_seeds} seeds. For independent angles α is "
+        f"{metrics['alpha_independent']:.2f} as measured, {metrics['alpha_exact']:.2f} exactly, and "
+        f"{metrics['alpha_one_frame']:.2f} and {metrics['alpha_error']:.2f} by the comparison with the Kalman filter; "
+        f"for the angles of a body it is {metrics['alpha_body']:.2f}. The paper's 3000 particles for 8 parameters and "
+        f"10¹⁶ for 50 imply {metrics['alpha_paper']:.2f}."
     )

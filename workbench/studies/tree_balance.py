@@ -112,8 +112,9 @@ def _levels(trees: Mapping[str, Tree]) -> tuple[Curves, ...]:
 
 def _note(metrics: Mapping[str, float]) -> str:
     return (
-        f"Paper C, section 4.1: the sign tree of {metrics['n_entries']:.0f} windows in 2^{metrics['n_levels']:.0f} "
+        f"**Paper C, section 4.1.** The sign tree of {metrics['n_entries']:.0f} windows in 2^{metrics['n_levels']:.0f} "
         "leaves. Bars: the recorded database; dashed: as many windows with independent Gaussian coefficients. The "
         "components of recorded motion are uncorrelated, not independent: most leaves are empty, and the others have "
-        f"up to {metrics['largest_leaf']:.0f} entries. Curves: these trees, components shuffled, splits at medians."
+        f"up to {metrics['largest_leaf']:.0f} entries. The second page compares these trees level by level with trees "
+        "of shuffled components and of splits at medians."
     )

@@ -22,7 +22,7 @@ from workbench.evaluation.finding import (
 )
 from workbench.evaluation.multiview_consistency import bends, limb_lengths, triangulate_rays
 from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM
+from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM, track_metrics
 from workbench.evaluation.verdict import Verdict
 
 LATE = np.arange(N) >= 20
@@ -163,6 +163,8 @@ def test_ground_truth_decides_whether_the_person_is_tracked():
     assert (found.outcome.kind, found.level) == ("lost", NOT_USABLE)
     assert "from frame 20" in found.message
     assert (found.states[5], found.states[25]) == ("tracked", "lost")
+    fraction = track_metrics({name: values[1:] for name, values in lost.items()})["lost_fraction"]
+    assert f"{fraction:.0%} of the frames" in found.message
     tracked = replace(scene(0), errors={"mpjpe_abs_mm": np.full(N, TRACKED_MM - 10.0)}).verdict()
     assert (tracked.outcome.kind, tracked.level) == ("tracked", TRUSTWORTHY)
 

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from recorded import record, static
 from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
@@ -25,6 +27,9 @@ SHOWN = layout.LayoutInput(
     metrics=("ess", "log_evidence", "mpjpe_abs_mm", "mpjpe_abs_mm_max_weight", "mpjpe_mm", "mpjpe_mm_max_weight",
              "mpjpe_px", "mpjpe_px_max_weight", "forearm_width_px", "coverage_90"),
 )  # fmt: skip
+
+
+_VALUE = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 
 
 def views(part):
@@ -104,5 +109,16 @@ def test_expected_and_true_errors_by_joint_group_have_equal_axes_that_contain_th
     expected, true = (panels[tuple(both[k : k + 4])] for k in (0, 4))
     ranges = [view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0] for view in (expected, true)]
     assert ranges[0] == ranges[1]
-    assert ranges[0][0] == 0.0 < 80.0 <= ranges[0][1]
-    assert all(colour in expected.name + true.name for colour, _ in styles.GROUPS.values())
+    assert ranges[0][0] <= 1.0 < 80.0 <= ranges[0][1]
+    legends = [view.properties["PlotLegend"].visible for view in (expected, true)]
+    assert all(visible is None or visible.as_arrow_array().to_pylist() == [True] for visible in legends)
+
+
+@given(_VALUE, _VALUE.map(abs), st.floats(50.0, 400.0))
+def test_an_axis_contains_its_values_and_two_labelled_ticks(low, spread, height):
+    """The viewer labels the multiples of a power of ten that are at least 21 points apart."""
+    lower, upper = layout.with_ticks(low, low + spread, height)
+    assert lower <= low <= low + spread <= upper
+    steps = 10.0 ** np.arange(-9, 7)
+    labelled = steps[steps * height / (upper - lower) >= 21.0]
+    assert max(np.floor(upper / labelled) - np.ceil(lower / labelled)) >= 1

@@ -28,8 +28,14 @@ _LANES = {
     "tracking": "tracked, doubtful or lost", "large_expected_error": "large expected error", "foot_left": "stance",
     "foot_right": "stance",
 }  # fmt: skip
-# Heights in a window of 1500 × 950, the smallest supported one, and of a legend's row and frame.
-HEIGHT, CURVES_HEIGHT, ROW, FRAME = 815.0, 170.0, 23.0, 14.0
+# Heights, points, in a window of 1500 × 950, the smallest supported one: of the content, of a plot's curves, and of a
+# legend's row and frame.
+HEIGHT, CURVES_HEIGHT, SMALL, ROW, FRAME = 815.0, 170.0, 62.0, 23.0, 14.0
+_UNCERTAINTY, _INTERVAL, _FLEXION, _GROUP = 100.0, 134.0, 160.0, 300.0
+_TICK_HEIGHT, _TICK_MARGIN = 21.0, 0.06
+"""Points between two ticks, below which the viewer does not label them, and the margin of an axis, without which the
+viewer cuts the labels at the ends."""
+_CALIBRATION = ("coverage_", "crps_", "nees_", "nll")
 _AXIS, _LANE = 54.0, 40.0
 _LINE_CHARACTERS = 190  # of the verdict
 
@@ -45,8 +51,8 @@ class LayoutInput:
     activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. uninformative: metrics
     equal in all runs of such components. drawn: keys of KEY.
     Of a run that ended: lanes: of states over time; sparse: metrics of less than half of the frames, drawn as points;
-    spans: smallest and largest value of curves by path, which place legends above them; reprojection_errors: their
-    paths; n_characters: of the verdict.
+    spans: smallest and largest value of curves by path, for ticks and legends; reprojection_errors: their paths;
+    n_characters: of the verdict.
     """
 
     cameras: Sequence[RecordedCamera]
@@ -142,50 +148,42 @@ def _texts(warned: bool) -> list[_Part]:
 
 
 def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
-    """Return errors, uncertainty, expected errors by joint group, and the posterior in tabs."""
+    """Return errors, uncertainty, and the posterior in tabs."""
     errors, rows = _errors(data), list[tuple[float, _Part]]()
     name = f"effective sample size (of {data.n_particles})"
-    ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, float(data.n_particles)), name)]
+    n = float(data.n_particles)
+    ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, n), name, height=_UNCERTAINTY)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
     if uncertainty := [*ess, *_coverage(data)]:
         rows.append((0.8, rrb.Horizontal(*uncertainty, name="uncertainty")))
-    if by_group := _errors_by_group(data):
-        rows.append((0.8, rrb.Horizontal(*by_group, name="errors by joint group")))
     return [*rows, (2.0, rrb.Tabs(*_details(data)))]
 
 
 def _errors_by_group(data: LayoutInput) -> list[rrb.View]:
-    """Return plots of the expected and of the true errors by joint group, with equal axes.
-
-    Of two plots each title has half of the colours, for which it is wide enough.
-    """
+    """Return plots of the expected and of the true errors by joint group, with equal axes."""
     drawn = _group_errors(data.metrics)
-    spans = [data.spans[path] for path in (f"metrics/{name}" for name in drawn) if path in data.spans]
-    axis = rrb.ScalarAxis(range=(0.0, 1.1 * max(high for _, high in spans))) if len(spans) == len(drawn) > 0 else None
-    words = {"expected_error": "expected", "mpjpe_abs": "true"}
-    kinds = [kind for kind in words if any(name.startswith(kind) for name in drawn)]
-    colours = [f"{group} {colour}" for group, (colour, _) in styles.GROUPS.items()]
-    plots: list[rrb.View] = []
-    for k, kind in enumerate(kinds):
-        half = colours[k * len(colours) // len(kinds) : (k + 1) * len(colours) // len(kinds)]
-        metrics = [name for name in drawn if name.startswith(kind)]
-        plots.append(_metrics(f"{words[kind]} error (mm): {', '.join(half)}", metrics, data, legend=False, axis=axis))
-    return plots
+    axis = _legend([f"metrics/{name}" for name in drawn], data, _GROUP, len(styles.GROUPS))
+    words = {"expected_error": "error expected by the posterior (mm)", "mpjpe_abs": "true error (mm)"}
+    chosen = {kind: [name for name in drawn if name.startswith(kind)] for kind in words}
+    return [_metrics(words[kind], metrics, data, axis) for kind, metrics in chosen.items() if metrics]
 
 
 def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
-        _plot(f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}")
+        _plot(
+            f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}",
+            axis=_axis(_below(f"{FLEXION}/{name}", data), data, _FLEXION),
+        )
         for name in FLEXIONS if name in data.flexions
     ]  # fmt: skip
     rows: list[tuple[float, _Part]] = [(2.4, rrb.Grid(*plots, grid_columns=2, name="flexion"))]
     if data.activity:
         rows.append((0.8, rrb.StateTimelineView(origin=f"/{ACTIVITY}", name="activity")))
-    views = [*_errors(data), *_coverage(data)]
-    pairs = [rrb.Horizontal(*views[k : k + 2], name="coverage" if k else "errors") for k in (0, 2) if views[k:]]
-    return [*rows, (1.4, rrb.Tabs(*pairs, *_details(data)))]  # of three in a row the titles would be cut
+    views = [*_errors(data), *_coverage(data)][:2]  # of three in a row the titles would be cut
+    errors = [rrb.Horizontal(*views, name="errors")] if views else []
+    return [*rows, (1.4, rrb.Tabs(*errors, *_details(data)))]
 
 
 def _images(data: LayoutInput) -> rrb.Container:
@@ -209,7 +207,8 @@ def _world(data: LayoutInput) -> rrb.Spatial3DView:
     contents = ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * data.surface]
     flat = [KEY[name] for name in ("annotations", "keypoints") if name in data.drawn]
     also = f"; in the images {', '.join(flat)}" if flat and len(data.cameras) > 1 else ""
-    name = f"world: {data.key('truth', 'particles')}{also}"
+    points = "; points by body part, grey unassigned" if data.flexions else ""
+    name = f"world: {data.key('truth', 'particles')}{also}{points}"
     return rrb.Spatial3DView(origin="/world", contents=contents, name=name, eye_controls=controls)
 
 
@@ -233,41 +232,42 @@ def _errors(data: LayoutInput) -> list[rrb.View]:
 
 
 def _coverage(data: LayoutInput) -> list[rrb.View]:
-    return [_metric("coverage_90", data, (0.0, 1.05))] if "coverage_90" in data.metrics else []
+    return [_metric("coverage_90", data, (0.0, 1.0), height=_UNCERTAINTY)] if "coverage_90" in data.metrics else []
 
 
 def _details(data: LayoutInput) -> list[_Part]:
     units = {name: data.posterior.unit(name) for name in data.posterior.shown_parameters}
+    places = {name: f"{DEGREES if unit == 'rad' else PARAMETERS}/{name}" for name, unit in units.items()}
     intervals = [
-        _plot(title(name, unit), f"/{DEGREES if unit == 'rad' else PARAMETERS}/{name}") for name, unit in units.items()
+        _plot(title(name, units[name]), f"/{place}", axis=_axis(_below(place, data), data, _INTERVAL))
+        for name, place in places.items()
     ]
-    tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % credible intervals"), _marginals(units)]
-    coefficients = range(1, len(data.posterior.coefficients) + 1)
-    bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in coefficients]
-    tabs += [rrb.Horizontal(*bars, name="coefficients")] if bars else []
-    if "nll" in data.metrics:
-        tabs.append(
-            rrb.Horizontal(
-                _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}"), name="ranks"
-            )
-        )
+    tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % intervals"), _posterior(units, data)]
+    if by_group := _errors_by_group(data):
+        tabs.insert(1, rrb.Horizontal(*by_group, name="errors by group"))
     fractions = styles.variance_fractions(data.metrics)
     elsewhere = {
-        "coverage_90",
-        *_errors_mm(data.metrics),
-        *_errors_px(data.metrics),
-        *fractions,
-        *data.uninformative,
-    }
-    elsewhere |= set() if data.flexions else {"ess", *_group_errors(data.metrics)}
-    others = [_metric(name, data) for name in data.metrics if name not in elsewhere]
+        *_errors_mm(data.metrics), *_errors_px(data.metrics), *_group_errors(data.metrics), *fractions,
+        *data.uninformative, *(() if data.flexions else ("ess", "coverage_90")),
+    }  # fmt: skip
+    others = [name for name in data.metrics if name not in elsewhere]
+    calibration = [_metric(name, data) for name in others if name.startswith(_CALIBRATION)]
+    numbers = [_metric(name, data) for name in others if not name.startswith(_CALIBRATION)]
     if fractions:
-        others.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, data))
-    return [*tabs, *([rrb.Grid(*others, name="numbers")] if others else []), *_texts(data.warned)]
+        numbers.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, data))
+    ranks = _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}")
+    if calibration:
+        grid = rrb.Grid(*calibration, grid_columns=3, name="coverage and scores")
+        tabs.append(rrb.Tabs(*[ranks] * ("nll" in data.metrics), grid, name="calibration"))
+    tabs += [rrb.Grid(*numbers, grid_columns=3, name="numbers")] if numbers else []
+    return [*tabs, *_texts(data.warned)]
 
 
-def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
-    """Return pictures of marginals, and the tensor of all: frames to the right, values upwards (paper A, fig. 4)."""
+def _posterior(units: Mapping[str, str], data: LayoutInput) -> rrb.Tabs:
+    """Return pictures of marginals, the tensor of all, and the coefficients' histograms.
+
+    Marginals have frames to the right and values upwards (paper A, fig. 4).
+    """
     width, height = PICTURE_SIZE
     bounds = rrb.VisualBounds2D(x_range=[-50.0, width + 8.0], y_range=[-10.0, height + 24.0])
     pictures = [
@@ -284,25 +284,29 @@ def _marginals(units: Mapping[str, str]) -> rrb.Tabs:
         scalar_mapping=rrb.TensorScalarMapping(colormap="inferno", mag_filter="nearest"),
     )  # fmt: skip
     axes = rrb.TextDocumentView(origin="/posterior/legend", name="values of the axes")
-    return rrb.Tabs(rrb.Grid(*pictures, grid_columns=2, name="brightness"), tensor, axes, name="log posterior")
+    bars = [_bars(f"c{k}, model grey", f"/coefficients/{k}") for k in range(1, len(data.posterior.coefficients) + 1)]
+    coefficients = [rrb.Horizontal(*bars, name="coefficients")] if bars else []
+    brightness = rrb.Grid(*pictures, grid_columns=2, name="log marginals")
+    return rrb.Tabs(brightness, tensor, axes, *coefficients, name="posterior")
 
 
 def _metrics(
-    name: str, metrics: Sequence[str], data: LayoutInput, legend: bool = True, axis: rrb.ScalarAxis | None = None
+    name: str, metrics: Sequence[str], data: LayoutInput, options: Mapping[str, Any] | None = None
 ) -> rrb.TimeSeriesView:
-    """Return a plot of several metrics; legend: above the curves, omitted where the name explains them."""
+    """Return a plot of several metrics with a legend above the curves; options: legend and axis, of `_legend`."""
     paths = [f"metrics/{each}" for each in metrics]
-    options = _legend(paths, data) if legend and len(metrics) > 1 else {"axis": axis}
-    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **options)
+    chosen = options or (_legend(paths, data) if len(metrics) > 1 else {"axis": _axis(paths, data, CURVES_HEIGHT)})
+    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **chosen)
 
 
 def _metric(
-    metric: str, data: LayoutInput, span: tuple[float, float] | None = None, name: str = ""
+    metric: str, data: LayoutInput, span: tuple[float, float] | None = None, name: str = "", height: float = SMALL
 ) -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; span: range of its axis."""
-    axis = None if span is None else rrb.ScalarAxis(range=span)
-    paths = [f"/metrics/{metric}", *[f"/{path}" for path in styles.guides([metric])]]
-    return _plot(name or title(metric), paths[0], paths, axis=axis, overrides=_dots([metric], data))
+    """Return a plot of one metric with its reference value; span: values of the axis, by default the metric's."""
+    paths = [f"metrics/{metric}", *styles.guides([metric])]
+    axis = _axis(paths, data, height) if span is None else rrb.ScalarAxis(range=with_ticks(*span, height))
+    contents = [f"/{path}" for path in paths]
+    return _plot(name or title(metric), contents[0], contents, axis=axis, overrides=_dots([metric], data))
 
 
 def _plot(
@@ -327,16 +331,57 @@ def _dots(metrics: Sequence[str], data: LayoutInput) -> dict[Any, rr.SeriesPoint
     return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, data.metrics)) for name in sparse}
 
 
-def _legend(paths: Sequence[str], data: LayoutInput) -> dict[str, Any]:
-    """Return a legend, and an axis with space for it above the curves once their ranges are known."""
+def _legend(paths: Sequence[str], data: LayoutInput, height: float = CURVES_HEIGHT, n_rows: int = 0) -> dict[str, Any]:
+    """Return a legend, and an axis with space for it above the curves once their ranges are known.
+
+    n_rows: of the legend; 0: as many as paths.
+    """
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    if not set(paths) <= data.spans.keys():
+    if not paths or not set(paths) <= data.spans.keys():
         return {"legend": legend}
-    low, high = min(data.spans[path][0] for path in paths), max(data.spans[path][1] for path in paths)
-    spread = max(high - low, 1e-3 * max(abs(high), 1e-6))
-    legend_height = min((FRAME + ROW * len(paths)) / CURVES_HEIGHT, 0.65)
-    span = (low - 0.05 * spread, high + 0.03 * spread + spread * legend_height / (1.0 - legend_height))
-    return {"legend": legend, "axis": rrb.ScalarAxis(range=span)}
+    fraction = min((FRAME + ROW * (n_rows or len(paths))) / height, 0.65)
+    low, high = _span(paths, data)
+    top = high + max(high - low, 1e-3 * abs(high)) * fraction / (1.0 - fraction)
+    return {"legend": legend, "axis": rrb.ScalarAxis(range=with_ticks(low, top, height))}
+
+
+def _below(place: str, data: LayoutInput) -> list[str]:
+    return [path for path in data.spans if path.startswith(f"{place}/")]
+
+
+def _span(paths: Sequence[str], data: LayoutInput) -> tuple[float, float]:
+    spans = [data.spans[path] for path in paths if path in data.spans]
+    return min(low for low, _ in spans), max(high for _, high in spans)
+
+
+def _axis(paths: Sequence[str], data: LayoutInput, height: float) -> rrb.ScalarAxis | None:
+    """Return an axis with two ticks at least for curves of this height, points; None before their ranges are known."""
+    known = any(path in data.spans for path in paths)
+    return rrb.ScalarAxis(range=with_ticks(*_span(paths, data), height)) if known else None
+
+
+def with_ticks(low: float, high: float, height: float) -> tuple[float, float]:
+    """Return the smallest range around [low, high] in which the viewer labels two ticks at least.
+
+    The viewer has ticks at multiples of powers of ten, and labels them where their distance is at least _TICK_HEIGHT.
+
+    Parameters
+    ----------
+    low, high : the smallest and the largest value.
+    height : of the axis, points, at least 50.
+    """
+    size = max(abs(low), abs(high))
+    spread = high - low if high - low > 1e-3 * size else size or 1.0  # of a constant its size
+    ranges = []
+    for step in 10.0 ** (np.floor(np.log10(spread)) + np.arange(-1.0, 3.0)):
+        first, last = np.ceil(low / step), np.floor(high / step)
+        if last == first:  # one tick: the nearer neighbour is added
+            first, last = (first - 1, last) if low / step - first + 1 < last + 1 - high / step else (first, last + 1)
+        ends = min(low, first * step, last * step), max(high, first * step, last * step)
+        margin = _TICK_MARGIN * (ends[1] - ends[0])
+        if step * height >= _TICK_HEIGHT * (ends[1] - ends[0] + 2.0 * margin):
+            ranges.append((float(ends[0] - margin), float(ends[1] + margin)))
+    return min(ranges, key=lambda each: each[1] - each[0])
 
 
 def _errors_mm(metrics: Sequence[str]) -> list[str]:

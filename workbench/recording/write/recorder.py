@@ -1,5 +1,6 @@
 """The recorder of a run's steps: one Rerun file per run."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -76,7 +77,7 @@ class Recorder:
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
-        n_particles_shown: int = 50,
+        n_particles_shown: int = 20,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         checkpoints: bool = False, video: bool = False, source_video: Path | None = None,
         decode: Callable[[FloatArray], FloatArray] | None = None, uninformative_metrics: Sequence[str] = (),
@@ -104,7 +105,8 @@ class Recorder:
         self._encoder = ThreadPoolExecutor(1, "image_encoder")
         self._encoded: list[tuple[int, np.timedelta64, str, Future[ByteArray]]] = []  # of the last frame
         self._diagnostics: tuple[str, ...] = ()
-        self._uninformative, self._measured = frozenset(uninformative_metrics), dict[str, list[float]]()
+        self._uninformative, self._n_values = frozenset(uninformative_metrics), Counter[str]()
+        self._spans: dict[str, tuple[float, float]] = {}  # smallest and largest value of curves by path
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
         self._warned, self._laid_out = False, True
@@ -183,14 +185,15 @@ class Recorder:
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
-        self._intervals.add_numbers(frame.index, time, self._posterior.add(step))
+        intervals = self._posterior.add(step)
+        self._intervals.add_numbers(frame.index, time, intervals)
         numbers = {f"metrics/{name}": value for name, value in measured.items()} | styles.guides(measured)
         numbers |= {} if frame.points is None else scene.flexion_angles(self._body.skeleton, step)
         self._columns.add_numbers(frame.index, time, numbers)
         self._file.send(scene.activities(step))
         self._ranks.append(pose_ranks(step) if self._ranks else np.zeros(0))
-        for name, value in measured.items():
-            self._measured.setdefault(name, []).append(value)
+        self._n_values.update(measured.keys())
+        self._span(numbers | intervals)
         self._diagnostics = tuple(step.diagnostics)
         if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
@@ -220,6 +223,13 @@ class Recorder:
         now = monotonic()
         return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
 
+    def _span(self, numbers: Mapping[str, float]) -> None:
+        """Extend the ranges of curves by the numbers of one frame."""
+        for path, value in numbers.items():
+            if np.isfinite(value):
+                low, high = self._spans.get(path, (value, value))
+                self._spans[path] = (min(low, value), max(high, value))
+
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
 
@@ -232,14 +242,12 @@ class Recorder:
         reprojection = outcome.log_reprojection_errors(self._stream, measured)
         if self._layout_input is None or self._places:
             return
-        n_values = {name: len(values) for name, values in self._measured.items()}
+        n_values = self._n_values
         names = tuple(name for name in self._layout_input.metrics if n_values[name] > 1 or self._n_frames == 1)
         sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
-        finite = {f"metrics/{name}": [v for v in values if np.isfinite(v)] for name, values in self._measured.items()}
-        spans = {path: (min(values), max(values)) for path, values in finite.items() if values} | reprojection
         self._layout_input = replace(
             self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
-            spans=spans if n_values["ess"] == self._n_frames else {},  # unknown in resumed frames
+            spans=self._spans | reprojection if n_values["ess"] == self._n_frames else {},  # unknown in resumed frames
             n_characters=len(verdict.message),
         )  # fmt: skip
         self._laid_out = False

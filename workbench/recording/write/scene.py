@@ -30,6 +30,7 @@ SKIN_SPACING_M = 0.036
 """Grid spacing of the recorded mesh, which takes 60 kB a frame; 25 mm is smoother and takes 130 kB."""
 TRAILS = f"{ESTIMATE}/trails"
 _TRAIL_EVERY = 4  # frames from one stick figure to the next
+_EYE_DISTANCE_M = 2.0  # a walking person fills 80 % of the height of the view
 _ELLIPSOIDS_PER_CONE = 11  # with fewer, rings are visible
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
@@ -102,9 +103,9 @@ def viewpoint(step: Step) -> FloatArray:
     elif views:
         direction, angle = person - views[0].camera.position[:2], np.radians(-40.0)
     else:
-        return np.array([2.1, -2.1])
+        return _EYE_DISTANCE_M * np.array([1.0, -1.0]) / np.sqrt(2.0)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return 2.3 * rotation @ direction / max(float(np.linalg.norm(direction)), 1e-6)
+    return _EYE_DISTANCE_M * rotation @ direction / max(float(np.linalg.norm(direction)), 1e-6)
 
 
 def true_joints(skeleton: Skeleton, truth: Truth | None) -> FloatArray:
