@@ -1,4 +1,4 @@
-"""Fit of a whole video to 2-D joints: time per frame by the length of the clip, memory, and its oracle's time.
+"""Fit of a whole video to 2-D joints: time per frame by the length of the clip, and memory.
 
     python -m analysis.benchmarks.video_fit N_FRAMES N_CAMERAS
 
@@ -23,9 +23,6 @@ from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED_SMOOTHNESS
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.foot_contact import detect_foot_contacts
-from workbench.inference.least_squares.residual_problem import ResidualProblem
-from workbench.inference.least_squares.residuals import views_residual
 from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.utils.arrays import FloatArray
@@ -65,7 +62,7 @@ def fit(observations: list[Observed], times_s: FloatArray) -> SmoothPoses:
 
 
 def figures() -> list[Figure]:
-    """Measure milliseconds a frame, memory, and one evaluation against that of residual functions."""
+    """Measure milliseconds a frame, and memory."""
     measured = []
     with threadpool_limits(limits=1, user_api="blas"):
         for n_cameras, bars in ((1, (4.0, 5.0, 5.0)), (4, (2.0, 2.0, 2.0))):
@@ -78,22 +75,7 @@ def figures() -> list[Figure]:
                     f"video_fit_{n_frames}_{n_cameras}", 1e3 * seconds / n_frames, "ms a frame", bar, "lower",
                     f"{n_frames} frames, {n_cameras} cameras: root-aligned error {error:.0f} mm",
                 ))  # fmt: skip
-        measured.append(_against_residuals())
     return [*measured, _memory()]
-
-
-def _against_residuals(n_frames: int = 100) -> Figure:
-    observations, times_s, poses = scene(n_frames, 1)
-    contacts = detect_foot_contacts(BODY.skeleton, observations, times_s)
-    batch = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
-    residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in observations]
-    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED_SMOOTHNESS, contacts)
-    x = poses.ravel()
-    ours, theirs = fastest_s([lambda: batch.expand(x), lambda: functions.expand(x)], 5, clock=time.thread_time)
-    what = (
-        f"one evaluation of {n_frames} frames by residual functions: {1e3 * theirs:.0f} ms; batched {1e3 * ours:.2f} ms"
-    )
-    return Figure("video_fit_vs_functions", theirs / ours, "× faster", 60.0, "higher", what)
 
 
 def _memory() -> Figure:
