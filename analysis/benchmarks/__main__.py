@@ -3,9 +3,9 @@
     python -m analysis.benchmarks [NAME…] [--json FILE] [--compare FILE] [--worse SHARE]
 
 Without a NAME everything is measured; figures measured together come together. --compare fails when a figure is worse
-than that of FILE, such as analysis/benchmarks/reference.json, by more than SHARE, or was not measured. Peers come
-with the extra `bench`. Figures of a database of motions use the recordings in the folder $WORKBENCH_DATA where it is
-set, else generated ones. Times are minima over repeats that take turns; close other programs.
+than that of FILE, such as analysis/benchmarks/reference.json, by more than SHARE, or was not measured. Figures of a
+database of motions use the recordings in the folder $WORKBENCH_DATA where it is set, else generated ones. Times are
+minima over repeats that take turns; close other programs.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, processes, tracking, video_fit
+from analysis.benchmarks import batch, draws, likelihood, processes, tracking, video_fit
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.measuring import machine
 from workbench.utils.errors import InputError
@@ -26,10 +26,8 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "tree_draw_us": draws.tree_figures,
     "exact_draw_us": draws.exact_figures,
     "tree_vs_ckdtree": draws.tree_figures,
-    "filter_overhead_vs_peers": filters.figures,
     "batch_ms_per_frame": batch.figures,
     "batch_vs_scipy": batch.figures,
-    "cyclic_vs_scikit_fda": cyclic.figures,
     "video_fit_100_1": video_fit.figures,
     "video_fit_400_1": video_fit.figures,
     "video_fit_3000_1": video_fit.figures,
@@ -45,7 +43,6 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "start_compile_s": processes.start_figures,
     "start_cached_s": processes.start_figures,
     "two_workers": processes.sweep_figures,
-    "runs_list_s": processes.runs_figures,
 }
 """What measures each figure."""
 

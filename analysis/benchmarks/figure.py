@@ -19,9 +19,8 @@ _COLUMNS = ("benchmark", "value", "goal", "unit", "reached", "reference or peer"
 class Figure:
     """One line of the table of benchmarks.
 
-    value: in `unit`, above 0; nan where it was not measured. bar: what it must reach, in the same unit. better:
-    "lower" or "higher". reference: the peer or bound it was measured against, with that one's own figure; or why it
-    was not measured.
+    value: in `unit`, above 0. bar: what it must reach, in the same unit. better: "lower" or "higher". reference: the
+    peer or bound it was measured against, with that one's own figure.
     """
 
     name: str
@@ -37,13 +36,8 @@ class Figure:
 
     @property
     def reached(self) -> bool:
-        """Return whether the figure is at its bar or better; False where it was not measured."""
+        """Return whether the figure is at its bar or better."""
         return self.value <= self.bar if self.better == "lower" else self.value >= self.bar
-
-
-def not_measured(name: str, unit: str, bar: float, better: str, why: str) -> Figure:
-    """Return the figure's line if a requirement of the measurement is missing."""
-    return Figure(name, math.nan, unit, bar, better, f"not measured: {why}")
 
 
 def table(figures: Sequence[Figure]) -> str:
@@ -57,17 +51,16 @@ def page_table(figures: Sequence[Figure]) -> str:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    value = "-" if math.isnan(figure.value) else f"{figure.value:.3g}"
     bar = f"{'≤' if figure.better == 'lower' else '≥'} {figure.bar:.3g}"
-    return figure.name, value, bar, figure.unit, "yes" if figure.reached else "no", figure.reference
+    return figure.name, f"{figure.value:.3g}", bar, figure.unit, "yes" if figure.reached else "no", figure.reference
 
 
 def write_figures(path: Path, figures: Sequence[Figure]) -> None:
     """Write a JSON list of {name, value, unit, bar, better, reference}, and `page_table` to a .md file of this name.
 
-    A value that was not measured is null. Raises InputError when a file cannot be written.
+    Raises InputError when a file cannot be written.
     """
-    rows = [asdict(figure) | {"value": _number_or_null(figure.value)} for figure in figures]
+    rows = [asdict(figure) for figure in figures]
     with whole_file(path) as part:
         part.write_text(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
     with whole_file(path.with_suffix(".md")) as part:
@@ -79,7 +72,7 @@ def read_figures(path: Path) -> list[Figure]:
     format."""
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
-        return [Figure(**row | {"value": math.nan if row["value"] is None else float(row["value"])}) for row in rows]
+        return [Figure(**row | {"value": float(row["value"])}) for row in rows]
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: expected a list of benchmark figures in JSON: {error}") from None
 
@@ -87,8 +80,8 @@ def read_figures(path: Path) -> list[Figure]:
 def differences(measured: Sequence[Figure], reference: Sequence[Figure], share: float) -> list[str]:
     """Return a sentence for each figure that is more than (1 + share) times worse than the reference.
 
-    Figures that were not measured, now or in the reference, or that only one side has, have a sentence too, because
-    they may be worse.
+    Figures that only one side has, or whose value is not a positive number, have a sentence too, because they may be
+    worse.
     """
     ours, theirs = ({figure.name: figure for figure in figures} for figures in (measured, reference))
     sentences = []
@@ -104,7 +97,3 @@ def differences(measured: Sequence[Figure], reference: Sequence[Figure], share: 
         elif (now.value / then.value if now.better == "lower" else then.value / now.value) > 1.0 + share:
             sentences.append(f"{name}: {now.value:.3g}, was {then.value:.3g} {now.unit}; {now.better} is better")
     return sentences
-
-
-def _number_or_null(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -7,8 +7,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,8 +16,6 @@ import numpy as np
 from tqdm import tqdm
 
 REPEATS = 12
-PEERS = ("scikit-fda", "particles")
-"""Other packages that benchmarks measure us against; the extra `bench` installs them."""
 
 # A process counts as its own peak what its parent held when it was started. So a small one is put in between.
 _STARTER = """
@@ -67,13 +65,10 @@ def own_caches() -> Iterator[tuple[str, dict[str, str]]]:
 
 
 def machine() -> str:
-    """Return the processor's name, the number of cores, and versions of Python, of what computes, and of peers."""
+    """Return the processor's name, the number of cores, and the versions of Python and of what computes."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    versions = [f"Python {platform.python_version()}"]
-    for name in ("numpy", "numba", "scipy", *PEERS):
-        with suppress(PackageNotFoundError):
-            versions.append(f"{name} {version(name)}")
-    return f"{names[0] if names else platform.machine()}, {cores} cores; {', '.join(versions)}"
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "scipy"))
+    return f"{names[0] if names else platform.machine()}, {cores} cores; Python {platform.python_version()}, {versions}"

@@ -1,14 +1,10 @@
 """Time and memory of the commands, each a process of its own.
 
 Compiling and sweeps are timed by the clock, and so want a quiet machine with two cores; starting is processor time,
-which other load on the machine changes little. The thousand runs are made up, with as many settings and numbers as a
-run has.
+which other load on the machine changes little.
 """
 
-import json
-from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from tqdm import tqdm
@@ -19,16 +15,16 @@ from analysis.benchmarks.measuring import own_caches, peak_gb, process_s
 RUN = ("-m", "workbench", "run", "experiment=walk_straight")
 FEW, MANY = 64, 100_000  # particles
 SHORT, LONG = 50, 5000  # frames
-N_RUNS, PER_SWEEP = 1000, 100
-QUERY = ("-m", "workbench", "runs", "list")
-CONDITIONS = ("prior=smooth", "n_particles>200", "mpjpe_abs_mm<5", "--sort", "mpjpe_abs_mm")
 N_JOBS = 24
 WORKERS = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 
 
 def memory_figures() -> list[Figure]:
     """Measure the peak memory of 10⁵ particles, and of 64."""
-    few, many = peaks_gb((FEW, MANY))
+    with own_caches() as (folder, environment):
+        run = [*RUN, "dataset.n_frames=5", f"hydra.run.dir={folder}/run"]
+        each = [[*run, f"inference.n_particles={n}"] for n in (FEW, FEW, MANY)]  # the first one renders and compiles
+        _, few, many = (peak_gb(command, environment) for command in tqdm(each, disable=None, leave=False))
     what = f"walk_straight, {MANY} particles; with {FEW} it is {few:.2f} GB"
     return [Figure("memory_1e5_gb", many, "GB", 1.5, "lower", what)]
 
@@ -40,14 +36,6 @@ def length_figures() -> list[Figure]:
         _, short, long = (peak_gb(["-m", module, str(n), f"{folder}/run"], environment) for n in (2, SHORT, LONG))
     what = f"walk_straight, {FEW} particles: {SHORT} frames take {short:.3f} GB, {LONG} {long:.3f} GB"
     return [Figure("memory_5000_frames_mb", max(1e3 * (long - short), 1.0), "MB", 100.0, "lower", what)]
-
-
-def peaks_gb(numbers: Sequence[int]) -> list[float]:
-    """Return the peak resident memory, 10⁹ bytes, of walk_straight with these numbers of particles."""
-    with own_caches() as (folder, environment):
-        run = [*RUN, "dataset.n_frames=5", f"hydra.run.dir={folder}/run"]
-        each = [[*run, f"inference.n_particles={n}"] for n in (FEW, *numbers)]  # the first one renders and compiles
-        return [peak_gb(command, environment) for command in tqdm(each, disable=None, leave=False)][1:]
 
 
 def start_figures(repeats: int = 3) -> list[Figure]:
@@ -89,28 +77,3 @@ def sweep_figures(repeats: int = 2) -> list[Figure]:
         f"of which two workers take {times['workers'] / times['all cores']:.2f}"
     )
     return [Figure("two_workers", times["workers"] / times["alone"], "× its time", 0.55, "lower", what)]
-
-
-def runs_figures(repeats: int = 3) -> list[Figure]:
-    """Measure a query over a thousand runs, the shortest of some."""
-    with TemporaryDirectory() as folder:
-        for k in range(N_RUNS):
-            job = Path(folder) / f"sweep_{k // PER_SWEEP}" / str(k % PER_SWEEP)
-            job.mkdir(parents=True)
-            (job / "run.rrd").write_bytes(b"RRF2")
-            (job / "summary.json").write_text(json.dumps(_summary(k), indent=2))
-        wall, processor = min(process_s([*QUERY, folder, *CONDITIONS]) for _ in range(repeats))
-    what = f"{N_RUNS} made-up runs: {processor:.2f} s of processor time"
-    return [Figure("runs_list_s", wall, "s", 10.0, "lower", what)]
-
-
-def _summary(k: int) -> dict[str, object]:
-    parts = {f"part_{i}": {f"key_{j}": 0.1 * j for j in range(12)} for i in range(12)}
-    prior, n_particles = ("smooth", "walking")[k % 2], 100 * (k % 7)
-    return {
-        "status": "complete", "experiment": "walk_straight", "seed": k, "identity": f"{k:064d}", "host": "elsewhere",
-        "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "error": None,
-        "metrics": {"mpjpe_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
-        "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench seed={k}"},
-        "settings": {"seed": k, "inference": {"n_particles": n_particles}, **parts},
-    }  # fmt: skip

@@ -1,17 +1,15 @@
-"""Growth of time and memory with the number of particles and the length of a clip, with fitted exponents.
+"""Growth of time with the number of particles, and of time and memory with the length of a clip.
 
     python -m analysis.benchmarks.scaling [NAME…] [--out FOLDER]
 
-Without a NAME everything is measured, in about ten minutes and two gigabytes. --out draws a figure for each NAME. The
-likelihood is that of image motion, of 12 limbs, N_SAMPLES points a limb and 640×480 px. Everything runs on all cores,
-and the fastest of some runs counts, by the clock: close other programs. An exponent is fitted to the upper half of the
-sizes.
+Without a NAME all are measured. --out draws a figure for each NAME. The likelihood is that of image motion, of 12 limbs,
+N_SAMPLES points a limb and 640×480 px. Steps run on all cores, and the fastest of some runs
+counts, by the clock: close other programs. An exponent is fitted to the upper half of the sizes.
 """
 
 import argparse
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,20 +27,15 @@ from tqdm import tqdm
 from analysis.benchmarks import tracking, video_fit
 from analysis.benchmarks.likelihood import N_SAMPLES, people, scene
 from analysis.benchmarks.measuring import fastest_s, machine, peak_gb
-from analysis.benchmarks.processes import FEW, peaks_gb
 from analysis.figures.style import canvas
 from workbench.recording.study.drawing import DASHES, GREY, HALO, SERIES, STYLE, label_ends
 from workbench.utils.errors import InputError
 
 REPEATS = 4
-NOISE_GB = 0.02
-"""Peaks of equal runs differ by up to 0.01 at 10⁴ particles and 0.024 at 10⁵ (measured)."""
 PARTICLES = (100, 1_000, 10_000, 100_000, 1_000_000)
 STEP_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
 CUES_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000)
-LENGTHS = (50, 150, 500, 1_500, 5_000)
 FITTED = (100, 300, 1_000, 3_000, 9_000)
-MEMORY_PARTICLES = (100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 VIDEO_MS = 1e3 / 30.0
 _FAR = 1000.0  # sizes that differ by more get a mark at each power of ten, others one at each size
 
@@ -99,24 +92,6 @@ def particles(
     ]
 
 
-def memory_of_particles(sizes: Sequence[int] = MEMORY_PARTICLES) -> list[Curve]:
-    """Measure the default experiment's peak memory, recorded, and its part beyond that of few particles."""
-    bare, *peaks = peaks_gb((FEW, *sizes))
-    above = {size: peak - bare for size, peak in zip(sizes, peaks, strict=True) if peak > bare + NOISE_GB}
-    curves = [Curve("peak memory", "particles", "GB", tuple(sizes), tuple(peaks))]
-    if len(above) > 1:
-        curves.append(Curve(f"beyond {FEW} particles", "particles", "GB", tuple(above), tuple(above.values())))
-    return curves
-
-
-def clip_length(sizes: Sequence[int] = LENGTHS) -> list[Curve]:
-    """Measure the default experiment with few particles, recorded, over the frames of its clip."""
-    with tempfile.TemporaryDirectory() as folder:
-        tracking.run_ms(2, Path(folder))  # compiles
-        times = [tracking.run_ms(size, Path(folder)) for size in tqdm(sizes, disable=None)]
-    return [Curve("whole step", "frames of the clip", "ms a frame", tuple(sizes), tuple(times))]
-
-
 def fit_time(sizes: Sequence[int] = FITTED) -> list[Curve]:
     """Measure the fit of a video to 2-D joints over the frames of its clip, by processor time."""
     curves = []
@@ -146,8 +121,6 @@ def _cameras(n: int) -> str:
 
 MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
     "time_against_particles": particles,
-    "memory_against_particles": memory_of_particles,
-    "time_against_length": clip_length,
     "fit_time_against_length": fit_time,
     "fit_memory_against_length": fit_memory,
 }

@@ -203,8 +203,7 @@ def test_a_killed_worker_of_joblib_costs_the_jobs_at_work_and_no_others(tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("whole_group", [False, True])
-@pytest.mark.parametrize("launcher", [(), JOBLIB])
+@pytest.mark.parametrize(("launcher", "whole_group"), [(JOBLIB, False), ((), True)])
 def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp_path, launcher, whole_group):
     """SIGTERM reaches the main process alone, as from a service manager; SIGINT its workers, too, as in a terminal."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")

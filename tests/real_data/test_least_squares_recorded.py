@@ -20,7 +20,7 @@ RUNS = ("dataset-1_run_active_001", "dataset-1_run_tired_001", "dataset-2_run_el
 @pytest.fixture(scope="module")
 def model(data, cache):
     return activity(
-        motions="recorded", data=str(data), cache=str(cache), exclude=[*WALKS, *RUNS], n_components=30
+        motions="bandai", data=str(data), cache=str(cache), exclude=[*WALKS, *RUNS], n_components=30
     ).model  # fmt: skip
 
 

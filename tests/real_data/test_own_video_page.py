@@ -15,6 +15,8 @@ from workbench.cli.main import main
 from workbench.datasets.detection.model_file import MODELS
 from workbench.datasets.files.decode import decode
 
+N = 12
+"""Frames of each clip."""
 PAGE = Path(__file__).parents[2] / ".docs" / "howto" / "own_video.md"
 BLOCKS = re.findall(r"```sh\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 COMMANDS = [
@@ -39,14 +41,14 @@ def folder(data, tmp_path_factory):
     """A folder with the files that the page names: clips, calibrations and annotated joints."""
     folder = tmp_path_factory.mktemp("own_video")
     woman, man = data / "sports2d_walk", data / "pose2sim_balance"
-    _clip(woman / "demo.mp4", 60, 89, folder / "walk.mp4")
+    _clip(woman / "demo.mp4", 60, 60 + N - 1, folder / "walk.mp4")
     shutil.copy(woman / "Calib_demo.toml", folder / "camera.toml")
     rows = (woman / "keypoints.csv").read_text(encoding="utf-8").splitlines()
     shifted = [row.split(",", 1) for row in rows[1:]]
-    inside = [f"{int(frame) - 60},{rest}" for frame, rest in shifted if 60 <= int(frame) < 90]
+    inside = [f"{int(frame) - 60},{rest}" for frame, rest in shifted if 60 <= int(frame) < 60 + N]
     (folder / "annotations.csv").write_text("\n".join([rows[0], *inside]) + "\n", encoding="utf-8")
     for name, camera in (("left", "cam01"), ("right", "cam04")):
-        _clip(man / f"{camera}.mp4", 0, 19, folder / f"{name}.mp4")
+        _clip(man / f"{camera}.mp4", 0, N - 1, folder / f"{name}.mp4")
     first, _, _, fourth = load_cameras(man / "Calib_qualisys.toml")
     rig = [replace(first, name="left"), replace(fourth, name="right")]
     write_cameras(folder / "rig.toml", rig, 0.0, {})

@@ -16,7 +16,7 @@ words = st.lists(
 """Words of the header and of the parameters, which say how much follows."""
 
 
-@pytest.mark.parametrize("n_examples", [8, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_examples", [8, pytest.param(100, marks=pytest.mark.slow)])
 def test_random_damage(tmp_path, n_examples):
     withstands(read_markers, c3d(tmp_path / "a.c3d"), n_examples, changes | flips | words)
 

@@ -21,7 +21,6 @@ MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
     "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
-    "time_against_length": lambda: scaling.clip_length((2, 4)),
     "fit_time_against_length": lambda: scaling.fit_time((20, 30)),
     "fit_memory_against_length": lambda: scaling.fit_memory((20, 30)),
 }
@@ -89,7 +88,7 @@ def test_what_is_measured_has_a_law_and_a_figure(name, tmp_path_factory, monkeyp
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     curves = TINY[name]()
-    assert {*TINY, "memory_against_particles"} == {*scaling.MEASURES}
+    assert {*TINY} == {*scaling.MEASURES}
     assert len({curve.name for curve in curves}) == len(curves)
     assert all(len(curve.sizes) == 2 and np.isfinite(curve.exponent) for curve in curves)
     assert scaling.drawn(name, curves).get_axes()[0].has_data()

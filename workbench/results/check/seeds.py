@@ -85,8 +85,8 @@ def p_of_mean(d: FloatArray) -> float:
     if (d != np.round(d)).any():
         return float(scipy.stats.ttest_1samp(d, 0.0).pvalue) if np.ptp(d) > 0.0 else 0.0
     test = scipy.stats.permutation_test(
-        (d, np.zeros(len(d))), lambda x, y: np.mean(x - y), permutation_type="samples",
-        random_state=np.random.default_rng(0),
+        (d, np.zeros(len(d))), lambda x, y, axis: np.mean(x - y, axis=axis), permutation_type="samples",
+        vectorized=True, random_state=np.random.default_rng(0),
     )  # fmt: skip
     return float(test.pvalue)
 
