@@ -2,34 +2,51 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from workbench.cli.main import main
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"
 
 
 @pytest.fixture(scope="module")
-def shell(tmp_path_factory):
-    """Run a block of shell commands in one folder, with `workbench` as this Python's."""
-    folder, commands = tmp_path_factory.mktemp("tutorial"), tmp_path_factory.mktemp("bin")
-    (commands / "workbench").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m workbench "$@"\n')
-    (commands / "workbench").chmod(0o755)
-    path = f"{commands}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "WORKBENCH_CACHE": str(folder / "cache"), "MPLBACKEND": "agg"}
+def python(tmp_path_factory, cache):
+    """Run Python code in a process, in the folder of the tutorial."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    environment = {**os.environ, "WORKBENCH_CACHE": str(cache), "MPLBACKEND": "agg"}
     environment.pop("WORKBENCH_DATA", None)
 
-    def run(*command):
+    def run(code):
         done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=900, check=False
-        )
-        assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
+            [sys.executable, "-c", code],
+            cwd=folder, env=environment, capture_output=True, text=True, timeout=900, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, f"{code}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
         return done.stdout
 
     return folder, run
+
+
+@pytest.fixture
+def shell(python, cache, monkeypatch, capfd):
+    """Run a block of `workbench` commands in the folder of the tutorial, in this process, which saves the imports."""
+
+    def run(block):
+        for line in block.replace("\\\n", " ").splitlines():
+            name, *arguments = shlex.split(line, comments=True)
+            assert (name, main(arguments)) == ("workbench", 0), line
+        return capfd.readouterr().out
+
+    monkeypatch.chdir(python[0])
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    return run
 
 
 def blocks(page):
@@ -40,11 +57,9 @@ def blocks(page):
 
 
 @pytest.mark.slow
-def test_the_tutorial_can_be_followed_to_the_letter(shell):
-    folder, run = shell
-    told = []
-    for language, text in blocks("start/tutorial.md"):
-        told.append(run("bash", "-euc", text) if language == "sh" else run(sys.executable, "-c", text))
+def test_the_tutorial_can_be_followed_to_the_letter(shell, python):
+    folder, run = python
+    told = [shell(text) if language == "sh" else run(text) for language, text in blocks("start/tutorial.md")]
     first, paper_a, again, table, sweep = told[:5]
     assert re.search(r"^verdict: trustworthy", first, re.MULTILINE)
     assert re.search(r"^verdict: doubtful, because", paper_a, re.MULTILINE)
@@ -62,21 +77,21 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
 
 
 @pytest.mark.slow
-def test_python_of_the_pages_on_python_and_reading_runs(shell):
-    folder, run = shell
+def test_python_of_the_pages_on_python_and_reading_runs(python):
+    folder, run = python
     if not (folder / "first").is_dir():
         pytest.skip("needs what the tutorial leaves: run the whole file")
     for page in ("python.md", "howto/read.md"):
         code = "\n".join(text for language, text in blocks(page) if language == "python")
-        assert "recordings/runs/python" in run(sys.executable, "-c", code) or page != "python.md"
+        assert "recordings/runs/python" in run(code) or page != "python.md"
 
 
 @pytest.mark.slow
-def test_the_notebook_runs(tmp_path, monkeypatch):
+def test_the_notebook_runs(tmp_path, cache, monkeypatch):
     import nbformat
     from nbclient import NotebookClient
 
-    monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     notebook = nbformat.read(DOCS / "notebook.ipynb", as_version=4)
     assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")  # kept without what it shows
