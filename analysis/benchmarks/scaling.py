@@ -2,9 +2,9 @@
 
     python -m analysis.benchmarks.scaling [NAME…] [--out FOLDER]
 
-Without a NAME all are measured. --out draws a figure for each NAME. The likelihood is that of image motion, of 12 limbs,
-N_SAMPLES points a limb and 640×480 px. Steps run on all cores, and the fastest of some runs
-counts, by the clock: close other programs. An exponent is fitted to the upper half of the sizes.
+Without a NAME all are measured. --out draws a figure for each NAME. The likelihood is that of image motion, of 12
+limbs, N_SAMPLES points a limb and 640×480 px. Steps run on all cores, and the fastest of some runs counts, by the
+clock: close other programs. An exponent is fitted to the upper half of the sizes.
 """
 
 import argparse
