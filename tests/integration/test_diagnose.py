@@ -18,7 +18,7 @@ def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, 
     out = capfd.readouterr().out
     assert "most likely: the true body, with which 1 of 1 runs keep the track" in out
     place = tmp_path / "kept" / "frame_18"
-    whole, continued = (read(place / f"only_another_seed{end}" / "1001" / "run.rrd") for end in ("_whole", ""))
+    whole, continued = (read(place / f"only_another_seed{end}" / "1000" / "run.rrd") for end in ("_whole", ""))
     assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
     assert main(["diagnose", path, "--frame", "99"]) == 2
     assert "--frame: expected a recorded frame, found 99" in capfd.readouterr().err

@@ -8,12 +8,13 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
 
-from workbench.recording.read.partial_run import earlier
+from workbench.recording.read.partial_run import checkpoint_frames
 from workbench.recording.read.reader import read
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import read_summary
@@ -203,15 +204,15 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(
 ):
     """SIGTERM reaches the main process alone, as from a service manager; SIGINT its workers, too, as in a terminal."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    sweep = tmp_path / "sweep"
-    same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=1500", "recorder.checkpoints=true")
-    same += ("dataset.n_frames=200", *LONGER[1:], "n_threads=1")
+    sweep, n_frames = tmp_path / "sweep", 800
+    same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=500", "recorder.checkpoints=true")
+    same += (f"dataset.n_frames={n_frames}", *LONGER[1:], "n_threads=1")
     number = signal.SIGINT if whole_group else signal.SIGTERM
-    with started([*launcher, *same, "seed=range(3)"], cache, sweep) as process:
+    with started([*launcher, *same, "seed=range(4)"], cache, sweep) as process:
         job = wait_for(
-            lambda: next((str(k) for k in range(3) if goes_on(sweep / str(k))), ""), lambda: process.poll() is None
+            lambda: next((str(k) for k in range(4) if goes_on(sweep / str(k))), ""), lambda: process.poll() is None
         )
-        workers = [at_work(sweep, k) for k in range(3) if is_locked(sweep / str(k))]
+        workers = [at_work(sweep, k) for k in range(4) if is_locked(sweep / str(k))]
         (os.killpg if whole_group else os.kill)(process.pid, number)
         asked = time.monotonic()
     told = sweep.with_name("output.txt").read_text()
@@ -223,19 +224,19 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(
     assert (ended[int(job)]["status"], ended[int(job)]["error"]) == ("interrupted", f"Interrupted: {number.name}")
     assert {summary["status"] for summary in ended.values()} <= {"interrupted", "complete"}
     assert f"{sweep / job}: interrupted by {number.name}" in told
-    assert all(f"{sweep / str(k)}: never begun" in told for k in range(3) if k not in ended)
+    assert all(f"{sweep / str(k)}: never begun" in told for k in range(4) if k not in ended)
     assert f"sweep.resume={sweep}" in told
     if whole_group:
         return
 
-    again = run("again", "-m", *same, "seed=range(3)", f"sweep.resume={sweep}", f"sweep.job_ids=[{job}]")
+    again = run("again", "-m", *same, "seed=range(4)", f"sweep.resume={sweep}", f"sweep.job_ids=[{job}]")
     assert again.code == 0, again.err
     assert "(resumed at frame" in again.out
     assert not (sweep / job / ".earlier").exists()
     whole = run("whole", *same, f"seed={job}")
     assert whole.code == 0, whole.err
     recorded = [read(folder / "run.rrd") for folder in (whole.folder, sweep / job)]
-    assert [len(each.poses[0]) for each in recorded] == [200, 200]
+    assert [len(each.poses[0]) for each in recorded] == [n_frames, n_frames]
     for name, curve in recorded[0].scalars.items():
         np.testing.assert_array_equal(curve.values, recorded[1].scalars[name].values, name)
     assert dict(recorded[0].result) == dict(recorded[1].result)
@@ -250,10 +251,10 @@ def is_there(pid):
 
 
 def goes_on(folder):
-    """Whether enough of a run has reached the disk to resume it."""
+    """Whether a checkpoint of a run has reached the disk."""
     try:
-        return earlier(read(folder / "run.rrd.part")) is not None
-    except (InputError, KeyError):  # not there, or not yet
+        return bool(checkpoint_frames(SimpleNamespace(path=folder / "run.rrd.part")))
+    except InputError:  # not there, or just being written
         return False
 
 
