@@ -54,17 +54,6 @@ PERTURBATIONS: Rows = {
 }
 WALKERS = ("35_02", "38_02", "39_02")
 """Walkers from whom the prior of walk_multi_cue is not learned."""
-GIVEN: Rows = {
-    (name,): ("held_out_subjects", overrides)
-    for name, overrides in {
-        "all (`dataset.perturb=false`)": EXACT,
-        "all but the initial pose": perturbed("start_m: 0.03", "start_rad: 0.05"),
-        "none (default)": (),
-        "limb girths": ("dataset.perturbations={radii: 0.0}",),
-        "limb profile": ("dataset.perturbations={profile: 0.0}",),
-        "limb profile and clothing": ("dataset.perturbations={profile: 0.0, clothes_m: 0.0}",),
-    }.items()
-}
 FROM_THE_START = ("dataset.first_frame=0",)
 """Some walks are short, and points are at 14 Hz."""
 FILTERED = (
@@ -204,10 +193,6 @@ TABLES: Mapping[str, Table] = {
             for column in (mean(metric, digits), between_people(metric, digits, "SD between subjects"),
                            between_seeds(metric, digits))
         ] + [TRACKED],
-    ),
-    "given": Table(
-        ("quantity given without error",), over_people(GIVEN, partial(held_out, "validation"), 2),
-        [mean("mpjpe_px", 1), mean("mpjpe_mm"), mean("mpjpe_abs_mm"), TRACKED, RUNS],
     ),
     "calibration_coverage": calibration(
         [*with_deviations(("coverage_90", 2)), *(mean(f"coverage_90_{group}", 2, group) for group in GROUPS)]
