@@ -141,7 +141,7 @@ def test_every_row_of_a_table_can_be_run():
         assert first_conflict(config, {}) is None
         assert "02" in config.training.exclude
         assert labels[-1] != "no" or not config.dataset.perturb
-    for _, overrides in (*listed.PERTURBATIONS.values(), *listed.GIVEN.values()):
+    for _, overrides in listed.PERTURBATIONS.values():
         for key, value in (override.split("=", 1) for override in overrides):
             if key == "dataset.perturbations":
                 Synthetic(perturb=False, perturbations=yaml.safe_load(value))  # refuses what it does not know
