@@ -1,4 +1,4 @@
-"""Choose a constant that a paper does not give, for its literal row, on people and scenes that are not shown.
+"""Choose a constant that a paper does not give on people and scenes whose results are not reported.
 
     python -m analysis.literal_constants walk_straight likelihood.sigma 20 35 50 80 120 --data DATA
 

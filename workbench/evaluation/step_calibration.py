@@ -87,8 +87,10 @@ def pose_calibration(step: Step, skeleton: Skeleton, given: BoolArray | None = N
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks (k,), in 0..1, of the true pose's parameters in the last `pose_calibration` of the step, else of
-    those of one without given parameters; k = 0 without a true pose."""
+    """Return the ranks (k,), in 0..1, of the true pose's parameters; k = 0 without a true pose.
+
+    The parameters are those of the step's last `pose_calibration`; before the first one, no parameter is given.
+    """
     if step not in _RANKS:
         truth = step.frame.truth
         if truth is None or truth.pose is None:

@@ -166,11 +166,16 @@ def fit_sequence(
 
 
 def restart(decoder: MotionDecoder, data: FitData, coarse: FitData, states: FloatArray) -> FloatArray | None:
-    """Return states (T, D) searched again from the N_FRAMES frames of the worst fit on, or None where no such frames
-    cost more than RESTART_FACTOR times those of the best fit.
+    """Return states with a new search from the frames of the worst fit on, (T, D), or None where all frames fit alike.
 
     In a walk that becomes a run, for example, the sequential fit can stay in the walk's phase; these frames then cost
     more than the others. The caller decides by the cost of the whole fit whether the new states are better.
+
+    Parameters
+    ----------
+    data, coarse : as for `fit_sequence`.
+    states : (T, D) of a fit. The worst N_FRAMES successive frames are those of the largest mean cost of a residual;
+        all frames fit alike if this cost is below RESTART_FACTOR times the smallest one.
     """
     costs, counts = np.array([_cost(decoder, data, t, state) for t, state in enumerate(states)]).T
     block = np.ones(min(N_FRAMES, len(states)))
