@@ -104,6 +104,8 @@ def run_checked(
     stop: _Stop | None,
 ) -> None:  # fmt: skip
     """Check and run the configuration, and fill the summary; parameters and errors as of `execute`."""
+    config = config.copy()
+    OmegaConf.resolve(config)  # once, as parsing interpolations is slow
     _check(config, command.choices)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
@@ -112,7 +114,7 @@ def run_checked(
     # one BLAS thread: the number of threads changes the last bits of its sums and so of learned models
     with _thread_count(config.n_threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
-            config = _with_assumptions(config)
+            _add_assumptions(config)
             summary.assumptions = list(config.assumptions)
         summary.settings = _plain(config)
         if config.study is not None:
@@ -145,15 +147,13 @@ def _plain(config: DictConfig) -> dict[str, Any]:
     return plain
 
 
-def _with_assumptions(config: DictConfig) -> DictConfig:
-    """Return the configuration with the side information that the run uses; log it, and the experiment's list."""
+def _add_assumptions(config: DictConfig) -> None:
+    """Set the side information that the run uses in the configuration; log it, and the experiment's list."""
     used, listed = assumptions(config), list(config.get("assumptions") or [])
     log.info("assumptions: %s", ", ".join(used) or "nothing")
     if listed and listed != used:
         log.info("assumptions of the experiment without overrides: %s", ", ".join(listed))
-    config = config.copy()
     OmegaConf.update(config, "assumptions", used, force_add=True)
-    return config
 
 
 def _track(
