@@ -31,8 +31,8 @@ class Figure:
     reference: str
 
     def __post_init__(self) -> None:
-        if self.better not in BETTER:
-            raise ValueError(f"{self.name}: better must be one of {', '.join(BETTER)}, found {self.better!r}")
+        if self.better not in BETTER or not 0.0 < self.value < math.inf:
+            raise ValueError(f"{self.name}: expected a value above 0 and {' or '.join(BETTER)}, found {self}")
 
     @property
     def reached(self) -> bool:
@@ -60,11 +60,10 @@ def write_figures(path: Path, figures: Sequence[Figure]) -> None:
 
     Raises InputError when a file cannot be written.
     """
-    rows = [asdict(figure) for figure in figures]
-    with whole_file(path) as part:
-        part.write_text(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    with whole_file(path.with_suffix(".md")) as part:
-        part.write_text(page_table(figures), encoding="utf-8")
+    rows = json.dumps([asdict(figure) for figure in figures], indent=1, ensure_ascii=False)
+    for target, content in ((path, f"{rows}\n"), (path.with_suffix(".md"), page_table(figures))):
+        with whole_file(target) as part:
+            part.write_text(content, encoding="utf-8")
 
 
 def read_figures(path: Path) -> list[Figure]:
@@ -78,22 +77,13 @@ def read_figures(path: Path) -> list[Figure]:
 
 
 def differences(measured: Sequence[Figure], reference: Sequence[Figure], share: float) -> list[str]:
-    """Return a sentence for each figure that is more than (1 + share) times worse than the reference.
-
-    Figures that only one side has, or whose value is not a positive number, have a sentence too, because they may be
-    worse.
-    """
-    ours, theirs = ({figure.name: figure for figure in figures} for figures in (measured, reference))
-    sentences = []
-    for name in sorted(ours.keys() | theirs.keys()):
-        if name not in ours or name not in theirs:
-            sentences.append(f"{name}: missing from {'this run' if name not in ours else 'the reference'}")
+    """Return a line for each figure of the reference that was not measured, or is more than (1 + share) times worse."""
+    now, lines = {figure.name: figure for figure in measured}, []
+    for then in reference:
+        if then.name not in now:
+            lines.append(f"{then.name}: not measured")
             continue
-        now, then = ours[name], theirs[name]
-        if (now.unit, now.better) != (then.unit, then.better):
-            sentences.append(f"{name}: {now.unit}, {now.better} is better; was {then.unit}, {then.better}")
-        elif not (0.0 < now.value < math.inf and 0.0 < then.value < math.inf):
-            sentences.append(f"{name}: {now.value:g}, was {then.value:g} {now.unit}: nothing to compare")
-        elif (now.value / then.value if now.better == "lower" else then.value / now.value) > 1.0 + share:
-            sentences.append(f"{name}: {now.value:.3g}, was {then.value:.3g} {now.unit}; {now.better} is better")
-    return sentences
+        ratio = now[then.name].value / then.value
+        if (ratio if then.better == "lower" else 1.0 / ratio) > 1.0 + share:
+            lines.append(f"{then.name}: {now[then.name].value:.3g}, was {then.value:.3g} {then.unit}")
+    return lines

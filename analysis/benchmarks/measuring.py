@@ -42,10 +42,15 @@ def fastest_s(
     return [float(seconds) for seconds in times[1:].min(axis=0)]
 
 
-def process_s(arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> tuple[float, float]:
-    """Return the seconds of a Python process that must succeed, by the clock and of processor time, children's too."""
+def process_s(arguments: Sequence[str], environment: Mapping[str, str], code: int = 0) -> tuple[float, float]:
+    """Return the seconds of a Python process, by the clock and of processor time, children's too.
+
+    Raises ChildProcessError for another exit code than `code`.
+    """
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run([sys.executable, *arguments], env=environment, check=True, capture_output=True)
+    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True)
+    if done.returncode != code:
+        raise ChildProcessError(f"{' '.join(arguments)}: exit code {done.returncode}: {done.stderr}")
     clock, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     return clock, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -7,7 +7,7 @@ which other load on the machine changes little.
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
+from tqdm import tqdm, trange
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import own_caches, peak_gb, process_s
@@ -16,6 +16,12 @@ RUN = ("-m", "workbench", "run", "experiment=walk_straight")
 FEW, MANY = 64, 100_000  # particles
 SHORT, LONG = 50, 5000  # frames
 N_JOBS = 24
+COMMANDS = {
+    "help_s": (("--help",), 0, 0.3),
+    "refusal_s": (("run", "experiment=walk_strait"), 2, 1.5),
+    "default_run_s": (("run",), 0, 3.0),
+}
+"""Arguments, exit code and goal of the timed commands."""
 WORKERS = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 
 
@@ -57,6 +63,22 @@ def start_figures(repeats: int = 3) -> list[Figure]:
     return [
         Figure("start_compile_s", float(clock), "s", 8.0, "lower", less),
         Figure("start_cached_s", float(started[1]), "s", 2.5, "lower", f"processor time of {what}, kernels cached"),
+    ]
+
+
+def command_figures(repeats: int = 5) -> list[Figure]:
+    """Measure, by the clock, the help, the refusal of a misspelt experiment, and a default run with cached kernels."""
+    times: dict[str, float] = dict.fromkeys(COMMANDS, float("inf"))
+    with own_caches() as (folder, environment):
+        process_s(["-m", "workbench", "run", f"hydra.run.dir={folder}/first"], environment)  # compiles and renders
+        for repeat in trange(repeats, disable=None, leave=False):
+            for name, (arguments, code, _) in COMMANDS.items():
+                into = [f"hydra.run.dir={folder}/{name}_{repeat}"] * (arguments[0] == "run")
+                seconds, _ = process_s(["-m", "workbench", *arguments, *into], environment, code)
+                times[name] = min(times[name], seconds)
+    return [
+        Figure(name, times[name], "s", bar, "lower", f"workbench {' '.join(arguments)}, by the clock")
+        for name, (arguments, _, bar) in COMMANDS.items()
     ]
 
 

@@ -1,15 +1,10 @@
 """Growth of time with the number of particles, and of time and memory with the length of a clip.
 
-    python -m analysis.benchmarks.scaling [NAME…] [--out FOLDER]
-
-Without a NAME all are measured. --out draws a figure for each NAME. The likelihood is that of image motion, of 12
-limbs, N_SAMPLES points a limb and 640×480 px. Steps run on all cores, and the fastest of some runs counts, by the
-clock: close other programs. An exponent is fitted to the upper half of the sizes.
+The likelihood is that of image motion, of 12 limbs, N_SAMPLES points a limb and 640×480 px. Steps run on all cores, and
+the fastest of some runs counts, by the clock. An exponent is fitted to the upper half of the sizes.
 """
 
-import argparse
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -53,11 +48,6 @@ class Curve:
     sizes: tuple[float, ...]
     values: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        rising = len(self.sizes) >= 2 and self.sizes[0] > 0.0 and bool(np.all(np.diff(self.sizes) > 0.0))
-        if not rising or len(self.values) != len(self.sizes) or not all(0.0 < v < np.inf for v in self.values):
-            raise ValueError(f"{self.name}: expected values above 0 at two rising sizes or more, found {self}")
-
     @property
     def exponent(self) -> float:
         """Return p of value ∝ size^p: the slope of the logarithms by least squares, over the upper half of the sizes.
@@ -94,29 +84,25 @@ def particles(
 
 def fit_time(sizes: Sequence[int] = FITTED) -> list[Curve]:
     """Measure the fit of a video to 2-D joints over the frames of its clip, by processor time."""
-    curves = []
-    for n_cameras in (1, 4):
-        times = []
-        for size in tqdm(sizes, disable=None):
-            observations, times_s, _ = video_fit.scene(size, n_cameras)
-            (seconds,) = fastest_s([partial(video_fit.fit, observations, times_s)], 1, clock=time.thread_time)
-            times.append(1e3 * seconds / size)
-        curves.append(Curve(_cameras(n_cameras), "frames of the clip", "ms a frame", tuple(sizes), tuple(times)))
-    return curves
+
+    def ms_per_frame(size: int, n_cameras: int) -> float:
+        observations, times_s, _ = video_fit.scene(size, n_cameras)
+        (seconds,) = fastest_s([partial(video_fit.fit, observations, times_s)], 1, clock=time.thread_time)
+        return 1e3 * seconds / size
+
+    return _over_frames(sizes, "ms a frame", ms_per_frame)
 
 
 def fit_memory(sizes: Sequence[int] = FITTED) -> list[Curve]:
     """Measure the peak memory of the fit of a video over the frames of its clip."""
-    curves, environment = [], dict(os.environ, OPENBLAS_NUM_THREADS="1")
-    for n_cameras in (1, 4):
-        commands = [["-m", "analysis.benchmarks.video_fit", str(size), str(n_cameras)] for size in sizes]
-        peaks = tuple(peak_gb(command, environment) for command in tqdm(commands, disable=None))
-        curves.append(Curve(_cameras(n_cameras), "frames of the clip", "GB", tuple(sizes), peaks))
-    return curves
+    command, environment = ["-m", "analysis.benchmarks.video_fit"], dict(os.environ, OPENBLAS_NUM_THREADS="1")
+    return _over_frames(sizes, "GB", lambda size, n: peak_gb([*command, str(size), str(n)], environment))
 
 
-def _cameras(n: int) -> str:
-    return "1 camera" if n == 1 else f"{n} cameras"
+def _over_frames(sizes: Sequence[int], unit: str, measure: Callable[[int, int], float]) -> list[Curve]:
+    names = {1: "1 camera", 4: "4 cameras"}
+    values = {n: tuple(measure(size, n) for size in tqdm(sizes, disable=None)) for n in names}
+    return [Curve(name, "frames of the clip", unit, tuple(sizes), values[n]) for n, name in names.items()]
 
 
 MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
@@ -124,43 +110,22 @@ MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
     "fit_time_against_length": fit_time,
     "fit_memory_against_length": fit_memory,
 }
-"""What measures each NAME."""
+"""Functions that measure the curves of a figure."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit code: 0, 2 for bad input."""
-    parser = argparse.ArgumentParser(
-        prog="python -m analysis.benchmarks.scaling",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MEASURES)}; none: all")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="draw the figures here, as PNG")
-    options = parser.parse_args(arguments)
-    try:
-        if unknown := [name for name in options.names if name not in MEASURES]:
-            raise InputError(f"{unknown[0]}: expected one of {', '.join(MEASURES)}")
-        print(machine())
+def draw(folder: Path) -> None:
+    """Measure all curves, print them, and draw them in `folder`; raises InputError if that cannot be written."""
+    print(machine())
+    for name, measure in MEASURES.items():
         with threadpool_limits(limits=1, user_api="blas"):
-            for name in options.names or MEASURES:
-                curves = MEASURES[name]()
-                print("", name, *curves, sep="\n", flush=True)
-                if options.out is not None:
-                    write(options.out, name, curves)
-    except InputError as error:
-        print(f"scaling: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def write(folder: Path, name: str, curves: Sequence[Curve]) -> None:
-    """Draw curves of one size and unit as `folder`/`name`.png; raises InputError where that cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with context(STYLE):
-            drawn(name, curves).savefig(folder / f"{name}.png")
-    except OSError as error:
-        raise InputError(f"{folder}: the figure cannot be written: {error}") from None
+            curves = measure()
+        print("", name, *curves, sep="\n", flush=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with context(STYLE):
+                drawn(name, curves).savefig(folder / f"{name}.png")
+        except OSError as error:
+            raise InputError(f"{folder}: the figure cannot be written: {error}") from None
 
 
 def drawn(name: str, curves: Sequence[Curve]) -> Figure:
@@ -210,7 +175,3 @@ def _tick(axes: Axes, curves: Sequence[Curve]) -> None:
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.yaxis.set_minor_locator(NullLocator())
-
-
-if __name__ == "__main__":
-    sys.exit(main())
