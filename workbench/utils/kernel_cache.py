@@ -19,6 +19,7 @@ import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 from workbench.utils.atomic_write import warn_once
+from workbench.utils.signals import deferred
 from workbench.utils.source_hash import code_digest
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -84,7 +85,7 @@ class _KernelCache(FunctionCache):
     _impl_class = _KernelFiles
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        with _in_memory_only():
+        with deferred(), _in_memory_only():  # an interruption here would leave numba's tables of types incomplete
             return super().load_overload(signature, context)  # type: ignore[no-untyped-call]
 
     def save_overload(self, signature: Any, data: Any) -> None:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 import numba
@@ -33,9 +33,10 @@ def parallel_for(work: Callable[[int, int], object], n: int, step: int) -> None:
     try:
         take()
     finally:
-        for helper in helpers:
-            if not helper.cancel():  # false for a helper that has begun
-                helper.result()
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        helper.result()  # raises its error
 
 
 @cache

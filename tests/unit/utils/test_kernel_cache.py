@@ -2,14 +2,18 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba.core.caching import FunctionCache
 
 import workbench
 from workbench.motion.models import walking, windows
+from workbench.utils.kernel_cache import kernel
+from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.source_hash import code_digest, digest_of
 
 HELPER = """
@@ -77,6 +81,25 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
     assert run(package) == (31.0, 1)
     cached = list((package / "__pycache__" / "kernels").rglob("*offset_twice*.nbc"))
     assert len(cached) == 1  # nothing outdated is left
+
+
+def test_an_interruption_waits_until_a_cached_kernel_is_loaded(monkeypatch):
+    """Otherwise numba's tables of types would stay incomplete, and every later compilation would fail."""
+
+    def load(*_):
+        signal.raise_signal(signal.SIGTERM)
+        sum(i for i in range(3))  # Python handles signals between such steps
+        loaded.append("completely")
+
+    @kernel()
+    def doubled(x):
+        return 2.0 * x
+
+    loaded = []
+    monkeypatch.setattr(FunctionCache, "load_overload", load)
+    with pytest.raises(Interrupted), interruptible():
+        doubled(1.0)
+    assert loaded == ["completely"]
 
 
 @pytest.mark.slow

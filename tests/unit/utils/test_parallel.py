@@ -4,7 +4,7 @@ import logging
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import thread as pools
-from threading import Event, Thread
+from threading import Barrier, Event, Thread, current_thread, main_thread
 from threading import enumerate as all_threads
 from time import perf_counter
 
@@ -117,3 +117,14 @@ def test_kernels_are_counted_with_their_helpers_as_one_and_once(caplog, quiet):
     with caplog.at_level(logging.INFO), compiling(quiet):
         assert kernel(2) == 6
     assert caplog.messages == []
+
+
+def test_the_error_of_the_calling_thread_takes_precedence_over_those_of_its_helpers():
+    both_at_work = Barrier(2)
+
+    def work(first, last):
+        both_at_work.wait(60.0)
+        raise KeyboardInterrupt if current_thread() is main_thread() else ValueError("a helper's")
+
+    with pytest.raises(KeyboardInterrupt):
+        parallel_for(work, 2, 1)
