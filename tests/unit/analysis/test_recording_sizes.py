@@ -1,0 +1,34 @@
+"""Sizes of a recording's frames by path."""
+
+from pathlib import Path
+
+import pytest
+
+import workbench as wb
+from analysis.recording_sizes import FILE, group, main, sizes, table
+
+BASELINE = Path(__file__).parents[3] / "recordings" / "baselines" / "walk_straight.rrd"
+
+
+def test_overlays_on_an_image_count_by_what_they_show():
+    assert group("/world/camera/image") == "image"
+    assert group("/world/camera/image/particles") == "particles"
+    assert group("/world/camera") == "all others"
+
+
+def test_sizes_are_per_frame():
+    n_frames = len(wb.read(BASELINE).poses[0])
+    assert sizes(BASELINE)[FILE] == pytest.approx(1e-3 * BASELINE.stat().st_size / n_frames)
+
+
+def test_the_table_has_a_column_for_each_recording_and_a_dash_for_a_missing_path():
+    rows = table({"one": {"metrics": 2.0, FILE: 3.0}, "two": {FILE: 4.0}}).splitlines()
+    assert "| `metrics` | 2.0 | – |" in rows
+    assert "| file | 3.0 | 4.0 |" in rows
+
+
+def test_the_command_writes_the_table_and_rejects_a_missing_recording(tmp_path):
+    file = tmp_path / "table.md"
+    assert main([f"walk={BASELINE}", "-o", str(file)]) == 0
+    assert file.read_text(encoding="utf-8") == table({"walk": sizes(BASELINE)})
+    assert main([f"walk={tmp_path / 'missing.rrd'}"]) == 2
