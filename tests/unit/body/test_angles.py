@@ -37,9 +37,9 @@ def flexed(skeleton, name, angle):
 def test_hips_flex_forward_and_knees_backward_on_every_skeleton(skeleton, k, name):
     pose = flexed(skeleton, name, 0.5)
     moved = skeleton.joint(LEGS[name][k])
-    forward = (joints(skeleton, pose[None]) - joints(skeleton, np.zeros_like(pose)[None]))[0, moved, 0]
+    displacement = (joints(skeleton, pose[None]) - joints(skeleton, np.zeros_like(pose)[None]))[0, moved, 0]
     bone = np.linalg.norm(skeleton.offsets[moved])
-    assert forward == pytest.approx(np.sin(0.5) * bone * (1.0 if name.endswith("hip") else -1.0))
+    assert displacement == pytest.approx(np.sin(0.5) * bone * (1.0 if name.endswith("hip") else -1.0))
     assert flexions(skeleton, pose) == {
         other: pytest.approx(np.degrees(0.5) if other == name else 0.0) for other in FLEXIONS
     }

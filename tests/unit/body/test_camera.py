@@ -37,9 +37,8 @@ def random_camera(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_projection_agrees_with_opencv(seed):
     camera, rng = random_camera(seed), np.random.default_rng(100 + seed)
-    points = np.concatenate([rng.uniform(-0.6, 0.6, (200, 2)), np.ones((200, 1))], axis=1) * rng.uniform(
-        0.5, 9, (200, 1)
-    )
+    depths = rng.uniform(0.5, 9.0, (200, 1))
+    points = depths * np.concatenate([rng.uniform(-0.6, 0.6, (200, 2)), np.ones((200, 1))], axis=1)
     world = (points - camera.translation) @ camera.rotation
     expected, _ = cv2.projectPoints(
         world, cv2.Rodrigues(camera.rotation)[0], camera.translation, camera.matrix, camera.distortion

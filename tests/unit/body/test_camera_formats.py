@@ -37,17 +37,17 @@ def check_lens(camera):
     np.testing.assert_array_equal(camera.distortion, DISTORTION)
 
 
-@pytest.mark.parametrize("suffix", ["yaml", "yml", "xml", "json", "YML"])
 @pytest.mark.parametrize(
-    ("matrix", "distortion"),
+    ("suffix", "matrix", "distortion"),
     [
-        ("camera_matrix", "distortion_coefficients"),
-        ("K", "dist_coeffs"),
-        ("cameraMatrix", "distCoeffs"),
-        ("mtx", "dist"),
+        ("yaml", "camera_matrix", "distortion_coefficients"),
+        ("yml", "K", "dist_coeffs"),
+        ("xml", "cameraMatrix", "distCoeffs"),
+        ("json", "mtx", "dist"),
+        ("YML", "camera_matrix", "distortion_coefficients"),
     ],
 )
-def test_one_camera_of_opencv(tmp_path, suffix, matrix, distortion):
+def test_a_file_of_opencv_gives_one_camera(tmp_path, suffix, matrix, distortion):
     path = write_opencv(tmp_path / f"cam.{suffix.lower()}", matrix, distortion, rvec=RVEC, tvec=TVEC[:, None])
     path = path.rename(tmp_path / f"cam.{suffix}")
     (camera,) = load_cameras(path)
@@ -58,15 +58,14 @@ def test_one_camera_of_opencv(tmp_path, suffix, matrix, distortion):
     assert load_lenses(path) == ()
 
 
-@pytest.mark.parametrize("suffix", ["yaml", "xml"])
 @pytest.mark.parametrize(
-    ("matrix", "distortion", "labels", "names"),
+    ("suffix", "matrix", "distortion", "labels", "names"),
     [
-        ("cameraMatrix{}", "distCoeffs{}", ("1", "2"), ["cam1", "cam2"]),
-        ("M{}", "D{}", ("1", "2"), ["cam1", "cam2"]),
-        ("mtx{}", "dist{}", ("L", "R"), ["left", "right"]),
-        ("{}_camera_matrix", "{}_distortion", ("left", "right"), ["left", "right"]),
-        ("K_{}", "dist_{}", ("cam0", "cam1"), ["cam0", "cam1"]),
+        ("yaml", "cameraMatrix{}", "distCoeffs{}", ("1", "2"), ["cam1", "cam2"]),
+        ("xml", "M{}", "D{}", ("1", "2"), ["cam1", "cam2"]),
+        ("yaml", "mtx{}", "dist{}", ("L", "R"), ["left", "right"]),
+        ("xml", "{}_camera_matrix", "{}_distortion", ("left", "right"), ["left", "right"]),
+        ("yaml", "K_{}", "dist_{}", ("cam0", "cam1"), ["cam0", "cam1"]),
     ],
 )
 def test_the_first_camera_of_a_stereo_pair_is_the_world(tmp_path, suffix, matrix, distortion, labels, names):

@@ -35,10 +35,8 @@ def test_the_body_falls_freely_in_the_flight_and_is_pushed_in_the_stance():
     assert acceleration[flight] == pytest.approx(-GRAVITY, abs=0.05 * GRAVITY)
     middle = np.abs(inside - 0.5 * STANCE) < 0.01
     assert acceleration[middle] / GRAVITY + 1.0 == pytest.approx(0.25 * np.pi / STANCE, abs=0.05)
-    height_difference = (
-        bounce(np.array([0.435]), rate)[0] - bounce(np.array([0.5]), rate)[0]
-    )  # from the top of the flight
-    assert height_difference == pytest.approx(0.5 * GRAVITY * (0.065 / rate) ** 2, rel=0.02)
+    drop_m = bounce(np.array([0.435]), rate)[0] - bounce(np.array([0.5]), rate)[0]  # from the top of the flight
+    assert drop_m == pytest.approx(0.5 * GRAVITY * (0.065 / rate) ** 2, rel=0.02)
 
 
 @pytest.mark.parametrize("subject", PEOPLE, ids=lambda subject: subject.name)

@@ -5,8 +5,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from workbench.body.skeleton import JOINT_NAMES
-from workbench.motion.formats.motion_export import trc_text
 from workbench.motion.formats.trc import read_trc
 from workbench.utils.errors import InputError
 
@@ -116,12 +114,3 @@ def test_repeated_names_and_a_late_first_frame_are_reported(tmp_path, caplog):
     assert len(raw.positions) == 2
     assert "several markers are called LKnee" in caplog.text
     assert "the first row is frame 12 at 0.4 s" in caplog.text
-
-
-def test_our_export_is_read_back(tmp_path):
-    points = np.random.default_rng(1).uniform(-2.0, 2.0, (4, 15, 3))
-    points[1, 3] = np.nan
-    for unit, factor in (("m", 1.0), ("mm", 0.001)):
-        raw = read(tmp_path, trc_text("a.trc", JOINT_NAMES, points, 29.97, unit))
-        assert (tuple(raw.names), raw.rate_hz, raw.unit) == (JOINT_NAMES, 29.97, unit)
-        np.testing.assert_allclose(factor * raw.positions, points[..., [1, 2, 0]], atol=0.51e-7)

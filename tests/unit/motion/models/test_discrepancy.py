@@ -102,16 +102,11 @@ def test_the_covariance_root_is_zero_for_unknown_angles():
     np.testing.assert_allclose(discrepancy.std, np.sqrt(np.diagonal(discrepancy.covariance)))
 
 
-def test_the_discrepancy_is_stored_with_the_model(tmp_path):
+def test_a_model_is_stored_with_and_without_discrepancy(tmp_path):
     model = walking_model(cache=str(tmp_path))
-    path = next((tmp_path / "models").glob("walking-*.h5"))
-    loaded = load(type(model), path)
+    loaded = load(type(model), next((tmp_path / "models").glob("walking-*.h5")))
     assert loaded.discrepancy.n_subjects == 12
     np.testing.assert_array_equal(loaded.discrepancy.covariance, model.discrepancy.covariance)
     assert loaded.discrepancy.angles == model.discrepancy.angles
-
-
-def test_a_model_without_discrepancy_is_stored(tmp_path):
-    model = replace(walking_model(cache=str(tmp_path)), discrepancy=None)
-    save(tmp_path / "m.h5", model, Provenance({}, {}, ()))
+    save(tmp_path / "m.h5", replace(model, discrepancy=None), Provenance({}, {}, ()))
     assert load(type(model), tmp_path / "m.h5").discrepancy is None

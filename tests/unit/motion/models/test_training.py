@@ -93,14 +93,14 @@ def test_a_learned_model_equals_its_cached_copy_in_values_and_memory_layout(libr
 
 
 @pytest.mark.slow
-def test_gaps_change_a_cyclic_model_slightly_and_have_their_own_file(tmp_path):
-    complete = cyclic_model(cache=str(tmp_path), n_components=2)
-    gappy = cyclic_model(cache=str(tmp_path), n_components=2, missing_fraction=0.2)
+def test_gaps_change_a_cyclic_model_slightly_and_have_their_own_file(library, tmp_path):
+    complete = cyclic_model(motions=library, cache=str(tmp_path), n_components=2)
+    gappy = cyclic_model(motions=library, cache=str(tmp_path), n_components=2, missing_fraction=0.2)
     assert len(list((tmp_path / "models").glob("cyclic-*.h5"))) == 2
     difference = np.abs(complete.mean[:, 1:] - gappy.mean[:, 1:]).max()
-    # with a fifth of 12 walkers × 5 cycles missing, the mean cycle is known to a degree or two
-    assert 0.0 < difference < np.radians(2.0)
-    second = cyclic_model(cache=str(tmp_path / "other"), n_components=2, missing_fraction=0.2)
+    # with a fifth of 6 walkers × 5 cycles missing, the mean cycle is known to two or three degrees
+    assert 0.0 < difference < np.radians(2.0 * np.sqrt(2.0))
+    second = cyclic_model(motions=library, cache=str(tmp_path / "other"), n_components=2, missing_fraction=0.2)
     np.testing.assert_array_equal(gappy.mean, second.mean)
 
 
