@@ -11,7 +11,7 @@ from workbench.utils.errors import InputError
 
 @pytest.mark.parametrize("height", [0.5, 1.65, 1.75, 2.5])
 def test_segments_add_up_to_the_heights_of_the_joints(height):
-    """Winter (fig. 4.1): the ankle is at 0.039 H,  the knee at 0.285 H, the hip at 0.530 H, the shoulder at 0.818 H."""
+    """Winter (fig. 4.1): the ankle is at 0.039 H, the knee at 0.285 H, the hip at 0.530 H, the shoulder at 0.818 H."""
     shape, ankle = from_height(height), 0.039 * height
     assert ankle + shape.calf == pytest.approx(0.285 * height)
     assert ankle + shape.calf + shape.thigh == pytest.approx(0.530 * height)

@@ -100,7 +100,7 @@ def test_the_distance_to_ellipsoids_is_as_accurate_as_stated(half, accuracy):
 def test_points_are_attached_to_the_nearest_part():
     skeleton, surface = scenes.PERSON
     frames = forward(skeleton, np.zeros((1, 25)))
-    offsets = {  #  behind the calf, at the outer side of the hand, in front of the chest and of the nose
+    offsets = {  # behind the calf, at the outer side of the hand, in front of the chest and of the nose
         "left_ankle": [-0.06, 0.0, 0.15], "left_wrist": [0.0, 0.07, -0.05], "neck": [0.15, 0.0, -0.2],
         "head_centre": [0.14, 0.0, 0.0],
     }  # fmt: skip
@@ -152,7 +152,7 @@ def test_attachment_does_not_underflow(kind):
 
 
 @pytest.mark.parametrize("kind", ["field", "distance"])
-def test_of_equally_near_parts_it_is_the_first(kind):
+def test_of_equally_near_parts_the_first_is_chosen(kind):
     surface = replace(two_balls(-1.0, 1.0), half_sizes=np.full((2, 3), 0.1))
     assert parts_at(surface, [[0.0, 0.0, 0.0], [0.0, 2.0, 1.0]], kind) == ["small", "small"]
 

@@ -39,9 +39,8 @@ def test_the_mesh_of_an_ellipsoid_is_closed_and_lies_on_it():
     np.testing.assert_allclose(np.linalg.norm(vertices / half, axis=1), 1.0, atol=0.005)
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
-    assert volume(vertices, triangles) == pytest.approx(
-        4.0 / 3.0 * np.pi * half.prod(), rel=0.02
-    )  # positive: outward triangles
+    # the volume is positive if the triangles face outward
+    assert volume(vertices, triangles) == pytest.approx(4.0 / 3.0 * np.pi * half.prod(), rel=0.02)
 
 
 @with_scikit_image

@@ -93,7 +93,7 @@ def test_invalid_points_are_missing_and_scores_are_at_most_one():
         (["metadata"], []),
     ],
 )
-def test_a_frames_number_is_the_one_that_counts_through_the_names(names, numbers):
+def test_the_frame_number_of_a_name_is_the_one_that_increases(names, numbers):
     assert list(numbers_in_names(names).values()) == numbers
 
 

@@ -90,9 +90,8 @@ def test_the_density_of_one_angle_integrates_to_one_and_is_the_mixture_of_all_wi
     p = np.exp(exact_log_prob(elbow.coefficients, before[0, prior.space.slices["coefficients"]], prior.beta))
     means = prior.predict(np.repeat(before, len(elbow), axis=0), entries, np.zeros((len(elbow), P)))[:, ELBOW]
     exact = (p[:, None] * norm.pdf(grid, means[:, None], 0.05)).sum(axis=0)
-    assert (
-        0.5 * np.abs(density - exact).sum() * (grid[1] - grid[0]) <= 0.01
-    )  # the total variation, at most the tail's probability
+    total_variation = 0.5 * np.abs(density - exact).sum() * (grid[1] - grid[0])
+    assert total_variation <= 0.01
 
 
 def test_memories_are_sampled_given_the_pose(elbow, poses):

@@ -42,7 +42,7 @@ def walks(n=12, seed=0, noise=0.0):
     return [replace(motion, poses=motion.poses + noise * rng.normal(size=motion.poses.shape)) for motion in clean]
 
 
-def test_without_gaps_it_is_the_walking_model_of_paper_a():
+def test_without_gaps_the_model_is_that_of_paper_a():
     a = learn_walking(walks(), variance=0.95, n_components=1, scaling="none", n_phases=T)
     b = learn_cyclic(walks(), n_components=1, n_phases=T)
     # phases differ by the offsets' step and by the events' errors; the steepest curve changes by 2π × 0.5 a cycle

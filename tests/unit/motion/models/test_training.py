@@ -22,7 +22,7 @@ from workbench.utils.errors import InputError
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """Six walkers in one file; the second is called a run."""
+    """Six walkers in one file; the second has the activity run."""
     motions = [replace(motion, name=f"{k + 10}_0{k + 1}", subject=f"{k + 10}")
                for k, motion in enumerate(builtin_motions(6))]  # fmt: skip
     motions[1] = replace(motions[1], activity="run")
