@@ -34,7 +34,7 @@ def random_camera(seed):
     return Camera("random", 640, 480, matrix, rotation, rng.normal(size=3), distortion)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_projection_agrees_with_opencv(seed):
     camera, rng = random_camera(seed), np.random.default_rng(100 + seed)
     depths = rng.uniform(0.5, 9.0, (200, 1))

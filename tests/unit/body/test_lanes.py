@@ -1,22 +1,22 @@
 """Kinematics of LANES poses at once against a NumPy reference."""
 
 import likelihood_scenes as scenes
-import numba
 import numpy as np
 import pytest
 
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.simd_kinematics import FRAME, LANES, POSITION, lane_frames, load_frames
+from workbench.utils.kernel_cache import kernel
 
 SKELETON = scenes.PERSON.skeleton
 
 
-@numba.njit
+@kernel()
 def compiled_lane_frames(poses, first, skeleton, values, frames):
     lane_frames(poses, first, skeleton, values, frames)
 
 
-@numba.njit
+@kernel()
 def compiled_load_frames(rotations, positions, first, frames):
     load_frames(rotations, positions, first, frames)
 

@@ -32,15 +32,8 @@ def parents(motions, windows):
 
 
 def reweighted(windows, leaf):
-    return Implicit(
-        windows,
-        search="sign_tree",
-        importance_correction=True,
-        beta=BETA,
-        leaf=leaf,
-        prediction="increment",
-        **NO_NOISE,
-    )
+    options = {"search": "sign_tree", "importance_correction": True, "prediction": "increment", **NO_NOISE}
+    return Implicit(windows, beta=BETA, leaf=leaf, **options)
 
 
 def exact_mean(prior, state, n_steps):

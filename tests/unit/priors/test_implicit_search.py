@@ -98,7 +98,7 @@ def test_the_median_tree_is_balanced_and_split_at_its_medians():
     assert coefficients[left, 0].max() <= tree.splits[0] <= coefficients[right, 0].min()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30)
 @given(
     n=st.integers(1, 60),
     b=st.integers(1, 6),
@@ -117,7 +117,7 @@ def test_the_tree_kernel_agrees_with_numpy(n, b, seed, beta, leaf, kind):
         assert log_proposal(tree, probe, beta, leaf)[entry] > -np.inf
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40)
 @given(
     n=st.integers(1, 1500),
     b=st.integers(1, 17),

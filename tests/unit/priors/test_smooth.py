@@ -170,7 +170,7 @@ limits = st.tuples(finite, st.floats(1e-6, 10.0)).map(lambda pair: [pair[0], pai
 deviations = st.floats(0.0, 100.0)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=40)
 @given(
     a=limits, b=limits, sigma=deviations, sigma_velocity=deviations, pose=finite,
     dt_s=st.floats(0.0, 2.0), seed=st.integers(0, 10**6),
@@ -193,7 +193,7 @@ def test_no_draw_leaves_the_limits(a, b, sigma, sigma_velocity, pose, dt_s, seed
         state = prior.sample_transition(state, dt_s, rng)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=100)
 @given(
     mean=st.floats(-1e12, 1e12), deviation=st.floats(0.0, 1e9), ends=limits,
     u=st.lists(st.floats(2.0**-53, 1.0 - 2.0**-53), min_size=2, max_size=20),
@@ -207,7 +207,7 @@ def test_quantiles_are_ordered_and_inside(mean, deviation, ends, u):
     assert (np.diff(draws) >= -4e-16 * (abs(mean) + 50.0 + 40.0 * deviation)).all()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=50)
 @given(mean=finite, deviation=st.floats(1e-3, 10.0), ends=limits, u=st.floats(1e-6, 1.0 - 1e-6))
 def test_mirrored_limits_give_mirrored_quantiles(mean, deviation, ends, u):
     low, high = ends

@@ -45,7 +45,7 @@ def relative(offsets):
 
 
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_shifts_are_recovered(gaps, seed):
     rng = np.random.default_rng(100 + seed)
     shifts, periods = rng.random(8), rng.uniform(90.0, 150.0, 8)
@@ -55,7 +55,7 @@ def test_shifts_are_recovered(gaps, seed):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_error_never_rises(noise, seed):
     rng = np.random.default_rng(seed)
     shifts, periods = rng.random(10), rng.uniform(60.0, 160.0, 10)

@@ -61,7 +61,7 @@ def test_constant_missing_and_short_series_have_no_ratio():
 
 
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_white_noise_is_flat(gaps, seed):
     """Over the paper's periods, in its shortest sequences, the largest ratio is at most 1.5 times the median."""
     rng = np.random.default_rng(seed)
