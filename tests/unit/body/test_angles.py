@@ -1,4 +1,4 @@
-"""Angles of a pose: flexions on any skeleton, exchanged sides, and whole turns, which change nothing."""
+"""Angles of a pose: flexions on any skeleton, exchanged sides and full turns."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ LEGS = {
 }  # fmt: skip
 
 
-def bent(skeleton, name, angle):
-    """A pose in which the one flexion is `angle`, rad."""
+def flexed(skeleton, name, angle):
+    """Return a pose in which one flexion is `angle`, rad."""
     pose = np.zeros(len(skeleton.dof_names))
     [(dof, sign)] = [(dof, sign) for dof, sign in FLEXIONS[name].items() if dof in skeleton.dof_names]
     pose[skeleton.dof(dof)] = sign * angle
@@ -34,42 +34,43 @@ def bent(skeleton, name, angle):
 
 @pytest.mark.parametrize(("skeleton", "k"), [(PERSON, 0), (BANDAI, 1)], ids=["person", "full"])
 @pytest.mark.parametrize("name", FLEXIONS)
-def test_hips_bend_ahead_and_knees_back_on_every_skeleton(skeleton, k, name):
-    pose = bent(skeleton, name, 0.5)
+def test_hips_flex_forward_and_knees_backward_on_every_skeleton(skeleton, k, name):
+    pose = flexed(skeleton, name, 0.5)
     moved = skeleton.joint(LEGS[name][k])
-    ahead = (joints(skeleton, pose[None]) - joints(skeleton, np.zeros_like(pose)[None]))[0, moved, 0]
+    displacement = (joints(skeleton, pose[None]) - joints(skeleton, np.zeros_like(pose)[None]))[0, moved, 0]
     bone = np.linalg.norm(skeleton.offsets[moved])
-    assert ahead == pytest.approx(np.sin(0.5) * bone * (1.0 if name.endswith("hip") else -1.0))
-    found = flexions(skeleton, pose)
-    assert found == {other: pytest.approx(np.degrees(0.5) if other == name else 0.0) for other in FLEXIONS}
+    assert displacement == pytest.approx(np.sin(0.5) * bone * (1.0 if name.endswith("hip") else -1.0))
+    assert flexions(skeleton, pose) == {
+        other: pytest.approx(np.degrees(0.5) if other == name else 0.0) for other in FLEXIONS
+    }
 
 
-def test_whole_turns_are_no_flexion_and_no_error():
-    pose = bent(PERSON, "left_knee", 0.3)
-    turned = bent(PERSON, "left_knee", 0.3 + 2.0 * np.pi)
+def test_full_turns_do_not_change_flexions_and_errors():
+    pose = flexed(PERSON, "left_knee", 0.3)
+    turned = flexed(PERSON, "left_knee", 0.3 + 2.0 * np.pi)
     assert flexions(PERSON, turned)["left_knee"] == pytest.approx(np.degrees(0.3))
     assert flexion_errors(PERSON, turned, pose)["knee_flexion_rmse_deg"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_errors_on_a_full_skeleton_are_those_of_both_legs():
-    errors = flexion_errors(BANDAI, bent(BANDAI, "right_hip", 0.1), np.zeros(len(BANDAI.dof_names)))
+def test_errors_on_a_full_skeleton_are_root_mean_squares_of_both_legs():
+    errors = flexion_errors(BANDAI, flexed(BANDAI, "right_hip", 0.1), np.zeros(len(BANDAI.dof_names)))
     assert errors == {
         "knee_flexion_rmse_deg": 0.0,
         "hip_flexion_rmse_deg": pytest.approx(np.degrees(0.1) / np.sqrt(2.0)),
     }
 
 
-def test_sides_are_exchanged_and_the_root_stays():
+def test_sides_are_exchanged_and_the_root_is_unchanged():
     poses = np.arange(50.0).reshape(2, 25)
-    other = swap_left_right(poses)
+    swapped = swap_left_right(poses)
     left, right = POSE_NAMES.index("left_knee_flexion"), POSE_NAMES.index("right_knee_flexion")
-    assert (other[:, [left, right]] == poses[:, [right, left]]).all()
-    assert (other[:, :9] == poses[:, :9]).all()
-    assert (swap_left_right(other) == poses).all()
-    assert (swap_left_right(poses[0]) == other[0]).all()
+    assert (swapped[:, [left, right]] == poses[:, [right, left]]).all()
+    assert (swapped[:, :9] == poses[:, :9]).all()
+    assert (swap_left_right(swapped) == poses).all()
+    assert (swap_left_right(poses[0]) == swapped[0]).all()
 
 
-def test_other_parameters_than_a_persons_stay_as_they_are():
+def test_poses_of_other_skeletons_are_unchanged():
     pose = np.arange(66.0)
     assert swap_left_right(pose) is pose
 
@@ -77,15 +78,15 @@ def test_other_parameters_than_a_persons_stay_as_they_are():
 POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
 
 
-@settings(deadline=None)  # the first call loads compiled kernels
+@settings(max_examples=50)
 @given(POSES, arrays(float, 25, elements=st.floats(-20.0, 20.0)))
-def test_the_pose_stays_and_its_angles_come_near(poses, reference):
+def test_unwrapping_moves_angles_near_a_reference_and_keeps_the_pose(poses, reference):
     moved = unwrap_near(poses, reference)
     assert np.abs(moved[:, 3:] - reference[3:]).max() <= np.pi + 1e-9
     assert (moved[:, :3] == poses[:, :3]).all()
     assert np.abs(joints(SKELETON, moved) - joints(SKELETON, poses)).max() < 1e-9
 
 
-def test_what_is_near_is_returned_as_it_is():
+def test_angles_near_the_reference_are_returned_unchanged():
     poses = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 25))
     assert unwrap_near(poses, np.zeros(25)) is poses

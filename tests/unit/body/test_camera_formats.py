@@ -1,4 +1,4 @@
-"""Calibrations as OpenCV and ROS write them, against OpenCV's own projection and the TOML form."""
+"""Calibration files of OpenCV and ROS, against OpenCV's projection."""
 
 import cv2
 import numpy as np
@@ -15,8 +15,8 @@ TURN, SHIFT = cv2.Rodrigues(np.array([0.02, 0.3, -0.01]))[0], np.array([-0.25, 0
 POSE = {"rvec": RVEC, "tvec": TVEC}
 
 
-def stored(path, **values):
-    """Write values as OpenCV does."""
+def write_storage(path, **values):
+    """Write values as OpenCV does; return the path."""
     storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
     for key, value in values.items():
         storage.write(key, value)
@@ -24,9 +24,11 @@ def stored(path, **values):
     return path
 
 
-def opencv(path, matrix="camera_matrix", distortion="distortion_coefficients", coefficients=DISTORTION, **more):
-    own = {matrix: MATRIX, distortion: coefficients[None]}
-    return stored(path, calibration_time="Mon 1 Jun", image_width=640, image_height=480, flags=0, **own, **more)
+def write_opencv(path, matrix="camera_matrix", distortion="distortion_coefficients", coefficients=DISTORTION, **values):
+    lens = {matrix: MATRIX, distortion: coefficients[None]}
+    return write_storage(
+        path, calibration_time="Mon 1 Jun", image_width=640, image_height=480, flags=0, **lens, **values
+    )
 
 
 def check_lens(camera):
@@ -35,18 +37,18 @@ def check_lens(camera):
     np.testing.assert_array_equal(camera.distortion, DISTORTION)
 
 
-@pytest.mark.parametrize("suffix", ["yaml", "yml", "xml", "json", "YML"])
 @pytest.mark.parametrize(
-    ("matrix", "distortion"),
+    ("suffix", "matrix", "distortion"),
     [
-        ("camera_matrix", "distortion_coefficients"),
-        ("K", "dist_coeffs"),
-        ("cameraMatrix", "distCoeffs"),
-        ("mtx", "dist"),
+        ("yaml", "camera_matrix", "distortion_coefficients"),
+        ("yml", "K", "dist_coeffs"),
+        ("xml", "cameraMatrix", "distCoeffs"),
+        ("json", "mtx", "dist"),
+        ("YML", "camera_matrix", "distortion_coefficients"),
     ],
 )
-def test_one_camera_of_opencv(tmp_path, suffix, matrix, distortion):
-    path = opencv(tmp_path / f"cam.{suffix.lower()}", matrix, distortion, rvec=RVEC, tvec=TVEC[:, None])
+def test_a_file_of_opencv_gives_one_camera(tmp_path, suffix, matrix, distortion):
+    path = write_opencv(tmp_path / f"cam.{suffix.lower()}", matrix, distortion, rvec=RVEC, tvec=TVEC[:, None])
     path = path.rename(tmp_path / f"cam.{suffix}")
     (camera,) = load_cameras(path)
     assert camera.name == "cam"
@@ -56,22 +58,23 @@ def test_one_camera_of_opencv(tmp_path, suffix, matrix, distortion):
     assert load_lenses(path) == ()
 
 
-@pytest.mark.parametrize("suffix", ["yaml", "xml"])
 @pytest.mark.parametrize(
-    ("matrix", "distortion", "labels", "names"),
+    ("suffix", "matrix", "distortion", "labels", "names"),
     [
-        ("cameraMatrix{}", "distCoeffs{}", ("1", "2"), ["cam1", "cam2"]),
-        ("M{}", "D{}", ("1", "2"), ["cam1", "cam2"]),
-        ("mtx{}", "dist{}", ("L", "R"), ["left", "right"]),
-        ("{}_camera_matrix", "{}_distortion", ("left", "right"), ["left", "right"]),
-        ("K_{}", "dist_{}", ("cam0", "cam1"), ["cam0", "cam1"]),
+        ("yaml", "cameraMatrix{}", "distCoeffs{}", ("1", "2"), ["cam1", "cam2"]),
+        ("xml", "M{}", "D{}", ("1", "2"), ["cam1", "cam2"]),
+        ("yaml", "mtx{}", "dist{}", ("L", "R"), ["left", "right"]),
+        ("xml", "{}_camera_matrix", "{}_distortion", ("left", "right"), ["left", "right"]),
+        ("yaml", "K_{}", "dist_{}", ("cam0", "cam1"), ["cam0", "cam1"]),
     ],
 )
 def test_the_first_camera_of_a_stereo_pair_is_the_world(tmp_path, suffix, matrix, distortion, labels, names):
     rectification = {f"R{k}": TURN for k in (1, 2)} | {"Q": np.eye(4)}
     values = {matrix.format(label): MATRIX for label in labels[::-1]}
     values |= {distortion.format(label): DISTORTION for label in labels}
-    path = stored(tmp_path / f"s.{suffix}", imageSize=(640, 480), **values, R=TURN, T=SHIFT[:, None], **rectification)
+    path = write_storage(
+        tmp_path / f"s.{suffix}", imageSize=(640, 480), **values, R=TURN, T=SHIFT[:, None], **rectification
+    )
     first, second = load_cameras(path)
     assert [first.name, second.name] == names
     check_lens(first)
@@ -118,7 +121,7 @@ roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}
          "[500.0, 510.0, 322.5, 238.25],\n  distortion_coeffs: [-0.1, 0.02, 0.001, -0.002, 0.003]}\n", ["cam0"]),
     ],
 )  # fmt: skip
-def test_ros_gives_the_lens_alone(tmp_path, text, names):
+def test_a_ros_file_gives_lenses_without_poses(tmp_path, text, names):
     (tmp_path / "c.yaml").write_text(text)
     lenses = load_lenses(tmp_path / "c.yaml")
     assert [lens.name for lens in lenses] == names
@@ -145,23 +148,23 @@ def test_a_list_of_cameras_in_xml(tmp_path):
 
 
 @pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
-def test_all_lens_models_project_as_opencvs(tmp_path, n):
-    """A slight thin prism and tilt, so that five coefficients suffice."""
-    more = np.array([0.01, 0.002, 0.001, 2e-4, 1e-4, 1e-4, 1e-4, 3e-4, 2e-4])
-    coefficients = np.concatenate([DISTORTION, more])[:n]
-    (camera,) = load_cameras(opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE))
+def test_all_lens_models_project_as_by_opencv(tmp_path, n):
+    """The thin prism and the tilt are small, so that five coefficients suffice."""
+    higher = np.array([0.01, 0.002, 0.001, 2e-4, 1e-4, 1e-4, 1e-4, 3e-4, 2e-4])
+    coefficients = np.concatenate([DISTORTION, higher])[:n]
+    (camera,) = load_cameras(write_opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE))
     points = np.random.default_rng(0).uniform([-2.0, -1.5, 4.0], [2.0, 1.5, 6.0], (200, 3))
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][:, 0]
-    found = camera.pixels(points, -np.inf)
+    pixels = camera.pixels(points, -np.inf)
     inside = ((expected >= 0.0) & (expected < [640.0, 480.0])).all(axis=1)
     assert inside.sum() > 50
-    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-9 if n < 8 else 0.5)
+    np.testing.assert_allclose(pixels[inside], expected[inside], atol=1e-9 if n < 8 else 0.5)
 
 
 @pytest.mark.parametrize("declared", [{"fisheye_model": 1}, {"distortion_model": "equidistant"}])
-def test_fisheye(tmp_path, declared):
+def test_fisheye_lenses_project_as_by_opencv(tmp_path, declared):
     coefficients = np.array([-0.02, 0.004, -0.001, 0.0002])
-    (camera,) = load_cameras(opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE, **declared))
+    (camera,) = load_cameras(write_opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE, **declared))
     point = np.array([[[0.4, -0.2, 1.0]]])
     expected = cv2.fisheye.projectPoints(point, np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][0, 0]
     np.testing.assert_allclose(camera.pixels(point[0, 0], -np.inf), expected, atol=0.5)
@@ -197,9 +200,9 @@ def test_a_file_without_distortion_has_none(tmp_path, caplog):
         ("c.json", "{", "expected JSON"),
     ],
 )
-def test_what_is_no_calibration_is_a_sentence(tmp_path, name, text, message):
+def test_an_invalid_calibration_is_rejected_with_its_file(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=message) as refusal:
+    with pytest.raises(InputError, match=message) as error:
         load_lenses(tmp_path / name)
-    assert str(tmp_path / name) in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+    assert str(tmp_path / name) in str(error.value)
+    assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Neck and feet: as large as people's, where people have them, and hung on a person's plain body alone."""
+"""Neck and feet: their sizes and positions, and the bodies that can have them."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ BODY = with_neck_and_feet(PLAIN)
 
 
 def limb(name):
-    """Both ends (2, 3) of a limb in the world, its owner standing at the origin, and its radii (2, 2)."""
+    """Return both ends (2, 3) of a limb in the world, of a body that stands at the origin, and its radii (2, 2)."""
     k = BODY.limbs.names.index(name)
     frames = forward(BODY.skeleton, np.zeros((1, 25)))
     turn, origin = frames.rotations[0, BODY.limbs.joints[k]], frames.positions[0, BODY.limbs.joints[k]]
     return np.stack([BODY.limbs.starts[k], BODY.limbs.ends[k]]) @ turn.T + origin, BODY.limbs.radii[k]
 
 
-def test_the_plain_body_comes_first_and_stays_as_it_is():
+def test_the_plain_bodys_limbs_come_first_and_are_unchanged():
     assert BODY.limbs.names == (*PLAIN.limbs.names, "neck", "left_foot", "right_foot")
     assert np.array_equal(BODY.limbs.radii[: len(PLAIN.limbs)], PLAIN.limbs.radii)
     assert BODY.skeleton is PLAIN.skeleton
@@ -29,7 +29,7 @@ def test_the_plain_body_comes_first_and_stays_as_it_is():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_feet_stand_below_the_ankles_and_point_ahead(side):
+def test_feet_are_below_the_ankles_and_point_forward(side):
     ends, radii = limb(f"{side}_foot")
     frames = forward(BODY.skeleton, np.zeros((1, 25)))
     ankle = frames.positions[0, BODY.skeleton.joint(f"{side}_ankle")]
@@ -48,12 +48,12 @@ def test_the_neck_joins_head_and_torso():
     assert head[0, 2] - radius[0] < ends[1, 2] < head[0, 2]
 
 
-def test_who_is_larger_has_larger_ones():
-    twice, other = BODY.scaled(2.0).limbs, with_neck_and_feet(PLAIN.scaled(2.0)).limbs
+def test_neck_and_feet_scale_with_the_body():
+    scaled, expected = BODY.scaled(2.0).limbs, with_neck_and_feet(PLAIN.scaled(2.0)).limbs
     for name in ("starts", "ends", "radii"):
-        np.testing.assert_allclose(getattr(twice, name), getattr(other, name))
+        np.testing.assert_allclose(getattr(scaled, name), getattr(expected, name))
 
 
-def test_a_body_that_has_them_is_refused():
+def test_a_body_with_neck_and_feet_is_rejected():
     with pytest.raises(InputError, match="a person's plain body alone"):
         with_neck_and_feet(BODY)

@@ -1,4 +1,4 @@
-"""Mirrored poses have mirrored joints; bodies move rigidly; bones keep their lengths; cameras are consistent."""
+"""Properties of kinematics and of the plain camera under mirroring, turning and shifting."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -12,6 +12,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 
 SKELETON = person_skeleton(from_height(1.75))
+FEW_EXAMPLES = settings(max_examples=30)
 POSES = st.lists(st.floats(-3.0, 3.0), min_size=25, max_size=25).map(lambda x: np.array([x]))
 
 
@@ -22,17 +23,17 @@ def other_side(name):
     return name
 
 
-@settings(deadline=None)
+@FEW_EXAMPLES
 @given(POSES)
-def test_mirrored_pose_has_mirrored_joints(pose):
+def test_a_mirrored_pose_has_mirrored_joints(pose):
     swapped = [JOINT_NAMES.index(other_side(name)) for name in JOINT_NAMES]
     expected = joints(SKELETON, pose)[:, swapped] * [1.0, -1.0, 1.0]
     np.testing.assert_allclose(joints(SKELETON, mirror_image(pose)), expected, rtol=0.0, atol=1e-12)
 
 
-@settings(deadline=None)
+@FEW_EXAMPLES
 @given(POSES)
-def test_bones_keep_their_lengths_and_frames_stay_rotations(pose):
+def test_bones_keep_their_lengths_and_frames_are_rotations(pose):
     frames = forward(SKELETON, pose)
     parents, children = SKELETON.bones.T
     lengths = np.linalg.norm(frames.positions[0, children] - frames.positions[0, parents], axis=1)
@@ -42,7 +43,7 @@ def test_bones_keep_their_lengths_and_frames_stay_rotations(pose):
     np.testing.assert_allclose(np.linalg.det(frames.rotations[0]), 1.0, rtol=1e-12)
 
 
-@settings(deadline=None)
+@FEW_EXAMPLES
 @given(POSES, st.floats(-3.0, 3.0), st.tuples(*[st.floats(-50.0, 50.0)] * 3))
 def test_moving_the_root_moves_the_body_rigidly(pose, heading, shift):
     moved = pose.copy()
@@ -53,15 +54,15 @@ def test_moving_the_root_moves_the_body_rigidly(pose, heading, shift):
     np.testing.assert_allclose(joints(SKELETON, moved)[0], expected, rtol=0.0, atol=1e-12)
 
 
-@settings(deadline=None)
+@FEW_EXAMPLES
 @given(
     st.tuples(*[st.floats(-5.0, 5.0)] * 3),
     st.tuples(st.floats(0.1, 3.0), st.floats(-1.5, 1.5)),
     st.floats(0.2, 9.0),
     st.floats(-np.pi, np.pi),
 )
-def test_plain_camera_looks_where_it_is_told(position, steepness, distance, bearing):
-    """Anything but straight up or down: the target is in the middle, at its distance, and z points up."""
+def test_a_plain_camera_looks_at_its_target(position, steepness, distance, bearing):
+    """The target is at the centre of the image and at its distance; z points up."""
     flat, slope = steepness[0], steepness[1]
     direction = np.array([flat * np.cos(bearing), flat * np.sin(bearing), slope])
     direction *= distance / np.linalg.norm(direction)

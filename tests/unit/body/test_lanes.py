@@ -1,22 +1,22 @@
-"""Kinematics in lanes against NumPy's, and the parting of work over threads."""
+"""Kinematics of LANES poses at once against a NumPy reference."""
 
 import likelihood_scenes as scenes
-import numba
 import numpy as np
 import pytest
 
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.simd_kinematics import FRAME, LANES, POSITION, lane_frames, load_frames
+from workbench.utils.kernel_cache import kernel
 
 SKELETON = scenes.PERSON.skeleton
 
 
-@numba.njit
+@kernel()
 def compiled_lane_frames(poses, first, skeleton, values, frames):
     lane_frames(poses, first, skeleton, values, frames)
 
 
-@numba.njit
+@kernel()
 def compiled_load_frames(rotations, positions, first, frames):
     load_frames(rotations, positions, first, frames)
 
@@ -38,14 +38,14 @@ def test_lanes_agree_with_the_reference(scale):
     poses = scale * np.random.default_rng(0).standard_normal((LANES, 25))
     rotations, positions = unpacked(frames_in_lanes(poses))
     expected = forward_oracle(SKELETON, poses)
-    # 22 turns add up their rounding, and each is of an angle that is reduced by up to 1e3 quadrants of 6e-17 each
+    # 22 turns add up their rounding; each angle is reduced by up to 1e3 quadrants of 6e-17
     np.testing.assert_allclose(rotations, expected.rotations, rtol=0.0, atol=22 * (1e-15 + scale * 3 * 6e-17))
     np.testing.assert_allclose(
         positions, expected.positions, rtol=0.0, atol=22 * (1e-15 + scale * 3 * 6e-17) * (1.0 + scale)
     )
 
 
-def test_quadrants_of_one_joint_are_exact_enough():
+def test_one_joint_is_exact_in_every_quadrant():
     poses = np.zeros((LANES, 25))
     poses[:, 3] = np.linspace(-4.0 * np.pi, 4.0 * np.pi, LANES)
     rotations, _ = unpacked(frames_in_lanes(poses))
@@ -54,13 +54,13 @@ def test_quadrants_of_one_joint_are_exact_enough():
 
 
 @pytest.mark.parametrize("angle", [1e6, 1e15, 1e300])
-def test_absurd_angles_stay_finite(angle):
+def test_huge_angles_give_finite_frames(angle):
     rotations, positions = unpacked(frames_in_lanes(np.full((LANES, 25), angle)))
     assert np.isfinite(rotations).all()
     assert not np.isnan(positions).any()
 
 
-def test_the_last_pose_fills_the_lanes_that_are_left():
+def test_the_last_pose_fills_the_remaining_lanes():
     poses = np.random.default_rng(0).standard_normal((LANES + 3, 25))
     rotations, positions = unpacked(frames_in_lanes(poses, first=LANES))
     all_rotations, _ = unpacked(frames_in_lanes(poses[[*range(LANES, LANES + 3)] + [LANES + 2] * (LANES - 3)]))
@@ -68,7 +68,7 @@ def test_the_last_pose_fills_the_lanes_that_are_left():
     np.testing.assert_array_equal(positions[3:], np.repeat(positions[2:3], LANES - 3, axis=0))
 
 
-def test_frames_computed_before_are_loaded_as_they_are():
+def test_loaded_frames_are_unchanged():
     poses = np.random.default_rng(1).standard_normal((LANES + 5, 25))
     expected = forward_oracle(SKELETON, poses)
     frames = np.empty((len(SKELETON.parents), FRAME))

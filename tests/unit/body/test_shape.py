@@ -1,4 +1,4 @@
-"""The shape of an average person, and the limbs that hang on the skeleton."""
+"""The shape of an average person and the limbs on the skeleton."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from workbench.utils.errors import InputError
 
 @pytest.mark.parametrize("height", [0.5, 1.65, 1.75, 2.5])
 def test_segments_add_up_to_the_heights_of_the_joints(height):
-    """Winter's table (fig. 4.1): the ankle 0.039 H, the knee 0.285 H, the hip 0.530 H and the shoulder 0.818 H high."""
+    """Winter (fig. 4.1): the ankle is at 0.039 H, the knee at 0.285 H, the hip at 0.530 H, the shoulder at 0.818 H."""
     shape, ankle = from_height(height), 0.039 * height
     assert ankle + shape.calf == pytest.approx(0.285 * height)
     assert ankle + shape.calf + shape.thigh == pytest.approx(0.530 * height)
     assert ankle + shape.calf + shape.thigh + shape.shoulder[2] == pytest.approx(0.818 * height)
     top = ankle + shape.calf + shape.thigh + shape.neck[2] + shape.head[2] + shape.head_radius
-    assert top == pytest.approx(height, rel=0.02)  # the head is a ball: its top is the crown to a few centimetres
+    assert top == pytest.approx(height, rel=0.02)  # the head is a sphere: its top is the crown to a few centimetres
 
 
 def test_given_lengths_replace_the_average():
@@ -26,7 +26,7 @@ def test_given_lengths_replace_the_average():
     assert shape.thigh == from_height(1.7).thigh
 
 
-def test_scaling_scales_every_length():
+def test_all_lengths_are_proportional_to_the_height():
     small, scaled, large = (s.as_dict() for s in (from_height(1.0), from_height(1.0).scaled(1.8), from_height(1.8)))
     for name in small:
         np.testing.assert_allclose(scaled[name], 1.8 * np.asarray(small[name]), err_msg=name)
@@ -34,12 +34,12 @@ def test_scaling_scales_every_length():
 
 
 @pytest.mark.parametrize("height", [175.0, 0.0, -1.7, 0.49, 2.51, float("nan")])
-def test_heights_that_are_not_metres_are_refused(height):
+def test_heights_that_are_not_in_metres_are_rejected(height):
     with pytest.raises(InputError, match="height must be given in metres"):
         from_height(height)
 
 
-def test_unknown_and_negative_lengths_are_refused():
+def test_unknown_and_nonpositive_lengths_are_rejected():
     with pytest.raises(InputError, match="unknown length 'tail'"):
         from_height(1.7, tail=0.4)
     for name in ("upper_arm", "forearm", "thigh", "calf", "head_radius", "hand_radius"):
@@ -57,7 +57,7 @@ def test_the_person_has_the_twelve_limbs_of_paper_a():
     }  # fmt: skip
     np.testing.assert_array_equal(limbs.starts[limbs.spheres], limbs.ends[limbs.spheres])
     assert (limbs.radii > 0.0).all()
-    # the patches of the likelihood rely on it: a limb lies along its frame's z axis
+    # the likelihood's patches assume that a limb lies along its frame's z axis
     np.testing.assert_allclose((limbs.ends - limbs.starts)[:, :2], 0.0, atol=1e-15)
 
 
@@ -75,8 +75,8 @@ def test_limbs_reach_from_joint_to_joint():
             np.testing.assert_array_equal(body.limbs.starts[i], np.zeros(3))
             np.testing.assert_allclose(body.limbs.ends[i], offsets[f"{side}_{child}"])
         hand = limbs[f"{side}_hand"]
-        beyond = body.limbs.starts[hand] - offsets[f"{side}_wrist"]
-        np.testing.assert_allclose(beyond, [0.0, 0.0, -1.2 * body.shape.hand_radius])
+        offset = body.limbs.starts[hand] - offsets[f"{side}_wrist"]
+        np.testing.assert_allclose(offset, [0.0, 0.0, -1.2 * body.shape.hand_radius])
     np.testing.assert_allclose(body.limbs.starts[limbs["head"]], offsets["head_centre"])
     torso = limbs["torso"]
     np.testing.assert_array_equal(body.limbs.starts[torso], np.zeros(3))

@@ -1,4 +1,4 @@
-"""The implicit surface by closed forms: its field, its pseudo-distance, whom a point belongs to."""
+"""The implicit surface by closed forms: its field, its pseudo-distance and the attachment of points to parts."""
 
 from dataclasses import replace
 
@@ -10,18 +10,17 @@ from workbench.body.kinematics import forward
 from workbench.body.surface import Surface, attach, residuals
 from workbench.utils.errors import InputError
 
-HERE = np.zeros(6)
-TO_FIRST = 0  # every point of the lone ellipsoid's tests belongs to its only part
+POSE = np.zeros(6)
 
 
-def at(skeleton_and_surface, points, kind):
+def residuals_at(skeleton_and_surface, points, kind):
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    return residuals(*skeleton_and_surface, HERE, points, kind, np.full(len(points), TO_FIRST))
+    return residuals(*skeleton_and_surface, POSE, points, kind, np.zeros(len(points), dtype=np.int64))
 
 
 def directions(n, seed=0):
-    found = np.random.default_rng(seed).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    vectors = np.random.default_rng(seed).standard_normal((n, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize(("sharpness", "level"), [(2.0, 1.0), (0.7, 1.0), (3.0, 0.25)])
@@ -31,17 +30,17 @@ def test_the_field_is_that_of_the_paper(sharpness, level):
     points = np.random.default_rng(1).normal(0.0, 0.1, (50, 3))
     d = np.sum((points / half) ** 2, axis=1)
     expected = level * np.exp(sharpness) * np.exp(-sharpness * d) - level
-    np.testing.assert_allclose(at(scene, points, "field"), expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(residuals_at(scene, points, "field"), expected, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", ["field", "distance"])
 def test_the_skin_of_one_ellipsoid_is_the_ellipsoid(kind):
     half = np.array([0.05, 0.08, 0.2])
     skin = directions(100) * half
-    np.testing.assert_allclose(at(scenes.lone(half, level=0.4), skin, kind), 0.0, atol=1e-15)
+    np.testing.assert_allclose(residuals_at(scenes.lone(half, level=0.4), skin, kind), 0.0, atol=1e-15)
     outward = 1.0 if kind == "distance" else -1.0
-    assert np.all(outward * at(scenes.lone(half), 1.01 * skin, kind) > 0.0)
-    assert np.all(outward * at(scenes.lone(half), 0.99 * skin, kind) < 0.0)
+    assert np.all(outward * residuals_at(scenes.lone(half), 1.01 * skin, kind) > 0.0)
+    assert np.all(outward * residuals_at(scenes.lone(half), 0.99 * skin, kind) < 0.0)
 
 
 def test_fields_of_a_part_add_up():
@@ -56,22 +55,24 @@ def test_fields_of_a_part_add_up():
         part_names=("both",),
     )
     point = np.array([[0.02, 0.01, 0.05]])
-    alone = [at((skeleton, replace(one, half_sizes=two.half_sizes[[i]])), point - two.centers[i], "field")[0] + 1.0
-             for i in range(2)]  # fmt: skip
-    assert at((skeleton, two), point, "field")[0] == pytest.approx(sum(alone) - 1.0, rel=1e-12)
+    fields = []
+    for half, center in zip(two.half_sizes, two.centers, strict=True):
+        alone = (skeleton, replace(one, half_sizes=half[None]))
+        fields.append(residuals_at(alone, point - center, "field")[0] + 1.0)
+    assert residuals_at((skeleton, two), point, "field")[0] == pytest.approx(sum(fields) - 1.0, rel=1e-12)
 
 
 def test_the_distance_to_a_sphere_is_exact_outside_and_half_at_its_centre():
     sphere, radius = scenes.lone([0.05] * 3), 0.05
-    away = np.array([0.05, 0.051, 0.06, 0.1, 0.5, 3.0, 1000.0])
-    points = directions(len(away)) * away[:, None]
-    np.testing.assert_allclose(at(sphere, points, "distance"), away - radius, rtol=1e-12, atol=1e-15)
+    distances = np.array([0.05, 0.051, 0.06, 0.1, 0.5, 3.0, 1000.0])
+    points = directions(len(distances)) * distances[:, None]
+    np.testing.assert_allclose(residuals_at(sphere, points, "distance"), distances - radius, rtol=1e-12, atol=1e-15)
     depths = np.array([1.0, 0.8, 0.5, 0.2, 0.0])  # of the radius, from the skin to the centre
     points = np.array([0.0, 0.6, 0.8]) * (radius * depths)[:, None]
-    np.testing.assert_allclose(at(sphere, points, "distance"), radius * (depths**2 - 1.0) / 2.0, atol=1e-15)
+    np.testing.assert_allclose(residuals_at(sphere, points, "distance"), radius * (depths**2 - 1.0) / 2.0, atol=1e-15)
 
 
-# What the docstring of `surface` states, over points 5 mm, 2 cm, 5 cm, 20 cm and 1 m outside along the normal.
+# Least and largest ratio of the pseudo-distance to the distance 5 mm to 1 m outside, from the docstring of `surface`.
 ACCURACY = {
     (0.05, 0.05, 0.08): (0.97, 1.00),
     (0.05, 0.05, 0.125): (0.88, 1.02),
@@ -86,27 +87,30 @@ def test_the_distance_to_ellipsoids_is_as_accurate_as_stated(half, accuracy):
     skin /= np.linalg.norm(skin / half, axis=1, keepdims=True)
     normals = skin / half**2
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    found = [at(scenes.lone(half), skin + away * normals, "distance") / away for away in (0.005, 0.02, 0.05, 0.2, 1.0)]
-    assert accuracy[0] - 0.005 <= np.min(found)  # two digits are stated
-    assert np.max(found) <= accuracy[1] + 0.005
-    close = at(scenes.lone(half), skin + 1e-7 * normals, "distance") / 1e-7
-    np.testing.assert_allclose(close, 1.0, atol=1e-5)  # right to first order
+    ratios = [
+        residuals_at(scenes.lone(half), skin + distance * normals, "distance") / distance
+        for distance in (0.005, 0.02, 0.05, 0.2, 1.0)
+    ]
+    assert accuracy[0] - 0.005 <= np.min(ratios)  # the docstring states two digits
+    assert np.max(ratios) <= accuracy[1] + 0.005
+    close = residuals_at(scenes.lone(half), skin + 1e-7 * normals, "distance") / 1e-7
+    np.testing.assert_allclose(close, 1.0, atol=1e-5)  # exact to first order
 
 
-def test_points_belong_to_what_they_are_at():
+def test_points_are_attached_to_the_nearest_part():
     skeleton, surface = scenes.PERSON
     frames = forward(skeleton, np.zeros((1, 25)))
-    beside = {  # behind the calf, at the outer side of the hand, in front of the chest and of the nose
+    offsets = {  # behind the calf, at the outer side of the hand, in front of the chest and of the nose
         "left_ankle": [-0.06, 0.0, 0.15], "left_wrist": [0.0, 0.07, -0.05], "neck": [0.15, 0.0, -0.2],
         "head_centre": [0.14, 0.0, 0.0],
     }  # fmt: skip
-    points = np.array([frames.positions[0, skeleton.joint(joint)] + off for joint, off in beside.items()])
-    found = attach(surface, frames, points)
-    assert [surface.part_names[b] for b in found] == ["left_calf", "left_hand", "torso", "head"]
+    points = np.array([frames.positions[0, skeleton.joint(joint)] + offset for joint, offset in offsets.items()])
+    parts = attach(surface, frames, points)
+    assert [surface.part_names[b] for b in parts] == ["left_calf", "left_hand", "torso", "head"]
 
 
 def two_balls(near, far):
-    """Balls of the radii 0.03 and 0.15 m at x = near and x = far."""
+    """Return balls of the radii 0.03 and 0.15 m at x = near and x = far."""
     return replace(
         scenes.lone()[1],
         names=("small", "big"),
@@ -120,12 +124,12 @@ def two_balls(near, far):
 
 
 def parts_at(surface, points, kind):
-    frames = forward(scenes.lone()[0], HERE[None])
+    frames = forward(scenes.lone()[0], POSE[None])
     return [surface.part_names[b] for b in attach(surface, frames, np.array(points, dtype=np.float64), kind)]
 
 
-def test_a_point_inside_a_limb_stays_with_it():
-    """f > 2 C from 18 % of the radius inside: by |f − C| it would belong to any ball, however far away."""
+def test_a_point_inside_a_part_is_attached_to_it():
+    """Deeper than 18 % of the radius f > 2 C, where |f − C| would be smaller for any distant ball."""
     surface = two_balls(0.0, 10.0)
     for kind in ("field", "distance"):
         assert parts_at(surface, [[0.024, 0.0, 0.0], [0.0, 0.0, 0.0]], kind) == ["small", "small"]
@@ -148,12 +152,12 @@ def test_attachment_does_not_underflow(kind):
 
 
 @pytest.mark.parametrize("kind", ["field", "distance"])
-def test_of_equally_near_parts_it_is_the_first(kind):
+def test_of_equally_near_parts_the_first_is_chosen(kind):
     surface = replace(two_balls(-1.0, 1.0), half_sizes=np.full((2, 3), 0.1))
     assert parts_at(surface, [[0.0, 0.0, 0.0], [0.0, 2.0, 1.0]], kind) == ["small", "small"]
 
 
-def test_bad_input_is_refused_in_one_sentence():
+def test_invalid_input_is_rejected():
     skeleton, surface = scenes.PERSON
     frames = forward(skeleton, np.zeros((1, 25)))
     with pytest.raises(InputError, match="finite points, found 2 non-finite ones"):

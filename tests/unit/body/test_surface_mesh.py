@@ -1,4 +1,4 @@
-"""The mesh of the surface, where scikit-image is installed, and the sentence where it is not."""
+"""The mesh of the surface where scikit-image is installed, and the message where it is not."""
 
 import importlib.util
 import sys
@@ -31,7 +31,7 @@ def volume(vertices, triangles):
 
 
 @with_scikit_image
-def test_the_mesh_of_an_ellipsoid_is_closed_and_on_it():
+def test_the_mesh_of_an_ellipsoid_is_closed_and_lies_on_it():
     half = np.array([0.05, 0.08, 0.2])
     skeleton, surface = scenes.lone(half)
     vertices, triangles = surface_mesh(surface, forward(skeleton, np.zeros((1, 6))), spacing_m=0.005)
@@ -39,11 +39,12 @@ def test_the_mesh_of_an_ellipsoid_is_closed_and_on_it():
     np.testing.assert_allclose(np.linalg.norm(vertices / half, axis=1), 1.0, atol=0.005)
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
-    assert volume(vertices, triangles) == pytest.approx(4.0 / 3.0 * np.pi * half.prod(), rel=0.02)  # seen from outside
+    # the volume is positive if the triangles face outward
+    assert volume(vertices, triangles) == pytest.approx(4.0 / 3.0 * np.pi * half.prod(), rel=0.02)
 
 
 @with_scikit_image
-def test_the_mesh_of_a_person_is_the_skin_of_all_parts():
+def test_the_mesh_of_a_person_lies_on_the_nearest_parts():
     skeleton, surface = scenes.PERSON
     frames = forward(skeleton, np.zeros((1, 25)))
     vertices, triangles = surface_mesh(surface, frames, spacing_m=0.03)

@@ -1,4 +1,4 @@
-"""TRC files and tables: by hand, by a reader as strict as OpenSim's, and by another program's."""
+"""Exported tracks: TRC, CSV, C3D, BVH and MOT files, their missing frames and their rates."""
 
 import csv
 import io
@@ -33,10 +33,10 @@ def track(n=7):
     return Track(SKELETON, 40 + np.arange(n), 1.5 + np.arange(n) / 25.0, joints(SKELETON, poses), poses)
 
 
-def test_another_program_reads_them(tmp_path):
-    """trc-data-reader, from PyPI."""
-    given, path = track(), tmp_path / "walk.trc"
-    path.write_text(trc_text(path.name, JOINT_NAMES, given.positions, 25.0))
+def test_trc_data_reader_reads_the_exported_file(tmp_path):
+    """trc-data-reader is a package on PyPI."""
+    exported, path = track(), tmp_path / "walk.trc"
+    path.write_text(trc_text(path.name, JOINT_NAMES, exported.positions, 25.0))
     data = trc.TRCData()
     data.load(str(path))
     header = {"PathFileType": "4", "DataFormat": "(X/Y/Z)", "FileName": "walk.trc", "DataRate": 25.0,
@@ -46,21 +46,21 @@ def test_another_program_reads_them(tmp_path):
     assert data["Markers"] == list(JOINT_NAMES)
     assert data["Frame#"] == list(range(1, 8))
     assert data["Time"] == pytest.approx(np.arange(7) / 25.0)
-    places = np.stack([np.array(data[name]) for name in JOINT_NAMES], axis=1)
-    np.testing.assert_allclose(places[..., [2, 0, 1]] / 1000.0, given.positions, atol=0.51e-7)
+    positions = np.stack([np.array(data[name]) for name in JOINT_NAMES], axis=1)
+    np.testing.assert_allclose(positions[..., [2, 0, 1]] / 1000.0, exported.positions, atol=0.51e-7)
 
 
-def test_omitted_frames_are_empty_rows_and_a_bvh_repeats_the_pose_before(tmp_path, caplog):
+def test_omitted_frames_are_empty_rows_and_a_bvh_repeats_the_last_pose(tmp_path, caplog):
     rows = np.array([0, 1, 2, 5, 6])
-    whole = track()
-    given = replace(
-        whole, frames=whole.frames[rows], times_s=whole.times_s[rows], positions=whole.positions[rows],
-        poses=whole.poses[rows], bands={"low": np.arange(5.0)},
+    complete = track()
+    gappy = replace(
+        complete, frames=complete.frames[rows], times_s=complete.times_s[rows], positions=complete.positions[rows],
+        poses=complete.poses[rows], bands={"low": np.arange(5.0)},
     )  # fmt: skip
-    filled = with_missing_frames(given)
-    np.testing.assert_array_equal(filled.frames, whole.frames)
-    np.testing.assert_allclose(filled.times_s, whole.times_s)
-    np.testing.assert_array_equal(filled.positions[rows], given.positions)
+    filled = with_missing_frames(gappy)
+    np.testing.assert_array_equal(filled.frames, complete.frames)
+    np.testing.assert_allclose(filled.times_s, complete.times_s)
+    np.testing.assert_array_equal(filled.positions[rows], gappy.positions)
     assert np.isnan(filled.positions[[3, 4]]).all()
     assert np.isnan(filled.bands["low"][[3, 4]]).all()
     for suffix in SUFFIXES:
@@ -78,28 +78,28 @@ def test_omitted_frames_are_empty_rows_and_a_bvh_repeats_the_pose_before(tmp_pat
 
 
 @pytest.mark.parametrize("metres", [False, True])
-def test_points_come_back_from_every_format_that_has_them(tmp_path, metres):
-    """To the last digit: float32 in C3D, a tenth of a micrometre in TRC, a nanometre in CSV."""
+def test_points_are_read_back_from_every_format_of_points(tmp_path, metres):
+    """They are exact to float32 in C3D, to a tenth of a micrometre in TRC and to a nanometre in CSV."""
     rng = np.random.default_rng(1)
     poses = np.zeros((9, 25)) + 0.2 * rng.uniform(-1.0, 1.0, (9, 25))
-    given = Track(SKELETON, np.arange(9), np.arange(9) / 30.0, joints(SKELETON, poses), poses)
-    given.positions[:, 5] = np.nan
-    given.positions[4, 2] = np.nan
+    exported = Track(SKELETON, np.arange(9), np.arange(9) / 29.97, joints(SKELETON, poses), poses)
+    exported.positions[:, 5] = np.nan
+    exported.positions[4, 2] = np.nan
     for suffix, last_digit in (
         (".trc", 0.51e-7),
         (".csv", 0.51e-9),
-        (".c3d", 2.0**-24 * np.nanmax(np.abs(given.positions))),
+        (".c3d", 2.0**-24 * np.nanmax(np.abs(exported.positions))),
     ):
-        export(tmp_path / f"walk{suffix}", given, metres)
+        export(tmp_path / f"walk{suffix}", exported, metres)
         assert [path.name for path in tmp_path.iterdir()] == [f"walk{suffix}"]
         markers = read_markers(tmp_path / f"walk{suffix}")
-        assert markers.rate_hz == 30.0
+        assert markers.rate_hz == pytest.approx(29.97, rel=1e-7)
         assert markers.names == JOINT_NAMES
-        np.testing.assert_allclose(markers.positions, given.positions, atol=last_digit, rtol=0.0)
+        np.testing.assert_allclose(markers.positions, exported.positions, atol=last_digit, rtol=0.0)
         (tmp_path / f"walk{suffix}").unlink()
 
 
-def test_c3d_counts_frames_in_16_bits(tmp_path):
+def test_c3d_holds_at_most_65535_frames(tmp_path):
     n = 65_536
     long = Track(SKELETON, np.arange(n), np.arange(n) / 30.0, np.zeros((n, 15, 3)))
     with pytest.raises(InputError, match="at most 65535 frames, found 65536"):
@@ -114,50 +114,50 @@ def test_a_missing_library_is_named_before_anything_is_read(tmp_path, monkeypatc
             call(tmp_path / "walk.c3d")
 
 
-def test_frames_of_any_constant_step_are_complete():
-    whole = track()
-    assert len(with_missing_frames(replace(whole, frames=5 * whole.frames))) == len(whole)
-    far = replace(whole, frames=np.array([0, 1, 2, 3, 4, 5, 10**9]))
-    assert with_missing_frames(far) is far
+def test_frames_of_a_constant_step_are_complete():
+    complete = track()
+    assert len(with_missing_frames(replace(complete, frames=5 * complete.frames))) == len(complete)
+    sparse = replace(complete, frames=np.array([0, 1, 2, 3, 4, 5, 10**9]))
+    assert with_missing_frames(sparse) is sparse
 
 
-def test_only_the_units_of_opensim():
+def test_units_that_opensim_lacks_are_rejected():
     with pytest.raises(ValueError, match="mm or m"):
         trc_text("walk.trc", JOINT_NAMES, track().positions, 25.0, "cm")
 
 
-def test_a_table_holds_joints_and_poses_in_named_columns():
-    given = track()
-    given.positions[2, 3] = np.nan
-    rows = list(csv.DictReader(io.StringIO(csv_text(given))))
-    assert [int(row["frame"]) for row in rows] == given.frames.tolist()
-    assert [float(row["time_s"]) for row in rows] == pytest.approx(given.times_s)
+def test_a_table_has_named_columns_of_joints_and_poses():
+    exported = track()
+    exported.positions[2, 3] = np.nan
+    rows = list(csv.DictReader(io.StringIO(csv_text(exported))))
+    assert [int(row["frame"]) for row in rows] == exported.frames.tolist()
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(exported.times_s)
     assert len(rows[0]) == 2 + 45 + 25
     for j, joint in enumerate(JOINT_NAMES):
         for a, axis in enumerate("xyz"):
             cells = [row[f"{joint}_{axis}_m"] for row in rows]
             assert (cells[2] == "") == (j == 3)
-            found = [float(cell or "nan") for cell in cells]
-            np.testing.assert_allclose(found, given.positions[:, j, a], atol=0.51e-9)
+            values = [float(cell or "nan") for cell in cells]
+            np.testing.assert_allclose(values, exported.positions[:, j, a], atol=0.51e-9)
     for k, name in enumerate(POSE_NAMES):
-        found = [float(row[f"{name}_{'m' if k < 3 else 'rad'}"]) for row in rows]
-        np.testing.assert_allclose(found, given.poses[:, k], atol=0.51e-9)
+        values = [float(row[f"{name}_{'m' if k < 3 else 'rad'}"]) for row in rows]
+        np.testing.assert_allclose(values, exported.poses[:, k], atol=0.51e-9)
 
 
 @pytest.mark.parametrize("rate_hz", [14.0, 25.0, 30.0, 120.0, 240.0])
 @pytest.mark.parametrize("n", [2, 3, 50, 2000])
-def test_a_whole_rate_is_found_from_nanoseconds(rate_hz, n):
+def test_an_integer_rate_is_recovered_from_nanoseconds(rate_hz, n):
     assert frame_rate(7.0 + np.round(np.arange(n) / rate_hz, 9)) == rate_hz
 
 
-def test_a_rate_that_is_not_whole_and_a_clock_that_jitters():
+def test_a_fractional_rate_and_a_rate_from_milliseconds():
     assert frame_rate(np.arange(100) / 29.97) == pytest.approx(29.97, rel=1e-9)
     milliseconds = np.round(np.arange(91) / 30.0, 3)
-    assert frame_rate(milliseconds) == 30.0  # 0.033 and 0.034 s apart, 3.000 s in all
+    assert frame_rate(milliseconds) == 30.0  # intervals of 0.033 and 0.034 s, 3.000 s in total
 
 
 @pytest.mark.parametrize(
-    ("times_s", "sentence"),
+    ("times_s", "message"),
     [
         ([0.0, 0.1, 0.2, 0.4, 0.5], r"0\.2 s after 0\.200 s and a median interval of 0\.1 s"),
         ([0.0, 0.1, 0.2, 0.2, 0.3], r"0 s after 0\.200 s"),
@@ -167,6 +167,6 @@ def test_a_rate_that_is_not_whole_and_a_clock_that_jitters():
         ([2.0, 1.0, 0.0], "equal intervals"),
     ],
 )
-def test_uneven_times_have_no_rate(times_s, sentence):
-    with pytest.raises(InputError, match=sentence):
+def test_uneven_times_are_rejected(times_s, message):
+    with pytest.raises(InputError, match=message):
         frame_rate(np.array(times_s))

@@ -1,4 +1,4 @@
-"""Files of other detectors, layouts by anatomy, and numbers in names."""
+"""Keypoint files of other detectors, layouts by anatomy, and frame numbers in names."""
 
 import json
 
@@ -14,7 +14,7 @@ from workbench.motion.formats.keypoint_layouts import is_clear, layout_named, ma
 from workbench.motion.formats.openpose import openpose_coordinates, people_of_points
 from workbench.utils.errors import InputError
 
-PLACES = standing(300.0, 100.0)
+PIXELS = standing(300.0, 100.0)
 KNEE = JOINT_NAMES.index("left_knee")
 
 
@@ -24,19 +24,15 @@ def read(path):
     return people[""]
 
 
-def test_alphapose(tmp_path):
-    found = points("HALPE_26", PLACES)
-    rows = [{"image_id": f"{k}.jpg", "keypoints": found.ravel().tolist(), "score": 2.0} for k in (10, 9, 9)]
+def test_alphapose_files_are_read(tmp_path):
+    keypoints = points("HALPE_26", PIXELS).ravel().tolist()
+    rows = [{"image_id": f"{k}.jpg", "keypoints": keypoints, "score": 2.0} for k in (10, 9, 9)]
     (tmp_path / "a.json").write_text(json.dumps(rows))
     people = read(tmp_path / "a.json")
-    assert (people.layout, people.frames.tolist(), [len(each) for each in people.joints]) == (
-        "HALPE_26",
-        [9, 10],
-        [2, 1],
-    )
-    assert people.joints[0][1, KNEE, :2] == pytest.approx(PLACES["left_knee"])
+    assert (people.layout, people.frames.tolist(), list(map(len, people.joints))) == ("HALPE_26", [9, 10], [2, 1])
+    assert people.joints[0][1, KNEE, :2] == pytest.approx(PIXELS["left_knee"])
     (tmp_path / "b.json").write_text(
-        json.dumps({"4.jpg": {"people": [{"pose_keypoints_2d": found.ravel().tolist()}]}, "5.jpg": {"bodies": []}})
+        json.dumps({"4.jpg": {"people": [{"pose_keypoints_2d": keypoints}]}, "5.jpg": {"bodies": []}})
     )
     assert read(tmp_path / "b.json").frames.tolist() == [4, 5]
     for text in ("[3]", '{"a": 3}', "[]", '[{"image_id": "x", "keypoints": [1, 2, 3]}]'):
@@ -47,24 +43,28 @@ def test_alphapose(tmp_path):
 
 @pytest.mark.parametrize("several", [False, True])
 @pytest.mark.parametrize("index", ["{}", "labeled-data/walk/img{:04d}.png"])
-def test_deeplabcut(tmp_path, several, index):
+def test_deeplabcut_files_are_read(tmp_path, several, index):
     parts, people = ["LeftKnee", "ankle_r", "tail"], ["anna", "ben"] if several else ["anna"]
-    cells = [(who, part, axis) for who in people for part in parts for axis in ("x", "y", "likelihood")]
-    lines = [["scorer", *["net"] * len(cells)], ["individuals", *[who for who, _, _ in cells]]][: 1 + several]
+    cells = [(person, part, axis) for person in people for part in parts for axis in ("x", "y", "likelihood")]
+    lines = [["scorer", *["net"] * len(cells)], ["individuals", *[person for person, _, _ in cells]]][: 1 + several]
     lines += [["bodyparts", *[part for _, part, _ in cells]], ["coords", *[axis for _, _, axis in cells]]]
     for frame in range(3):
-        values = [10.0 * people.index(who) + 20 + frame if axis != "likelihood" else 0.5 for who, _, axis in cells]
+        values = [
+            10.0 * people.index(person) + 20 + frame if axis != "likelihood" else 0.5 for person, _, axis in cells
+        ]
         lines.append([index.format(frame + 7), *map(str, values)])
     lines[-1][1] = ""  # a gap
     (tmp_path / "a.csv").write_text("\n".join(",".join(line) for line in lines))
-    found = read(tmp_path / "a.csv")
-    assert found.frames.tolist() == [7, 8, 9]
-    assert found.joints[1][:, KNEE].tolist() == [[21.0 + 10.0 * k, 21.0 + 10.0 * k, 0.5] for k in range(len(people))]
-    assert np.isnan(found.joints[2][0, KNEE]).all()
-    assert np.isfinite(found.joints[2][0, JOINT_NAMES.index("right_ankle"), 0])
+    detections = read(tmp_path / "a.csv")
+    assert detections.frames.tolist() == [7, 8, 9]
+    assert detections.joints[1][:, KNEE].tolist() == [
+        [21.0 + 10.0 * k, 21.0 + 10.0 * k, 0.5] for k in range(len(people))
+    ]
+    assert np.isnan(detections.joints[2][0, KNEE]).all()
+    assert np.isfinite(detections.joints[2][0, JOINT_NAMES.index("right_ankle"), 0])
 
 
-def test_other_files_are_no_detections(tmp_path):
+def test_other_files_are_not_detections(tmp_path):
     (tmp_path / "a.csv").write_text("frame,joint,u,v,visible\n")
     assert not is_detections(tmp_path / "a.csv")
     (tmp_path / "a.h5").write_bytes(b"\x89HDF")
@@ -75,11 +75,11 @@ def test_other_files_are_no_detections(tmp_path):
         people_of_points({"": read_points(tmp_path / "b.csv")})
 
 
-def test_coordinates():
+def test_invalid_points_are_missing_and_scores_are_at_most_one():
     assert openpose_coordinates({"pose_keypoints": [1]}) == [1]
-    found = keypoints_of([0, 0, 0.9, 5, 6, 0, 5, None, 1, float("nan"), 2, 1, 7, 8, 3])
-    assert np.isnan(found[:4]).all()
-    assert found[4].tolist() == [7.0, 8.0, 1.0]
+    keypoints = keypoints_of([0, 0, 0.9, 5, 6, 0, 5, None, 1, float("nan"), 2, 1, 7, 8, 3])
+    assert np.isnan(keypoints[:4]).all()
+    assert keypoints[4].tolist() == [7.0, 8.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -93,11 +93,11 @@ def test_coordinates():
         (["metadata"], []),
     ],
 )
-def test_the_number_of_a_frame_counts_through_the_names(names, numbers):
+def test_the_frame_number_of_a_name_is_the_one_that_increases(names, numbers):
     assert list(numbers_in_names(names).values()) == numbers
 
 
-def test_points_are_named_in_many_ways():
+def test_points_are_recognized_by_many_names():
     layout = named_points(["L_Knee", "right hip", "ankleL", "wrist-right", "nose", "REar", "LEar"])
     assert layout == {
         "left_knee": (0,), "right_hip": (1,), "left_ankle": (2,), "right_wrist": (3,), "head_centre": (6, 5),
@@ -111,14 +111,14 @@ def test_points_are_named_in_many_ways():
 def test_the_layout_of_25_points_is_decided_by_anatomy(layout, n_people):
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        ways = [(rng.uniform(-1.0, 1.0, 2), rng.uniform(-1.0, 1.0, 2)) for _ in range(n_people)]
+        paths = [(rng.uniform(-1.0, 1.0, 2), rng.uniform(-1.0, 1.0, 2)) for _ in range(n_people)]
         people = []
         for camera in CAMERAS.values():
-            for joints in walkers(ways, n_frames=10):
+            for joints in walkers(paths, n_frames=10):
                 for pixels in camera.project(joints):
-                    found = points(layout, dict(zip(JOINT_NAMES, pixels, strict=True)))
-                    found[(found[:, 2] == 0.0) | (rng.random(25) < 0.2)] = np.nan
-                    people.append(found + rng.normal(0.0, 3.0, found.shape))
-        decided, evidence = matching_layout(people)
-        assert decided == layout
+                    keypoints = points(layout, dict(zip(JOINT_NAMES, pixels, strict=True)))
+                    keypoints[(keypoints[:, 2] == 0.0) | (rng.random(25) < 0.2)] = np.nan
+                    people.append(keypoints + rng.normal(0.0, 3.0, keypoints.shape))
+        best, evidence = matching_layout(people)
+        assert best == layout
         assert is_clear(evidence)

@@ -1,4 +1,4 @@
-"""Markers from TRC and C3D files: unit, axes, gaps, joints, and what is refused."""
+"""Markers from TRC and C3D files: unit, axes, gaps and joints."""
 
 import logging
 
@@ -18,7 +18,7 @@ from workbench.utils.errors import InputError
 BODY = person(from_height(1.75))
 
 
-def places(n=4):
+def walking_joints(n=4):
     poses = np.zeros((n, 25))
     poses[:, 0], poses[:, 2] = np.linspace(0.0, 0.3, n), 0.93
     poses[:, BODY.skeleton.dof("left_knee_flexion")] = np.linspace(0.0, 1.0, n)
@@ -27,40 +27,40 @@ def places(n=4):
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
 @pytest.mark.parametrize("up", ["y", "z"])
-def test_unit_and_axes_are_told_by_the_person_whatever_the_header_says(unit, factor, up, caplog):
+def test_unit_and_axes_follow_from_the_person_and_not_from_the_header(unit, factor, up, caplog):
     caplog.set_level(logging.INFO)
-    truth = places()
-    given = truth if up == "z" else truth[..., [1, 2, 0]]
-    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, factor * given, "mm"))
+    truth = walking_joints()
+    positions = truth if up == "z" else truth[..., [1, 2, 0]]
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, factor * positions, "mm"))
     np.testing.assert_allclose(markers.positions, truth, atol=1e-12)
     assert f"read in {unit}" in caplog.text
     assert f"{up} is up" in caplog.text
     assert ("by the file it would be mm" in caplog.text) == (unit != "mm")
 
 
-def test_blank_cells_are_gaps_also_at_a_line_s_end(tmp_path):
-    names, truth = ["LShoulder", "LKnee"], places()[:, [3, 10]]
+def test_blank_and_absent_cells_are_gaps(tmp_path):
+    names, truth = ["LShoulder", "LKnee"], walking_joints()[:, [3, 10]]
     lines = trc_text("a.trc", names, truth, 50.0, "m").split("\n")
     cells = lines[7].split("\t")
     lines[7] = "\t".join([*cells[:2], "", "", "", *cells[5:]])
     lines[8] = "\t".join(lines[8].split("\t")[:5])
     (tmp_path / "a.trc").write_text("\n".join(lines))
-    found = read_markers(tmp_path / "a.trc").positions
-    assert np.isnan(found[..., 0]).tolist() == [[False, False], [True, False], [False, True], [False, False]]
+    positions = read_markers(tmp_path / "a.trc").positions
+    assert np.isnan(positions[..., 0]).tolist() == [[False, False], [True, False], [False, True], [False, False]]
 
 
-def test_joints_are_named_in_many_ways_and_made_of_several_markers():
+def test_joints_have_many_names_and_can_be_means_of_several_markers():
     names = ("RHip", "L_Hip", "Neck", "Head", "left knee", "LANK_medial", "LANK_lateral", "RShoulder")
     positions = np.random.default_rng(0).standard_normal((3, len(names), 3))
     positions[:, [2, 3, 7], 2] += 9.0
     markers = in_world("file", RawMarkers(names, 50.0, positions / 5.0, "m"), "m")
-    given = {"left_ankle": ["LANK_medial", "LANK_lateral"]}
-    assert dict(joints_of(markers, given)) == {
+    chosen = {"left_ankle": ["LANK_medial", "LANK_lateral"]}
+    assert dict(joints_of(markers, chosen)) == {
         "pelvis": ("L_Hip", "RHip"), "neck": ("Neck",), "head_centre": ("Neck", "Head"), "left_hip": ("L_Hip",),
         "left_knee": ("left knee",), "left_ankle": ("LANK_medial", "LANK_lateral"), "right_hip": ("RHip",),
         "right_shoulder": ("RShoulder",),
     }  # fmt: skip
-    centres = joint_centres(markers, markers.positions, given)
+    centres = joint_centres(markers, markers.positions, chosen)
     np.testing.assert_allclose(centres[:, JOINT_NAMES.index("pelvis")], markers.positions[:, :2].mean(axis=1))
     assert np.isnan(centres[:, JOINT_NAMES.index("right_knee")]).all()
     for wrong in ({"tail": ["Neck"]}, {"neck": ["Tail"]}):
@@ -68,35 +68,35 @@ def test_joints_are_named_in_many_ways_and_made_of_several_markers():
             joints_of(markers, wrong)
 
 
-def test_positions_between_frames_are_linear_and_unknown_beside_gaps_and_outside():
-    truth = places()
+def test_positions_are_interpolated_linearly_and_missing_near_gaps_and_outside():
+    truth = walking_joints()
     truth[1, 4] = np.nan
     markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, truth, "m"))
-    found = markers.at(np.array([0.0, 0.005, 0.04, 0.05, 0.06, 0.0601, -0.001]))
-    np.testing.assert_allclose(found[0], truth[0])
-    np.testing.assert_allclose(found[1, 3], 0.75 * truth[0, 3] + 0.25 * truth[1, 3])
-    assert np.isnan(found[1, 4]).all()
-    np.testing.assert_allclose(found[2], truth[2])
-    np.testing.assert_allclose(found[3], 0.5 * (truth[2] + truth[3]))
-    np.testing.assert_allclose(found[4], truth[3])
-    assert np.isnan(found[5:]).all()
+    positions = markers.at(np.array([0.0, 0.005, 0.04, 0.05, 0.06, 0.0601, -0.001]))
+    np.testing.assert_allclose(positions[0], truth[0])
+    np.testing.assert_allclose(positions[1, 3], 0.75 * truth[0, 3] + 0.25 * truth[1, 3])
+    assert np.isnan(positions[1, 4]).all()
+    np.testing.assert_allclose(positions[2], truth[2])
+    np.testing.assert_allclose(positions[3], 0.5 * (truth[2] + truth[3]))
+    np.testing.assert_allclose(positions[4], truth[3])
+    assert np.isnan(positions[5:]).all()
 
 
-def test_what_cannot_be_told_is_refused(tmp_path):
-    truth = places()
-    for positions, names, said in (
+def test_ambiguous_axes_empty_files_and_other_extensions_are_rejected(tmp_path):
+    truth = walking_joints()
+    for positions, names, message in (
         (truth[..., [2, 0, 1]], JOINT_NAMES, "y or z to be up, but the head is above the feet along x"),
         (truth, tuple(f"M{j}" for j in range(15)), "give the vertical axis"),
         (np.full_like(truth, np.nan), JOINT_NAMES, "found none in 4 frames"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             in_world("file", RawMarkers(names, 50.0, positions, "m"))
     with pytest.raises(InputError, match=r"the extension \.trc or \.c3d"):
         read_markers(tmp_path / "a.txt")
 
 
-def test_the_own_table_is_read_to_its_last_digit(tmp_path):
-    truth = places()
+def test_an_exported_table_is_read_back(tmp_path):
+    truth = walking_joints()
     truth[2, 5] = np.nan
     track = Track(BODY.skeleton, np.array([7, 8, 11, 12]), np.array([7, 8, 11, 12]) / 30.0, truth, np.zeros((4, 25)))
     export(tmp_path / "a.csv", track)
@@ -110,7 +110,7 @@ def test_the_own_table_is_read_to_its_last_digit(tmp_path):
 
 
 def c3d_file(path, labels, positions, unit="mm", **parameters):
-    """Write markers at positions (F, M, 3), in the unit, with more parameters of POINT."""
+    """Write markers at positions (F, M, 3) in a unit, with further parameters of POINT; return the path."""
     ezc3d = pytest.importorskip("ezc3d")
     file, points = ezc3d.c3d(), np.ones((4, positions.shape[1], len(positions)))
     points[:3] = positions.transpose(2, 1, 0)
@@ -129,21 +129,21 @@ def joints_in(path, **reading):
     return joint_centres(markers, markers.positions)
 
 
-def test_outputs_of_a_model_and_plates_do_not_mislead(tmp_path):
-    """Angles and moments far larger than the person, and the corners of a force plate 9 m away."""
-    truth = places()
-    others = np.tile([[3e4, 1.0, -5e4], [9.0, 9.0, 0.0], [20.0, 9e5, 7.0]], (4, 1, 1))
+def test_model_outputs_and_force_plates_do_not_change_unit_and_axes(tmp_path):
+    """Angles and moments are far larger than the person; a force plate is 9 m away."""
+    truth = walking_joints()
+    outputs = np.tile([[3e4, 1.0, -5e4], [9.0, 9.0, 0.0], [20.0, 9e5, 7.0]], (4, 1, 1))
     labels = [*[f"Anna:{name}" for name in JOINT_NAMES], "Anna:LKneeMoment", "FP0", "Anna:Custom"]
-    for unit, per_metre in (("mm", 1000.0), ("m", 1.0), ("cm", 100.0)):
-        points = np.concatenate([per_metre * truth, others], axis=1)
+    for unit, per_metre in (("mm", 1000.0), ("m", 1.0)):
+        points = np.concatenate([per_metre * truth, outputs], axis=1)
         path = c3d_file(tmp_path / "a.c3d", labels, points, unit, SCALARS=["Anna:Custom"])
         markers = read_markers(path)
         assert markers.names == (*labels[:-3], "FP0")
         np.testing.assert_allclose(joint_centres(markers, markers.positions), truth, atol=1e-6)
 
 
-def test_c3d_has_many_labels_gaps_and_a_vertical_axis(tmp_path, caplog):
-    truth = places()
+def test_c3d_files_can_have_many_labels_gaps_and_a_vertical_axis(tmp_path, caplog):
+    truth = walking_joints()
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-1.0, 1.0, (4, 260, 3)), truth], axis=1)
     points[2, 265] = 0.0
@@ -152,7 +152,7 @@ def test_c3d_has_many_labels_gaps_and_a_vertical_axis(tmp_path, caplog):
     expected[2, 5] = np.nan
     np.testing.assert_allclose(joints_in(path), expected, atol=1e-6)
     turned = truth[..., [1, 2, 0]]
-    for y_screen in ("+Y", "-Z"):  # a header that the person contradicts is not used
+    for y_screen in ("+Y", "-Z"):  # a header that contradicts the person is ignored
         caplog.clear()
         path = c3d_file(tmp_path / "b.c3d", JOINT_NAMES, 1000.0 * turned, X_SCREEN=["+X"], Y_SCREEN=[y_screen])
         np.testing.assert_allclose(joints_in(path), truth, atol=1e-6)
@@ -169,26 +169,28 @@ def test_c3d_has_many_labels_gaps_and_a_vertical_axis(tmp_path, caplog):
         {"left_hip": "LHJC", "left_knee": "LKJC", "left_ankle": "LAJC"},
     ],
 )
-def test_marker_sets_are_known(names):
-    found = marker_joints([f"Skeleton 1:{name}" for name in names.values()])
-    assert {joint: found[joint] for joint in names} == {j: (f"Skeleton 1:{name}",) for j, name in names.items()}
+def test_marker_sets_are_recognized(names):
+    joints_by_markers = marker_joints([f"Skeleton 1:{name}" for name in names.values()])
+    assert {joint: joints_by_markers[joint] for joint in names} == {
+        j: (f"Skeleton 1:{name}",) for j, name in names.items()
+    }
 
 
 def test_markers_on_both_sides_of_a_joint_are_preferred_and_people_are_separated(caplog):
     pairs = ["LKneeOut", "LKneeIn", "LLFC", "LMFC", "LWRA", "LWRB", "RKNE", "R.Knee.Medial", "R.Knee"]
-    found = marker_joints(pairs)
-    assert found["left_knee"] == ("LKneeOut", "LKneeIn")
-    assert found["left_wrist"] == ("LWRA", "LWRB")
-    assert found["right_knee"] == ("R.Knee", "R.Knee.Medial")
+    joints_by_markers = marker_joints(pairs)
+    assert joints_by_markers["left_knee"] == ("LKneeOut", "LKneeIn")
+    assert joints_by_markers["left_wrist"] == ("LWRA", "LWRB")
+    assert joints_by_markers["right_knee"] == ("R.Knee", "R.Knee.Medial")
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
-    found = marker_joints([f"{person}:{name}" for person in ("Anna", "Bob") for name in JOINT_NAMES])
-    assert {name.split(":")[0] for names in found.values() for name in names} == {"Anna"}
+    joints_by_markers = marker_joints([f"{person}:{name}" for person in ("Anna", "Bob") for name in JOINT_NAMES])
+    assert {name.split(":")[0] for names in joints_by_markers.values() for name in names} == {"Anna"}
     assert "markers of 2 people; used are those of Anna" in caplog.text
 
 
-def test_axes_and_unit_may_be_given(tmp_path):
-    """Of a person who lies along x, and one who walks along another axis than the usual."""
-    truth = places()
+def test_axes_and_unit_can_be_chosen(tmp_path):
+    """One person lies along x; the other walks along another axis than the default."""
+    truth = walking_joints()
     lying = np.stack([-truth[..., 1], truth[..., 2], -truth[..., 0]], axis=-1)  # along the file's x
     path = tmp_path / "a.trc"
     path.write_text(trc_text("a.trc", JOINT_NAMES, lying, 50.0))

@@ -1,8 +1,8 @@
-"""OpenSim's coordinates of poses made by hand, and by its models' order of rotations; the file by a strict parser."""
+"""OpenSim's coordinates of single movements and by its models' order of rotations, and the written file."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -47,14 +47,13 @@ def pose(**degrees):
         ({"root_x": 1.0, "root_y": 2.0, "root_z": 0.9}, {"pelvis_tx": 1.0, "pelvis_tz": -2.0, "pelvis_ty": 0.9}),
     ],
 )
-def test_one_movement_is_one_coordinate(moved, coordinate):
-    found = opensim_coordinates(SKELETON, pose(**moved))
-    for name, values in found.items():
+def test_a_single_movement_changes_a_single_coordinate(moved, coordinate):
+    for name, values in opensim_coordinates(SKELETON, pose(**moved)).items():
         assert values[0] == pytest.approx(coordinate.get(name, 0.0), abs=1e-9), name
 
 
-def test_signs_are_where_the_limb_is():
-    """Independent of our angles: the knee is ahead of the hip, outside of it, and the ankle behind the knee."""
+def test_positive_angles_move_limbs_forward_and_outward():
+    """By positions alone: the knee is in front of the hip, or outside of it, and the ankle is behind the knee."""
     frames = forward(SKELETON, pose(right_hip_flexion=30.0, left_hip_abduction=20.0, left_knee_flexion=40.0))
     hip, knee = (frames.positions[0, SKELETON.joint(f"right_{name}")] for name in ("hip", "knee"))
     assert np.degrees(np.arctan2(knee[0] - hip[0], hip[2] - knee[2])) == pytest.approx(30.0)
@@ -68,23 +67,24 @@ def rotation(z, x, y):
             * Rotation.from_euler("Y", y, degrees=True)).as_matrix()  # fmt: skip
 
 
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1.4, 1.4), min_size=25, max_size=25))
-def test_the_coordinates_compose_to_the_rotations_of_the_segments(values):
-    poses = np.array([values])
-    found = {name: float(each[0]) for name, each in opensim_coordinates(SKELETON, poses).items()}
+def test_the_coordinates_compose_to_the_rotations_of_the_segments(angles):
+    poses = np.array([angles])
+    coordinates = {name: float(values[0]) for name, values in opensim_coordinates(SKELETON, poses).items()}
     world = FROM_WORLD @ forward(SKELETON, poses).rotations[0] @ FROM_WORLD.T
-    pelvis = rotation(found["pelvis_tilt"], found["pelvis_list"], found["pelvis_rotation"])
+    pelvis = rotation(coordinates["pelvis_tilt"], coordinates["pelvis_list"], coordinates["pelvis_rotation"])
     np.testing.assert_allclose(pelvis, world[0], atol=1e-9)
     for side, sign in (("right", 1.0), ("left", -1.0)):
         for joint, names in (("hip", ("hip_flexion", "hip_adduction", "hip_rotation")),
                              ("shoulder", ("arm_flex", "arm_add", "arm_rot"))):  # fmt: skip
-            flexion, adduction, turn = (found[f"{name}_{side[0]}"] for name in names)
+            flexion, adduction, turn = (coordinates[f"{name}_{side[0]}"] for name in names)
             local = rotation(flexion, sign * adduction, sign * turn)
             np.testing.assert_allclose(pelvis @ local, world[SKELETON.joint(f"{side}_{joint}")], atol=1e-7)
 
 
 def parsed(text):
-    """A reader as strict as OpenSim's: header to endheader, labels, and rows of the declared numbers."""
+    """Return {label: values} as strictly as OpenSim: a header to endheader, labels, and the declared rows."""
     header, body = text.split("endheader\n")
     declared = dict(line.split("=") for line in header.splitlines() if line.count("=") == 1)
     labels, *rows = body.removesuffix("\n").split("\n")
@@ -94,20 +94,20 @@ def parsed(text):
     return dict(zip(labels.split("\t"), values.T, strict=True))
 
 
-def test_the_file_has_the_frames_with_poses_and_what_is_determined():
+def test_the_file_has_the_frames_with_poses_and_the_determined_coordinates():
     rng = np.random.default_rng(3)
     poses = np.cumsum(rng.uniform(0.0, 0.1, (90, 25)), axis=0)
     poses[:, 6:] = 0.5 * np.sin(poses[:, 6:])
     expected, times_s = opensim_coordinates(SKELETON, poses), np.arange(90) / 29.97
-    assert np.abs(np.diff(expected["pelvis_rotation"])).max() < 90.0  # over more than a turn
+    assert np.abs(np.diff(expected["pelvis_rotation"])).max() < 90.0  # the heading exceeds a full turn
     poses[[4, 7]] = np.nan
-    found = parsed(mot_text("walk", SKELETON, times_s, poses))
-    some = np.isfinite(poses[:, 0])
-    np.testing.assert_allclose(found.pop("time"), times_s[some], atol=0.51e-9)
-    assert list(found) == list(expected)
-    for name, values in found.items():
-        wrapped = (values - expected[name][some] + 180.0) % 360.0 - 180.0
+    columns = parsed(mot_text("walk", SKELETON, times_s, poses))
+    present = np.isfinite(poses[:, 0])
+    np.testing.assert_allclose(columns.pop("time"), times_s[present], atol=0.51e-9)
+    assert list(columns) == list(expected)
+    for name, values in columns.items():
+        wrapped = (values - expected[name][present] + 180.0) % 360.0 - 180.0
         np.testing.assert_allclose(wrapped, 0.0, atol=0.51e-8, err_msg=name)
-    fewer = parsed(mot_text("walk", SKELETON, times_s, poses, ("left_elbow_flexion", "left_shoulder_twist")))
-    assert set(found) - set(fewer) == {"elbow_flex_l", "arm_rot_l"}
+    determined = parsed(mot_text("walk", SKELETON, times_s, poses, ("left_elbow_flexion", "left_shoulder_twist")))
+    assert set(columns) - set(determined) == {"elbow_flex_l", "arm_rot_l"}
     assert "pelvis_tilt" not in parsed(mot_text("walk", SKELETON, times_s, poses, ("root_pitch",)))

@@ -1,4 +1,4 @@
-"""BVH files with the joints, units, axes and grammar of other programs: each imports as the walk that it is."""
+"""BVH files with the joints, units, axes and grammar of other programs, all of the same walk."""
 
 import logging
 
@@ -16,77 +16,68 @@ from workbench.utils.errors import InputError
 BODY = [k for k, name in enumerate(JOINT_NAMES) if name != "head_centre"]
 
 
-def check_walk(motion, places_m=0.003, twist_rad=0.12):
-    """Check that a motion is the walk: its lengths, its joints but the head, and its twists."""
+def check_walk(motion):
+    """Check that a motion is the walk by its lengths, its joints without the head, and its twists."""
     truth = walk()
     assert motion.rate_hz == 30.0
     assert motion.shape.thigh == pytest.approx(truth.shape.thigh, abs=1e-4)
-    expected, found = (joints(person_skeleton(each.shape), each.poses) for each in (truth, motion))
-    np.testing.assert_allclose(found[:, BODY], expected[:, BODY], atol=places_m)
+    expected, positions = (joints(person_skeleton(one.shape), one.poses) for one in (truth, motion))
+    np.testing.assert_allclose(positions[:, BODY], expected[:, BODY], atol=0.003)
     skeleton = person_skeleton(truth.shape)
     twists = [skeleton.dof(f"{side}_{joint}_twist") for side in ("left", "right") for joint in ("hip", "shoulder")]
-    assert np.abs(motion.poses[:, twists] - truth.poses[:, twists]).max() < twist_rad
+    assert np.abs(motion.poses[:, twists] - truth.poses[:, twists]).max() < 0.12
 
 
 @pytest.mark.parametrize("style", STYLES)
 def test_skeletons_of_other_programs_are_imported(tmp_path, style):
-    """Whatever the axes of their joints' frames, and without a rest pose that a person can have."""
+    """The axes of the joints' frames are random; the rest pose is not one of a person."""
     check_walk(load_motion(walk_bvh(tmp_path, style, seed=3)))
 
 
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
-def test_hinges_are_found_in_any_frame(tmp_path, seed):
+def test_hinge_axes_are_estimated_in_any_frame(tmp_path, seed):
     clip = read_bvh(walk_bvh(tmp_path, seed=seed))
     landmarks = estimated_landmarks(clip)
     for name, left in landmarks.lefts.items():
         assert np.linalg.norm(left) == pytest.approx(1.0)
-        assert seed is not None or left[1] > 0.9, name  # of our own frames, in which y is left
+        assert seed is not None or left[1] > 0.9, name  # in our frames y is left
     check_walk(retarget(clip, landmarks))
 
 
-@pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize(
-    ("unit", "per_metre"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0), ("inch", 1 / 0.0254), ("cmu", 0.45 / 0.0254)]
-)
-def test_unit_and_vertical_axis_are_those_of_a_person(tmp_path, caplog, up, unit, per_metre):
+    ("unit", "per_metre", "up"),
+    [
+        ("m", 1.0, "z"), ("cm", 100.0, "y"), ("cm", 100.0, "z"), ("mm", 1000.0, "y"), ("inch", 1 / 0.0254, "z"),
+        ("cmu", 0.45 / 0.0254, "y"),
+    ],
+)  # fmt: skip
+def test_unit_and_vertical_axis_are_those_of_a_person(tmp_path, caplog, unit, per_metre, up):
     caplog.set_level(logging.INFO)
     path = walk_bvh(tmp_path, unit=per_metre, up=up, seed=1)
     check_walk(load_motion(path))
     assert f"read in {unit}" in caplog.text
-    warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
-    assert len(warned) == (unit != "cm") + (up != "y")
+    warnings = [record for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(warnings) == (unit != "cm") + (up != "y")
     caplog.clear()
     check_walk(load_motion(path, Reading(unit=unit, up=up)))
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
 
-def test_a_size_that_nobody_has_is_refused_with_the_key(tmp_path):
+def test_an_impossible_size_is_rejected_with_the_key(tmp_path):
     with pytest.raises(InputError, match=r"expected a person of 0.9 to 2.3 m.*give the unit"):
         load_motion(walk_bvh(tmp_path, unit=30_000.0))
 
 
-def test_the_own_export_is_imported(tmp_path):
+def test_our_export_is_imported(tmp_path):
     motion = walk()
     for unit in ("cm", "m"):
         path = tmp_path / f"{unit}.bvh"
         path.write_text(bvh_text(person_skeleton(motion.shape), motion.poses, motion.rate_hz, unit))
-        again = load_motion(path)
-        check_walk(again)
-        head = [joints(person_skeleton(each.shape), each.poses)[:, JOINT_NAMES.index("head_centre")]
-                for each in (motion, again)]  # fmt: skip
-        np.testing.assert_allclose(*head, atol=0.003)
-
-
-def rows(text):
-    return text.index("MOTION"), text.split("MOTION")[1].split("\n")
-
-
-def one_frame_more(text):
-    return text.replace("Frames: 61", "Frames: 60")
-
-
-def one_frame_less(text):
-    return text.replace("Frames: 61", "Frames: 62")
+        imported = load_motion(path)
+        check_walk(imported)
+        heads = [joints(person_skeleton(one.shape), one.poses)[:, JOINT_NAMES.index("head_centre")]
+                 for one in (motion, imported)]  # fmt: skip
+        np.testing.assert_allclose(*heads, atol=0.003)
 
 
 def prop(text):
@@ -99,8 +90,8 @@ def prop(text):
 
 VARIANTS = {
     "blank lines": lambda text: text.replace("MOTION\n", "\nMOTION\n\n").replace("\nFrame Time", "\n\nFrame Time"),
-    "more rows": one_frame_more,
-    "fewer rows": one_frame_less,
+    "more rows": lambda text: text.replace("Frames: 61", "Frames: 60"),
+    "fewer rows": lambda text: text.replace("Frames: 61", "Frames: 62"),
     "lower case": lambda text: text.replace("rotation", "ROTATION").lower().replace("hips", "Hips"),
     "decimal commas": lambda text: text.replace(".", ","),
     "CRLF and a byte-order mark": lambda text: "\ufeff" + text.replace("\n", "\r\n"),
@@ -122,8 +113,8 @@ def test_windows_1252_is_read(tmp_path):
     check_walk(load_motion(path))
 
 
-def test_a_hinge_may_have_one_rotation(tmp_path):
-    """In the walk's own frames a knee rotates about the file's x only."""
+def test_a_hinge_can_have_a_single_rotation(tmp_path):
+    """In the walk's frames a knee rotates about the file's x only."""
 
     def hinge(text):
         head, motion = text.split("MOTION")
@@ -137,9 +128,9 @@ def test_a_hinge_may_have_one_rotation(tmp_path):
             lines.append(line)
         count, time, *frames = motion.strip().split("\n")
         unused = {column for knee in knees for column in (knee, knee + 2)}  # of Z, X and Y
-        kept = [" ".join(x for k, x in enumerate(row.split()) if k not in unused) for row in frames]
+        frames = [" ".join(x for k, x in enumerate(row.split()) if k not in unused) for row in frames]
         assert len(knees) == 2
-        return "\n".join([*lines, "MOTION", count, time, *kept, ""])
+        return "\n".join([*lines, "MOTION", count, time, *frames, ""])
 
     check_walk(load_motion(walk_bvh(tmp_path, lines=hinge)))
 
@@ -151,13 +142,13 @@ def test_missing_values_repeat_the_last_ones(tmp_path, caplog):
         lines[first + 5] = " ".join(["nan"] * len(lines[first].split()))
         return "\n".join(lines)
 
-    clip, whole = read_bvh(walk_bvh(tmp_path, lines=gap)), read_bvh(walk_bvh(tmp_path))
-    np.testing.assert_array_equal(clip.positions[5], whole.positions[4])
-    np.testing.assert_array_equal(clip.positions[6:], whole.positions[6:])
+    clip, complete = read_bvh(walk_bvh(tmp_path, lines=gap)), read_bvh(walk_bvh(tmp_path))
+    np.testing.assert_array_equal(clip.positions[5], complete.positions[4])
+    np.testing.assert_array_equal(clip.positions[6:], complete.positions[6:])
     assert "1 of 61 frames lack values" in caplog.text
 
 
-def test_other_names_are_given(tmp_path):
+def test_other_names_are_mapped_by_landmarks(tmp_path):
     path = walk_bvh(tmp_path, lines=lambda text: text.replace("LeftLeg", "Anna Knie links"))
     with pytest.raises(InputError, match="found no joint for left_knee; name them by the key landmarks"):
         load_motion(path)
@@ -167,7 +158,7 @@ def test_other_names_are_given(tmp_path):
             load_motion(path, Reading(landmarks=landmarks))
 
 
-def test_who_lies_along_x_needs_the_key(tmp_path):
+def test_a_person_lying_along_x_needs_the_vertical_axis(tmp_path):
     def lying(text):
         """Return the text with the walk in a frame of the laboratory that is turned by 90°."""
         head, motion = text.split("Frame Time: 0.0333333\n")
@@ -180,8 +171,8 @@ def test_who_lies_along_x_needs_the_key(tmp_path):
     path = walk_bvh(tmp_path, lines=lying)
     with pytest.raises(InputError, match=r"along x in 100% of the frames; if the person lies, give the vertical axis"):
         load_motion(path)
-    lies, stands = (load_motion(path, Reading(up=up)) for up in ("y", "x"))
+    lying_walk, standing_walk = (load_motion(path, Reading(up=up)) for up in ("y", "x"))
     expected = joints(person_skeleton(walk().shape), walk().poses)[:, BODY, 2]
-    for motion, axis in ((lies, 1), (stands, 2)):  # the file's x is the world's y if its y is up
-        places = joints(person_skeleton(motion.shape), motion.poses)[:, BODY, axis]
-        np.testing.assert_allclose(places, expected, atol=0.003)
+    for motion, axis in ((lying_walk, 1), (standing_walk, 2)):  # the file's x is the world's y if its y is up
+        coordinates = joints(person_skeleton(motion.shape), motion.poses)[:, BODY, axis]
+        np.testing.assert_allclose(coordinates, expected, atol=0.003)

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workbench.body.kinematics import joints
@@ -37,7 +37,7 @@ def test_axes_are_a_rotation_to_the_world(up, forward):
     np.testing.assert_allclose(axes.rotations(rotation), matrix @ rotation @ matrix.T)
 
 
-def test_usual_axes():
+def test_files_with_y_up_and_z_up():
     np.testing.assert_array_equal(world_axes("y").vectors(np.array([1.0, 2.0, 3.0])), [3.0, 1.0, 2.0])
     np.testing.assert_array_equal(world_axes("z").vectors(np.array([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
     for wrong in (("w", None), ("y", "-y"), ("", None)):
@@ -45,18 +45,19 @@ def test_usual_axes():
             world_axes(*wrong)
 
 
+@settings(max_examples=30)
 @given(height_m=st.floats(0.9, 2.3), unit=st.sampled_from(list(UNITS)))
-def test_a_person_has_a_height_and_stands(height_m, unit):
+def test_height_and_vertical_axis_follow_from_a_standing_person(height_m, unit):
     skeleton = person_skeleton(from_height(height_m))
-    places = joints(skeleton, np.zeros((3, 25))) / UNITS[unit]
-    named = {name: places[:, k] for k, name in enumerate(JOINT_NAMES)}
-    assert stature(named) == pytest.approx(height_m / UNITS[unit])
-    assert metres_per_unit("file", stature(named), unit) == UNITS[unit]
-    assert vertical_axis("file", upward(named), None) == "z"
-    legs = {name: at for name, at in named.items() if "knee" in name or "hip" in name}
+    positions = joints(skeleton, np.zeros((3, 25))) / UNITS[unit]
+    by_name = {name: positions[:, k] for k, name in enumerate(JOINT_NAMES)}
+    assert stature(by_name) == pytest.approx(height_m / UNITS[unit])
+    assert metres_per_unit("file", stature(by_name), unit) == UNITS[unit]
+    assert vertical_axis("file", upward(by_name), None) == "z"
+    legs = {name: position for name, position in by_name.items() if "knee" in name or "hip" in name}
     assert vertical_axis("file", upward(legs), None) == "z"
     assert stature({}) is None
-    assert upward({"left_knee": places[:, 1]}) is None
+    assert upward({"left_knee": positions[:, 1]}) is None
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def test_the_header_is_used_where_it_is_plausible(caplog, size, header, metres, 
     assert [record.levelno for record in caplog.records] == [level]
 
 
-def test_an_implausible_size_and_an_unknown_unit_are_refused():
+def test_an_implausible_size_and_an_unknown_unit_are_rejected():
     with pytest.raises(InputError, match=r"file: expected a person of 0.9 to 2.3 m, found a body height of 1.7e\+05"):
         metres_per_unit("file", 170_000.0, "mm")
     with pytest.raises(InputError, match="the unit must be one of m, cm, mm, inch, cmu, found 'ell'"):
@@ -83,32 +84,32 @@ def test_an_implausible_size_and_an_unknown_unit_are_refused():
     assert metres_per_unit("file", 170_000.0, "mm", "mm") == 0.001
 
 
-def along(axis, share=1.0, n=20):
-    """Return n vectors along an axis in a share of the frames, and oblique else."""
+def along(axis, fraction=1.0, n=20):
+    """Return n vectors, a fraction of which are along an axis and the others oblique; the last is NaN."""
     vectors = np.tile(np.eye(3)["xyz".index(axis[-1])] * (-1.7 if axis[0] == "-" else 1.7), (n, 1))
-    vectors[: round((1.0 - share) * n)] = 1.0
+    vectors[: round((1.0 - fraction) * n)] = 1.0
     vectors[-1] = np.nan
     return vectors
 
 
 @pytest.mark.parametrize(
-    ("axis", "share", "usual", "expected"),
+    ("axis", "fraction", "default", "expected"),
     [
         ("y", 1.0, "y", "y"), ("y", 0.6, "y", "y"), ("z", 1.0, "y", "z"), ("z", 0.5, "y", "y"), ("-y", 1.0, "y", "-y"),
         ("y", 1.0, None, "y"), ("z", 0.6, None, "z"), ("-z", 1.0, None, "-z"), ("x", 0.5, "y", "y"),
         ("x", 1.0, "y", None), ("-x", 1.0, None, None), ("z", 0.3, None, None), ("x", 1.0, "x", "x"),
     ],
 )  # fmt: skip
-def test_the_vertical_axis_is_that_of_people_who_stand(axis, share, usual, expected):
+def test_the_vertical_axis_is_that_of_most_frames_or_the_default(axis, fraction, default, expected):
     if expected is None:
         with pytest.raises(InputError, match="if the person lies, give the vertical axis"):
-            vertical_axis("file", along(axis, share), usual)
+            vertical_axis("file", along(axis, fraction), default)
     else:
-        assert vertical_axis("file", along(axis, share), usual) == expected
-    assert vertical_axis("file", along(axis, share), usual, "-x") == "-x"
+        assert vertical_axis("file", along(axis, fraction), default) == expected
+    assert vertical_axis("file", along(axis, fraction), default, "-x") == "-x"
 
 
-def test_an_unknown_posture_needs_a_convention():
+def test_an_unknown_posture_needs_a_default_axis():
     assert vertical_axis("file", None, "y") == "y"
     with pytest.raises(InputError, match="expected joints or markers of head or shoulders"):
         vertical_axis("file", None, None)

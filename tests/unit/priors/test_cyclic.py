@@ -1,4 +1,4 @@
-"""The cyclic prior: kernels against NumPy, derivatives against differences, noise against its deviations."""
+"""The cyclic prior: decoding against NumPy, transitions against their moments, derivatives against differences."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ T, D = 32, 3
 
 
 def model(seed=0, channels=20):
-    """Smooth random curves: a few harmonics over a plausible mean walk; 25 channels: with the root's sway."""
+    """Smooth random curves: a few harmonics over a plausible mean walk; 25 channels include the root's sway."""
     rng = np.random.default_rng(seed)
     phase = 2 * np.pi * np.arange(T) / T
     waves = np.stack([np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)])
@@ -35,7 +35,7 @@ def states(prior, n, seed=1):
 
 
 @pytest.mark.parametrize("n_phases", [33, 64, TABLE_PHASES])
-def test_curves_keep_their_frequencies_at_the_phases_of_the_table(n_phases):
+def test_curves_are_resampled_as_by_scipy(n_phases):
     curves = np.random.default_rng(0).standard_normal((3, n_phases, 4))
     np.testing.assert_array_equal(at_table_phases(curves), scipy.signal.resample(curves, TABLE_PHASES, axis=1))
 
@@ -47,7 +47,7 @@ def test_the_kernel_agrees_with_numpy():
     assert decode(table, coefficients, phase) == pytest.approx(oracle.decode(table, coefficients, phase), abs=1e-12)
 
 
-def test_decoding_is_the_model_at_its_own_phases():
+def test_decoding_at_the_models_phases_gives_its_curves():
     learned = model()
     prior = Cyclic(learned)
     state = np.zeros((T, len(prior.space)))
@@ -57,7 +57,7 @@ def test_decoding_is_the_model_at_its_own_phases():
     assert prior.pose(state)[:, N_ROOT:] == pytest.approx(expected[:, 1:], abs=1e-9)
 
 
-def test_start_is_near_the_pose(monkeypatch):
+def test_initial_states_are_near_the_pose(monkeypatch):
     for name in ("COEFFICIENT", "PHASE"):
         monkeypatch.setattr(f"workbench.priors.cyclic.INITIAL_{name}_STD", 0.0)
     prior = Cyclic(model(), initial_position_std=0.01, initial_rotation_std=0.02)
@@ -68,63 +68,68 @@ def test_start_is_near_the_pose(monkeypatch):
     poses = prior.pose(start)
     assert poses[:, :3].std(axis=0) == pytest.approx(0.01, rel=0.1)
     assert poses[:, 3:6].std(axis=0) == pytest.approx(0.02, rel=0.1)
-    # the ridge towards the mean biases the angles, by less than the 0.1 rad it assumes of them
+    # the ridge towards the mean biases the angles by less than the 0.1 rad that it assumes
     assert np.abs(poses[:, N_ROOT:].mean(axis=0) - pose[N_ROOT:]).max() < 0.1
     speed = start[:, prior.space.slices["phase_speed"]]
     assert (speed.mean(), speed.std()) == (pytest.approx(0.95, abs=0.01), pytest.approx(0.08, rel=0.1))
 
 
-def test_the_sway_is_aside_of_the_even_heading_and_taken_off_a_starting_pose():
+def test_the_root_sways_across_its_mean_heading():
     prior = Cyclic(model(channels=25))
     state = states(prior, 1)
     state[0, prior.space.slices["coefficients"]] = 0.0
     state[0, prior.space.slices["phase"]] = 0.25
-    aside, up, *turns = prior.model.mean[T // 4, 20:]
+    sway, up, *turns = prior.model.mean[T // 4, 20:]
     pose, root = prior.pose(state)[0], state[0, -6:]
     across = np.array([-np.sin(root[3]), np.cos(root[3])])
-    expected = np.concatenate([root[:2] + aside * across, [root[2] + up], root[3:] + turns])
+    expected = np.concatenate([root[:2] + sway * across, [root[2] + up], root[3:] + turns])
     assert pose[:N_ROOT] == pytest.approx(expected, abs=1e-12)
-    # the nearest state may have another phase and coefficients; its pose has the same root all the same
+    # the nearest state may have another phase and coefficients, but its pose has the same root
     assert prior.pose(prior.nearest(pose)[None])[0, :N_ROOT] == pytest.approx(pose[:N_ROOT], abs=1e-12)
 
 
 @pytest.mark.parametrize("dt_s", [1 / 30, 1 / 120])
 def test_one_step_has_the_stated_mean_and_deviation(dt_s):
     prior = Cyclic(model(), sigma_position=(0.01, 0.02, 0.03), sigma_rotation=(0.02, 0.01, 0.03))
-    one = states(prior, 1)
-    one[0, prior.space.slices["phase"]] = 0.3
-    many = np.repeat(one, 40000, axis=0)
-    moved = prior.sample_transition(many, dt_s, np.random.default_rng(0)) - one
-    slices, share = prior.space.slices, dt_s * 30
-    deviations = np.array([0.05] * D + [0.009, 0.01, 0.01, 0.02, 0.03, 0.02, 0.01, 0.03]) * np.sqrt(share)
-    assert moved.std(axis=0) == pytest.approx(deviations, rel=0.03)
-    speed = decode(prior._table, one[:, slices["coefficients"]], one[0, slices["phase"]])[0, 0]
-    heading = one[0, slices["root_rotation"].start]
+    parent = states(prior, 1)
+    parent[0, prior.space.slices["phase"]] = 0.3
+    parents = np.repeat(parent, 40000, axis=0)
+    steps = prior.sample_transition(parents, dt_s, np.random.default_rng(0)) - parent
+    slices, n_frames = prior.space.slices, dt_s * 30
+    deviations = np.array([0.05] * D + [0.009, 0.01, 0.01, 0.02, 0.03, 0.02, 0.01, 0.03]) * np.sqrt(n_frames)
+    assert steps.std(axis=0) == pytest.approx(deviations, rel=0.03)
+    speed = decode(prior._table, parent[:, slices["coefficients"]], parent[0, slices["phase"]])[0, 0]
+    heading = parent[0, slices["root_rotation"].start]
     mean = np.zeros(len(prior.space))
-    mean[slices["coefficients"]] = -(1 - np.sqrt(1 - share * 0.05**2)) * one[0, slices["coefficients"]]
-    mean[slices["phase"]] = dt_s * one[0, slices["phase_speed"]]
+    mean[slices["coefficients"]] = -(1 - np.sqrt(1 - n_frames * 0.05**2)) * parent[0, slices["coefficients"]]
+    mean[slices["phase"]] = dt_s * parent[0, slices["phase_speed"]]
     mean[slices["root_position"]] = dt_s * speed * np.array([np.cos(heading), np.sin(heading), 0.0])
-    assert moved.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
+    assert steps.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
 
 
-STILL = {"sigma_phase": 0.0, "sigma_phase_speed": 0.0, "sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3}
+NO_ROOT_NOISE = {
+    "sigma_phase": 0.0,
+    "sigma_phase_speed": 0.0,
+    "sigma_position": (0.0,) * 3,
+    "sigma_rotation": (0.0,) * 3,
+}
 
 
-def test_as_paper_a_writes_it_the_state_is_its_twelve_numbers_and_coefficients_walk_at_random():
-    """A section 6.2 counts 5 + 1 + 3 + 3; here d is 3. Over 400 steps N(0, 400 ε²), not the stationary N(0, 1)."""
-    prior = Cyclic(model(), transition="A", sigma_coefficients=0.2, **STILL)
+def test_as_in_paper_a_the_coefficients_are_a_random_walk():
+    """The state has d + 1 + 3 + 3 numbers (A, section 6.2). After n steps the coefficients are N(0, n ε²)."""
+    prior = Cyclic(model(), transition="A", sigma_coefficients=0.2, **NO_ROOT_NOISE)
     assert len(prior.space) == D + 7
     assert "phase_speed" not in prior.space.slices
     state, rng = np.zeros((4000, len(prior.space))), np.random.default_rng(0)
-    for _ in range(400):
+    for _ in range(100):
         state = prior.sample_transition(state, 1 / 30, rng)
-    assert state[:, prior.space.slices["coefficients"]].std(axis=0) == pytest.approx(0.2 * 20.0, rel=0.04)
-    phase = 0.95 * 400 / 30 % 1.0  # by the mean ρ of the training cycles, the same for all
+    assert state[:, prior.space.slices["coefficients"]].std(axis=0) == pytest.approx(0.2 * 10.0, rel=0.04)
+    phase = 0.95 * 100 / 30 % 1.0  # by the mean rate of the training cycles
     assert state[:, prior.space.slices["phase"]] == pytest.approx(phase, abs=1e-9)
 
 
-def test_as_paper_a_writes_it_the_root_moves_along_the_torsos_own_axis():
-    prior = Cyclic(model(), transition="A", sigma_coefficients=0.0, **STILL)
+def test_as_in_paper_a_the_root_moves_along_the_torsos_axis():
+    prior = Cyclic(model(), transition="A", sigma_coefficients=0.0, **NO_ROOT_NOISE)
     state = states(prior, 5)
     moved = prior.sample_transition(state, 0.1, np.random.default_rng(0))
     pose = np.zeros((5, 25))
@@ -135,8 +140,8 @@ def test_as_paper_a_writes_it_the_root_moves_along_the_torsos_own_axis():
     assert moved[:, position] - state[:, position] == pytest.approx(0.1 * speed[:, None] * torso[:, :, 0], abs=1e-12)
 
 
-def test_as_paper_b_writes_it_nothing_but_noise_moves_the_root():
-    prior = Cyclic(model(), transition="B", sigma_coefficients=0.0, **STILL)
+def test_as_in_paper_b_the_root_has_no_mean_motion():
+    prior = Cyclic(model(), transition="B", sigma_coefficients=0.0, **NO_ROOT_NOISE)
     state = states(prior, 5)
     moved = prior.sample_transition(state, 0.1, np.random.default_rng(0))
     phase, cycles_hz = (state[:, prior.space.slices[name]] for name in ("phase", "phase_speed"))
@@ -146,7 +151,7 @@ def test_as_paper_b_writes_it_nothing_but_noise_moves_the_root():
 
 
 @pytest.mark.parametrize("transition", ["A", "B"])
-def test_a_start_as_the_papers_write_it_is_near_the_pose(transition):
+def test_initial_states_of_the_papers_are_near_the_pose(transition):
     prior = Cyclic(model(), transition=transition)
     pose = prior.pose(0.1 * states(prior, 1))[0]
     start = prior.pose(prior.sample_initial(pose, 500, np.random.default_rng(0)))
@@ -157,15 +162,15 @@ def test_a_start_as_the_papers_write_it_is_near_the_pose(transition):
 @pytest.mark.parametrize("dt_s", [1 / 30, 1 / 10])
 def test_coefficients_stay_standard_normal(dt_s):
     prior, rng = Cyclic(model(), sigma_coefficients=0.5), np.random.default_rng(0)
-    state, own = np.zeros((40_000, len(prior.space))), prior.space.slices["coefficients"]
-    state[:, own] = rng.standard_normal((40_000, D))
-    moved = prior.sample_transition(state, dt_s, rng)[:, own]
-    assert moved.std(axis=0) == pytest.approx(1.0, rel=5 / np.sqrt(2 * 40_000))
-    assert prior.mean(state, dt_s)[:, own] == pytest.approx(np.sqrt(1.0 - 30.0 * dt_s * 0.25) * state[:, own])
+    state, columns = np.zeros((10_000, len(prior.space))), prior.space.slices["coefficients"]
+    state[:, columns] = rng.standard_normal((10_000, D))
+    moved = prior.sample_transition(state, dt_s, rng)[:, columns]
+    assert moved.std(axis=0) == pytest.approx(1.0, rel=5 / np.sqrt(2 * 10_000))
+    assert prior.mean(state, dt_s)[:, columns] == pytest.approx(np.sqrt(1.0 - 30.0 * dt_s * 0.25) * state[:, columns])
 
 
-def test_the_root_goes_at_the_torso_s_speed_of_the_phase_it_leaves():
-    """A eq. 16: τ_t is where v_t−1 leads from τ_t−1; a quarter of a cycle later the speed is another."""
+def test_the_root_moves_at_the_torso_speed_of_the_previous_phase():
+    """The position τ_t follows from τ_t−1 and v_t−1 (A, eq. 16); a quarter of a cycle later the speed differs."""
     learned, c = model(), np.array([0.5, -1.0, 0.3])
     prior = Cyclic(learned)
     slices, state = prior.space.slices, np.zeros((1, len(prior.space)))
@@ -180,7 +185,7 @@ def test_the_root_goes_at_the_torso_s_speed_of_the_phase_it_leaves():
 CAMERA = plain_camera(640, 480, 700.0, (0.3, -4.5, 1.2), (0.0, 0.0, 1.0))
 
 
-def test_the_projection_jacobian_agrees_with_differences():
+def test_the_projection_jacobian_agrees_with_finite_differences():
     points = np.random.default_rng(0).normal([0, 0, 1], 0.4, (10, 3))
     analytic = projection_jacobian(CAMERA, points)
     for axis in range(3):

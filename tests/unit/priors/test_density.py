@@ -1,4 +1,4 @@
-"""The density of a transition against draws from it: reweighted, the children of one state stand for another's."""
+"""Transition densities of priors against closed forms and against samples that they reweight."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -22,9 +22,9 @@ from workbench.priors.smooth import Smooth
 DT = 1 / 25
 N = 20_000
 ARM = ["left_arm"]
-KEPT = np.array([0.5, 0.95])
+AR_COEFFICIENTS = np.array([0.5, 0.95])
 TRAJECTORY = Trajectory(np.array([0.0, 1.0]), np.stack([np.full(25, 0.1), np.full(25, 0.2)]))
-NAMED = ["walking", "activity", "smooth", "ar_offsets", "offsets of smooth", "fitted_rest"]
+NAMES = ["walking", "activity", "smooth", "ar_offsets", "offsets of smooth", "fitted_rest"]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def priors(cache):
 
 
 def family(prior):
-    """A parent near the end of its cycle and, where there are limits, at one; and another, half a deviation away."""
+    """Return a parent at a cycle's end or near a limit, another half a deviation away, and children of the first."""
     rng = np.random.default_rng(0)
     pose = builtin_motions()[0].resampled(30.0).poses[0].copy()
     parent = prior.sample_initial(pose, 1, rng)
@@ -61,25 +61,27 @@ def family(prior):
     return parent, other, children
 
 
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.slow
-def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name):
+def test_reweighted_children_have_the_moments_of_the_other_parents_children(priors, name):
     prior = priors[name]
     parent, other, children = family(prior)
     density = prior.capabilities.density
     log_ratio = density.log_transition(other, children, DT) - density.log_transition(parent, children, DT)
     assert np.isfinite(log_ratio).all()
     weights = np.exp(log_ratio)
-    others = prior.sample_transition(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
-    middle = density.mean(other, DT)
-    found, expected = (state_difference(prior.space, middle, states)[:, density.free] for states in (children, others))
+    expected = prior.sample_transition(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
+    mean = density.mean(other, DT)
+    children, expected = (
+        state_difference(prior.space, mean, states)[:, density.free] for states in (children, expected)
+    )
     for power in (0, 1, 2):
-        weighted, plain = weights[:, None] * found**power, expected**power
+        weighted, plain = weights[:, None] * children**power, expected**power
         error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / N)
         assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-9).all()
 
 
-def test_the_walking_priors_density_is_a_normal_distribution_in_the_columns_that_have_noise(priors):
+def test_the_walking_density_is_normal_in_the_columns_with_noise(priors):
     prior = priors["walking"]
     parent, _, children = family(prior)
     free = [i for i, name in enumerate(prior.space.names) if name != "root_heading"]
@@ -92,7 +94,7 @@ def test_the_walking_priors_density_is_a_normal_distribution_in_the_columns_that
     assert prior.log_transition(parent, turned, DT) == -np.inf
 
 
-def test_the_smooth_priors_density_is_a_truncated_normal_distribution():
+def test_the_smooth_density_is_a_truncated_normal():
     prior = Smooth(parameters=["left_elbow_flexion"], sigma={"elbow": 0.05})
     state = prior.enter(np.zeros((1, 25)), np.zeros((1, 25)))
     values = np.linspace(-0.2, 0.2, 9)
@@ -101,12 +103,12 @@ def test_the_smooth_priors_density_is_a_truncated_normal_distribution():
     velocity = -np.log(np.sqrt(2 * np.pi) * prior.sigma_velocity[0])
     expected = truncnorm(-0.1 / 0.05, 2.7 / 0.05, 0.0, 0.05).logpdf(values) + velocity
     np.testing.assert_allclose(prior.log_transition(state, children, 1 / 30), expected, rtol=1e-9)
-    held = children.copy()
-    held[:, -1] += 1e-3
-    assert (prior.log_transition(state, held, 1 / 30) == -np.inf).all()
+    accelerated = children.copy()
+    accelerated[:, -1] += 1e-3
+    assert (prior.log_transition(state, accelerated, 1 / 30) == -np.inf).all()
 
 
-def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
+def test_offsets_decay_at_their_rate(priors):
     prior = priors["ar_offsets"]
     parent, _, _ = family(prior)
     offsets = prior.space.slices["offsets"]
@@ -118,16 +120,16 @@ def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
         assert children.var(axis=0) == pytest.approx(variance, rel=5 * np.sqrt(2 / N))
 
 
-def test_offsets_start_as_they_are_in_the_long_run():
-    """Of an autoregression that keeps k of itself, with noise σ: N(0, σ² / (1 − k²)), which a step leaves as it is."""
+def test_offsets_start_in_their_stationary_distribution():
+    """Offsets with the coefficient k and noise σ stay N(0, σ² / (1 − k²))."""
     prior, rng = AROffsets(Smooth(parameters=ARM), sigma=0.03, ar_coefficient=0.8), np.random.default_rng(0)
     state = prior.sample_initial(np.full(25, 0.1), N, rng)
     for states in (state, prior.sample_transition(state, 1 / 30, rng)):
-        found = states[:, prior.space.slices["offsets"]].std(axis=0)
-        assert found == pytest.approx(0.03 / 0.6, rel=5 / np.sqrt(2 * N))
+        deviations = states[:, prior.space.slices["offsets"]].std(axis=0)
+        assert deviations == pytest.approx(0.03 / 0.6, rel=5 / np.sqrt(2 * N))
 
 
-def test_offsets_move_the_pose_and_nothing_else(priors):
+def test_an_offset_changes_its_angle_alone(priors):
     prior = priors["ar_offsets"]
     parent, _, _ = family(prior)
     moved = parent.copy()
@@ -137,11 +139,11 @@ def test_offsets_move_the_pose_and_nothing_else(priors):
     assert np.count_nonzero(change) == 1
 
 
-def test_the_density_of_a_following_prior_is_the_bases(priors):
+def test_the_density_of_a_fitted_rest_is_its_bases(priors):
     prior = priors["fitted_rest"]
     parent, _, children = family(prior)
-    found = prior.capabilities.density.log_transition(parent, children, DT)
-    np.testing.assert_array_equal(found, prior.base.log_transition(parent[:, :-1], children[:, :-1], DT))
+    density = prior.capabilities.density.log_transition(parent, children, DT)
+    np.testing.assert_array_equal(density, prior.base.log_transition(parent[:, :-1], children[:, :-1], DT))
     late = children + np.eye(len(prior.space))[-1] * 1e-6
     assert (prior.capabilities.density.log_transition(parent, late, DT) == -np.inf).all()
 
@@ -152,8 +154,8 @@ def windows():
 
 
 @pytest.mark.parametrize("wrapped", ["ar_offsets", "fitted_rest"])
-def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wrapped):
-    """By steps and by completing steps that forgot: means and products, within five standard errors."""
+def test_wrappers_sample_the_windows_of_an_implicit_base_given_the_pose(windows, wrapped):
+    """Full steps, and steps whose windows are sampled again given the pose, have the same first and second moments."""
     base = Implicit(windows, beta=0.5, sigma_angles=0.1)
     prior = {
         "ar_offsets": AROffsets(base, sigma=0.05),
@@ -163,41 +165,42 @@ def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wra
     parent = prior.sample_initial(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
     n = N // 4
     parents = np.repeat(parent, n, axis=0)
-    stepped, forgotten = (prior.sample_transition(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
-    follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
-    assert len(follows) == len(base.space) - 25
-    forgotten[:, follows] = np.nan
-    completed = density.sample_dependent(parents, forgotten, dt_s, np.random.default_rng(3))
-    assert (completed[:, density.free] == forgotten[:, density.free]).all()
-    assert np.isfinite(density.log_transition(parents, forgotten, dt_s)).all()
-    middle = stepped.mean(axis=0)
-    mine, true = completed - middle, stepped - middle
-    for i in np.flatnonzero(true.std(axis=0) > 1e-9):
-        for one, two in ((mine, true), (mine * mine[:, [i]], true * true[:, [i]])):
-            error = np.sqrt((one.var(axis=0) + two.var(axis=0)) / n)
-            assert (np.abs(one.mean(axis=0) - two.mean(axis=0)) <= 5.5 * error + 1e-9).all()
+    steps, incomplete = (prior.sample_transition(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
+    dependent = np.setdiff1d(np.arange(len(prior.space)), density.free)
+    assert len(dependent) == len(base.space) - 25
+    incomplete[:, dependent] = np.nan
+    completed = density.sample_dependent(parents, incomplete, dt_s, np.random.default_rng(3))
+    assert (completed[:, density.free] == incomplete[:, density.free]).all()
+    assert np.isfinite(density.log_transition(parents, incomplete, dt_s)).all()
+    mean = steps.mean(axis=0)
+    completed, steps = completed - mean, steps - mean
+    for i in np.flatnonzero(steps.std(axis=0) > 1e-9):
+        for moment, expected in ((completed, steps), (completed * completed[:, [i]], steps * steps[:, [i]])):
+            error = np.sqrt((moment.var(axis=0) + expected.var(axis=0)) / n)
+            assert (np.abs(moment.mean(axis=0) - expected.mean(axis=0)) <= 5.5 * error + 1e-9).all()
 
 
-def test_offsets_are_as_large_as_what_the_model_misses():
-    """Angle by angle, in the long run; those it knows nothing of, and bases that know nothing, have one number. Learned
-    from three people, it is √3 as large for the next."""
+def test_offsets_have_the_deviations_of_the_models_discrepancy():
+    """Angles without a discrepancy have a default. A discrepancy of three people is √3 as large for a new person."""
     base = Smooth()
-    missed = Discrepancy(("neck_nod", "left_elbow_flexion"), np.array([[0.3], [0.0]]), np.array([0.4, 0.1]), KEPT, 3)
-    base_that_knows = SimpleNamespace(
-        capabilities=replace(base.capabilities, discrepancy=missed),
+    discrepancy = Discrepancy(
+        ("neck_nod", "left_elbow_flexion"), np.array([[0.3], [0.0]]), np.array([0.4, 0.1]), AR_COEFFICIENTS, 3
+    )
+    base_with_discrepancy = SimpleNamespace(
+        capabilities=replace(base.capabilities, discrepancy=discrepancy),
         space=base.space,
         parameters=base.parameters,
         sample_initial=base.sample_initial,
     )
-    wide = np.sqrt(3.0) * np.array([0.5, 0.1])
-    for ar_coefficient, kept in ((0.9, [0.9, 0.9]), (None, KEPT)):
-        prior = AROffsets(base_that_knows, ar_coefficient=ar_coefficient)
-        which = [prior.space.names[prior.appended].index(f"{name}_offset") for name in missed.angles]
-        np.testing.assert_allclose(prior.ar_coefficients[which], kept)
-        np.testing.assert_allclose((prior.sigma / np.sqrt(1.0 - prior.ar_coefficients**2))[which], wide)
-        others = np.delete(np.arange(len(prior.sigma)), which)
+    deviations = np.sqrt(3.0) * np.array([0.5, 0.1])
+    for ar_coefficient, expected in ((0.9, [0.9, 0.9]), (None, AR_COEFFICIENTS)):
+        prior = AROffsets(base_with_discrepancy, ar_coefficient=ar_coefficient)
+        columns = [prior.space.names[prior.appended].index(f"{name}_offset") for name in discrepancy.angles]
+        np.testing.assert_allclose(prior.ar_coefficients[columns], expected)
+        np.testing.assert_allclose((prior.sigma / np.sqrt(1.0 - prior.ar_coefficients**2))[columns], deviations)
+        others = np.delete(np.arange(len(prior.sigma)), columns)
         assert set(prior.sigma[others]) == {SIGMA}
         drawn = prior.sample_initial(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.appended]
-        np.testing.assert_allclose(drawn[:, which].std(axis=0), wide, rtol=5 * np.sqrt(0.5 / 20_000))
-    assert set(AROffsets(base_that_knows, sigma=0.05).sigma) == {0.05}
+        np.testing.assert_allclose(drawn[:, columns].std(axis=0), deviations, rtol=5 * np.sqrt(0.5 / 20_000))
+    assert set(AROffsets(base_with_discrepancy, sigma=0.05).sigma) == {0.05}
     assert set(AROffsets(base).sigma) == {SIGMA}

@@ -1,4 +1,4 @@
-"""The linear prior: its draws, its density and its moments are one Gaussian."""
+"""The linear prior: its samples, its density and its moments are those of one Gaussian."""
 
 import numpy as np
 import pytest
@@ -25,30 +25,29 @@ def prior():
     )
 
 
-def test_draws_have_the_mean_and_the_noise_that_it_tells(prior):
+def test_samples_have_the_stated_mean_and_covariance(prior):
     state = np.concatenate([np.full(N_POSE, 0.2), np.linspace(-1.0, 1.0, N_POSE)])
-    state[3] = 1.0  # heads aside
+    state[3] = 1.0  # a heading away from x
     drawn = prior.sample_transition(np.repeat(state[None], 40000, axis=0), DT_S, np.random.default_rng(1))
     expected = prior.noise_covariance(state, DT_S)
     deviations = np.sqrt(np.diag(expected))
     assert np.abs((drawn.mean(axis=0) - prior.mean(state[None], DT_S)[0]) / deviations).max() < 5.0 / 200.0
-    found = np.cov(drawn.T)
-    assert np.abs((found - expected) / np.outer(deviations, deviations)).max() < 0.03
+    assert np.abs((np.cov(drawn.T) - expected) / np.outer(deviations, deviations)).max() < 0.03
 
 
-def test_the_density_is_that_of_the_poses_drawn(prior):
+def test_the_density_is_the_gaussian_of_the_poses(prior):
     rng = np.random.default_rng(2)
     before = prior.sample_initial(np.full(N_POSE, 0.1), 1, rng)
     drawn = prior.sample_transition(np.repeat(before, 6, axis=0), DT_S, rng)
-    own = prior.noise_covariance(before[0], DT_S)[:N_POSE, :N_POSE]
-    off = (drawn - prior.mean(before, DT_S))[:, :N_POSE]
-    quadratic = np.einsum("np,np->n", off, np.linalg.solve(own, off.T).T)
-    expected = -0.5 * (quadratic + np.linalg.slogdet(2.0 * np.pi * own)[1])
+    covariance = prior.noise_covariance(before[0], DT_S)[:N_POSE, :N_POSE]
+    deviations = (drawn - prior.mean(before, DT_S))[:, :N_POSE]
+    quadratic = np.einsum("np,np->n", deviations, np.linalg.solve(covariance, deviations.T).T)
+    expected = -0.5 * (quadratic + np.linalg.slogdet(2.0 * np.pi * covariance)[1])
     assert np.allclose(prior.log_transition(before, drawn, DT_S), expected)
     assert np.allclose(prior.sample_dependent(np.repeat(before, 6, axis=0), drawn, DT_S, rng), drawn)
 
 
-def test_first_states_are_as_their_moments_say(prior):
+def test_initial_states_have_the_stated_moments(prior):
     pose = np.linspace(-0.1, 0.1, N_POSE)
     mean, covariance = prior.initial_moments(pose)
     drawn = prior.sample_initial(pose, 20000, np.random.default_rng(3))
@@ -57,7 +56,7 @@ def test_first_states_are_as_their_moments_say(prior):
     assert np.array_equal(mean[N_POSE:], np.ones(N_POSE))
 
 
-def test_it_says_what_it_is_and_refuses_other_rates(prior):
+def test_other_frame_rates_are_rejected(prior):
     assert isinstance(prior.capabilities.density, Gaussian)
     assert prior.parameters == POSE_NAMES
     with pytest.raises(InputError, match=r"learned at 30 Hz"):
@@ -70,7 +69,7 @@ def test_it_says_what_it_is_and_refuses_other_rates(prior):
         Linear(prior.model, noise_scale=0.0)
 
 
-def test_generated_gaits_are_no_prior_over_postures(tmp_path):
+def test_generated_gaits_give_no_pose_prior(tmp_path):
     learned = linear(motions="builtin", cache=str(tmp_path)).capabilities
     assert learned.pose_prior is None
     assert learned.smoothness == RECORDED_SMOOTHNESS

@@ -1,4 +1,4 @@
-"""What tests of several models need."""
+"""Fixtures of the tests of motion models."""
 
 import pytest
 

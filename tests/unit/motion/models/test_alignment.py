@@ -1,4 +1,4 @@
-"""Cycles are aligned where they were planted, and what must not matter to that and to what is imputed."""
+"""Alignment of cycles with known shifts, and the invariances of alignment, periods and imputation."""
 
 from dataclasses import replace
 
@@ -22,13 +22,13 @@ M = 5
 
 
 def cycle(phase, rng):
-    """A smooth periodic curve (F, M) drawn at random, the same for the same state of rng."""
+    """Return a smooth random periodic curve (F, M) at phases (F,)."""
     waves = rng.normal(size=(4, M)) + 1j * rng.normal(size=(4, M))
     orders = np.arange(1, 5)
     return (np.exp(2j * np.pi * phase[:, None] * orders) / orders @ waves).real
 
 
-def planted(shifts, periods, noise=0.05, gaps=0.0, seed=0):
+def shifted_cycles(shifts, periods, noise=0.05, gaps=0.0, seed=0):
     rng = np.random.default_rng(seed)
     sequences = []
     for shift, period in zip(shifts, periods, strict=True):
@@ -40,34 +40,34 @@ def planted(shifts, periods, noise=0.05, gaps=0.0, seed=0):
 
 
 def relative(offsets):
-    """Offsets against the first, in cycles from −1/2 to 1/2."""
+    """Return offsets relative to the first, in cycles from −1/2 to 1/2."""
     return (offsets - offsets[0] + 0.5) % 1.0 - 0.5
 
 
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(4))
-def test_planted_shifts_are_recovered(gaps, seed):
+@pytest.mark.parametrize("seed", range(2))
+def test_shifts_are_recovered(gaps, seed):
     rng = np.random.default_rng(100 + seed)
     shifts, periods = rng.random(8), rng.uniform(90.0, 150.0, 8)
-    aligned = align(planted(shifts, periods, gaps=gaps, seed=seed), periods)
-    wrong = (relative(aligned.offsets) - relative(shifts) + 0.5) % 1.0 - 0.5
-    assert np.abs(wrong).max() <= 1.5 / N_PHASES  # two offsets, each rounded to a step, and the noise
+    aligned = align(shifted_cycles(shifts, periods, gaps=gaps, seed=seed), periods)
+    errors = (relative(aligned.offsets) - relative(shifts) + 0.5) % 1.0 - 0.5
+    assert np.abs(errors).max() <= 1.5 / N_PHASES  # two offsets, each rounded to a step, and the noise
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_error_never_rises(noise, seed):
     rng = np.random.default_rng(seed)
     shifts, periods = rng.random(10), rng.uniform(60.0, 160.0, 10)
-    errors = align(planted(shifts, periods, noise, gaps=0.2, seed=seed), periods, tolerance=0.0).errors
+    errors = align(shifted_cycles(shifts, periods, noise, gaps=0.2, seed=seed), periods, tolerance=0.0).errors
     assert len(errors) > 1
     assert (np.diff(errors) < 0.0).all()
 
 
 def test_the_last_error_is_the_deviation_from_the_reference():
-    """With every sample on a phase of the grid there is no rounding, and the sum can be done over again by hand."""
+    """Every sample is at a phase of the grid, so that the sum has no rounding of phases."""
     periods = [64.0, 128.0, 256.0]
-    sequences = planted([0.1, 0.5, 0.7], periods, gaps=0.2)
+    sequences = shifted_cycles([0.1, 0.5, 0.7], periods, gaps=0.2)
     aligned = align(sequences, periods)
     scale = np.zeros(M)
     deviation = np.zeros(M)
@@ -79,7 +79,7 @@ def test_the_last_error_is_the_deviation_from_the_reference():
     assert (deviation / variance).sum() == pytest.approx(aligned.errors[-1], rel=1e-9)
 
 
-def test_opposite_phases_do_not_stay_where_they_cancel():
+def test_opposite_phases_do_not_cancel():
     frames = np.arange(300)
     wave = np.column_stack([np.cos(2 * np.pi * frames / 100), np.sin(2 * np.pi * frames / 100)])
     aligned = align([wave, -wave], [100.0, 100.0])
@@ -88,7 +88,7 @@ def test_opposite_phases_do_not_stay_where_they_cancel():
 
 
 def test_the_regression_spline_is_the_periodic_spline():
-    """With a sample at every knot it interpolates, as scipy's periodic cubic spline does."""
+    """With a sample at every knot it interpolates like SciPy's periodic cubic spline."""
     knots = np.arange(13) / 12
     values = np.sin(2 * np.pi * knots) + 0.3 * np.cos(6 * np.pi * knots)
     phases = np.linspace(0.0, 2.0, 77)
@@ -116,37 +116,36 @@ units = st.tuples(*[st.floats(0.01, 100.0)] * N_ANGLES)
 levels = st.tuples(*[st.floats(-50.0, 50.0)] * N_ANGLES)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10)
 @given(seeds, periods, units, levels)
-def test_units_and_levels_do_not_matter_to_the_period(seed, period, scale, level):
+def test_the_period_does_not_depend_on_units_and_levels(seed, period, scale, level):
     series = sequence(period, 0.2, np.random.default_rng(seed))
-    other = series * scale + level
-    ratios, again = (snr_per_series(s, [50.0, period, 120.0]) for s in (series, other))
-    np.testing.assert_allclose(again, ratios, rtol=1e-6)
-    assert abs(find_period(other, 50, 125) - find_period(series, 50, 125)) < 1e-3
+    scaled = series * scale + level
+    expected, ratios = (snr_per_series(s, [50.0, period, 120.0]) for s in (series, scaled))
+    np.testing.assert_allclose(ratios, expected, rtol=1e-6)
+    assert abs(find_period(scaled, 50, 125) - find_period(series, 50, 125)) < 1e-3
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10)
 @given(seeds, st.lists(st.integers(0, N_PHASES - 1), min_size=3, max_size=3))
 def test_shifting_the_sequences_shifts_their_offsets(seed, steps):
-    """With a sample on every other phase of the grid, a shift of the samples is a shift of the offset."""
+    """Samples are at every second phase of the grid, so that a shift of samples is a shift of the offset."""
     rng = np.random.default_rng(seed)
-    plain = [sequence(128.0, 0.3 * i, rng, n=384) for i in range(3)]
-    rolled = [np.roll(series, -step, axis=0) for series, step in zip(plain, steps, strict=True)]
-    before, after = (align(sequences, [128.0] * 3).offsets for sequences in (plain, rolled))
+    original = [sequence(128.0, 0.3 * i, rng, n=384) for i in range(3)]
+    rolled = [np.roll(series, -step, axis=0) for series, step in zip(original, steps, strict=True)]
+    before, after = (align(sequences, [128.0] * 3).offsets for sequences in (original, rolled))
     moved = after - before - np.array(steps) / 128.0
-    # relative to one another; the two runs may end in references that differ by a whole turn and a step
+    # relative offsets, as the references of the two alignments may differ by a common shift and a step
     assert np.abs((moved - moved[0] + 0.5) % 1.0 - 0.5).max() <= 2.0 / N_PHASES
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5)
 @given(seeds, st.permutations(range(4)))
-def test_the_order_of_the_sequences_does_not_matter_to_what_is_imputed(seed, order):
+def test_imputed_values_do_not_depend_on_the_order_of_the_sequences(seed, order):
     rng = np.random.default_rng(seed)
     sequences = [sequence(80.0, 0.0, rng) for _ in range(4)]
     aligned = align(sequences, [80.0] * 4)
-    moved = list(order)
-    shuffled = replace(aligned, periods=aligned.periods[moved], offsets=aligned.offsets[moved])
-    straight, again = impute(sequences, aligned), impute([sequences[i] for i in order], shuffled)
-    for place, i in enumerate(order):  # to the tolerance at which the iteration ends
-        np.testing.assert_allclose(again[place], straight[i], atol=1e-4)
+    shuffled = replace(aligned, periods=aligned.periods[order], offsets=aligned.offsets[order])
+    expected, imputed = impute(sequences, aligned), impute([sequences[i] for i in order], shuffled)
+    for series, i in zip(imputed, order, strict=True):  # to the tolerance of the iteration
+        np.testing.assert_allclose(series, expected[i], atol=1e-4)

@@ -1,4 +1,4 @@
-"""The walking model by paper B: on walks without gaps it is paper A's, with gaps it stays near it."""
+"""The walking model of paper B: equal to paper A's without gaps, removed data, and the published algorithm."""
 
 from dataclasses import replace
 
@@ -42,26 +42,26 @@ def walks(n=12, seed=0, noise=0.0):
     return [replace(motion, poses=motion.poses + noise * rng.normal(size=motion.poses.shape)) for motion in clean]
 
 
-def test_without_gaps_it_is_the_walking_model_of_paper_a():
+def test_without_gaps_the_model_is_that_of_paper_a():
     a = learn_walking(walks(), variance=0.95, n_components=1, scaling="none", n_phases=T)
     b = learn_cyclic(walks(), n_components=1, n_phases=T)
-    # phases differ by the offsets' step and by where the events are seen; the steepest curve moves 2π × 0.5 a cycle
+    # phases differ by the offsets' step and by the events' errors; the steepest curve changes by 2π × 0.5 a cycle
     assert b.mean[:, 1:] == pytest.approx(a.mean[:, 1:], abs=2 * np.pi * 0.5 * 0.01)
     assert b.mean[:, 0] == pytest.approx(1.3, abs=1e-3)
     assert b.cycle_rate_hz[0] == pytest.approx(1 / CYCLE_S, rel=0.005)
     assert b.explained > 0.9
     overlap = (a.components[:, :, 1:] * b.components[:, :, 1:]).sum()
     assert abs(overlap) == pytest.approx(1.0, abs=0.02)
-    assert b.scales == pytest.approx(a.scales, rel=0.15)  # the two weigh clips by different numbers of cycles
+    assert b.scales == pytest.approx(a.scales, rel=0.15)  # the two weight clips by different numbers of cycles
 
 
-def test_phase_zero_has_the_left_thigh_ahead():
+def test_the_left_thigh_is_foremost_at_phase_zero():
     model = learn_cyclic(walks(), n_components=1)
     left, right = (1 + POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right"))
     assert np.argmax(model.mean[:, left] - model.mean[:, right]) in (0, 1, T - 1)
 
 
-def test_motions_without_a_period_are_left_out_with_a_warning(caplog):
+def test_motions_without_a_period_are_excluded_with_a_warning(caplog):
     short = walk(n_cycles=1.2, name="short")
     model = learn_cyclic([*walks(4), short], n_components=1)
     assert "short excluded" in caplog.text
@@ -72,40 +72,42 @@ def test_motions_without_a_period_are_left_out_with_a_warning(caplog):
 
 @pytest.mark.parametrize("remove", [remove_blocks, remove_markers])
 @pytest.mark.parametrize("fraction", [0.1, 0.3])
-def test_as_much_is_removed_as_was_asked_for(remove, fraction):
+def test_the_removed_fraction_is_the_requested_one(remove, fraction):
     motion = walk()
-    gone = remove(motion, fraction, np.random.default_rng(0))
+    removed = remove(motion, fraction, np.random.default_rng(0))
     longest = 0.5 * RATE if remove is remove_blocks else 0.5 * CYCLE_S * RATE + 1
-    assert (gone.mean(axis=0) >= fraction).all()
-    assert (gone.mean(axis=0) < fraction + (longest + 1) / len(motion)).all()
+    assert (removed.mean(axis=0) >= fraction).all()
+    assert (removed.mean(axis=0) < fraction + (longest + 1) / len(motion)).all()
     if remove is remove_markers:
         names = POSE_NAMES[N_ROOT:]
         leg = [names.index(f"left_{angle}") for angle in ("hip_flexion", "hip_abduction", "hip_twist", "knee_flexion")]
-        assert (gone[:, leg] == gone[:, leg[:1]]).all()
+        assert (removed[:, leg] == removed[:, leg[:1]]).all()
 
 
-def test_a_period_that_is_not_found_is_an_infinite_error(caplog):
-    """Three events, then the walker stands: events see strides, the whole clip is no cycle."""
-    still = walk(n_cycles=3.2)
-    poses = np.concatenate([still.poses, np.repeat(still.poses[-1:], 400, axis=0)])
+def test_a_missing_period_is_an_infinite_error(caplog):
+    """After three events the walker stands, so that the events give strides but the clip has no period."""
+    short = walk(n_cycles=3.2)
+    poses = np.concatenate([short.poses, np.repeat(short.poses[-1:], 400, axis=0)])
     poses[:, N_ROOT:] += np.linspace(0.0, 3.0, len(poses))[:, None] ** 3
-    broken = replace(still, poses=poses, name="broken")
+    broken = replace(short, poses=poses, name="broken")
     assert np.isfinite(event_period(broken))
     metrics, _, _ = period_study([broken], np.random.default_rng(0))
     assert metrics["period_error_max_pct"] == np.inf
     assert "broken" in caplog.text
 
 
-def test_as_published_all_slices_are_learned_by_truncated_singular_values():
-    motions = [with_gaps(motion, 0.2, np.random.default_rng(i)) for i, motion in enumerate(walks(noise=0.05))]
-    published, ours = (learn_cyclic(motions, n_components=2, as_published=rule) for rule in (True, False))
+def test_as_published_truncated_singular_values_of_all_slices_are_learned():
+    motions = [with_gaps(motion, 0.2, np.random.default_rng(i)) for i, motion in enumerate(walks(6, noise=0.05))]
+    published, ours = (
+        learn_cyclic(motions, n_components=2, as_published=as_published) for as_published in (True, False)
+    )
     angles = [motion.poses[:, N_ROOT:] for motion in motions]
     periods = [motion_period(motion, series, summed=True) for motion, series in zip(motions, angles, strict=True)]
     alignment = align(angles, periods)
     hips = [POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right")]
-    ahead = np.argmax(alignment.reference[:, hips[0]] - alignment.reference[:, hips[1]]) / len(alignment.reference)
-    pca = fpca_paper(cut(angles, replace(alignment, offsets=(alignment.offsets - ahead) % 1.0)), 2)
-    assert published.n_cycles == len(pca.completed) > ours.n_cycles  # those at the ends of the sequences too
+    foremost = np.argmax(alignment.reference[:, hips[0]] - alignment.reference[:, hips[1]]) / len(alignment.reference)
+    pca = fpca_paper(cut(angles, replace(alignment, offsets=(alignment.offsets - foremost) % 1.0)), 2)
+    assert published.n_cycles == len(pca.completed) > ours.n_cycles  # with those at the ends of the sequences
     assert published.mean[:, 1:] == pytest.approx(pca.mean, abs=1e-9)
     assert published.scales == pytest.approx(pca.scales, rel=1e-6)
     assert (published.mean[:, 0] == 0.0).all()  # B has no torso speed

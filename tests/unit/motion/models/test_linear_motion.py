@@ -1,4 +1,4 @@
-"""The linear model of all motions and its postures: velocities there and back, and what regression recovers."""
+"""The linear model of motions and the mixture of its postures: velocities, regression and expectation–maximization."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ from workbench.motion.pose_sequence import Motion
 from workbench.utils.errors import InputError
 
 
-def motion(poses, name="made up"):
+def motion(poses, name="simulated"):
     return Motion(name, "me", "?", 30.0, poses, from_height(1.7), np.zeros(14), "", "", "")
 
 
 @given(st.integers(0, 1000), st.floats(-4.0, 4.0))
-def test_velocities_lead_back_and_do_not_depend_on_where_one_is_and_faces(seed, turn):
+def test_velocities_integrate_to_the_pose_and_do_not_depend_on_place_and_heading(seed, turn):
     rng = np.random.default_rng(seed)
     before = rng.normal(size=N_POSE)
     after = before + 0.1 * rng.normal(size=N_POSE)
@@ -41,8 +41,8 @@ def test_velocities_lead_back_and_do_not_depend_on_where_one_is_and_faces(seed, 
     assert np.allclose(velocities(*turned, 30.0), v)
 
 
-def made_motion(n, rng):
-    """Frames of a model whose gain and noise are known."""
+def simulated_motion(n, rng):
+    """Return a gain and n frames that are simulated with it and with noise of 0.3."""
     gain = np.concatenate([-0.5 * np.eye(N_POSE)[:, POSTURE], 0.8 * np.eye(N_POSE)], axis=1)
     gain[3] = 0.0
     poses, v = [np.zeros(N_POSE)], np.zeros(N_POSE)
@@ -52,74 +52,72 @@ def made_motion(n, rng):
     return gain, np.array(poses)
 
 
-def test_a_models_own_motion_is_learned_back():
-    gain, poses = made_motion(20000, np.random.default_rng(0))
+def test_the_model_of_a_simulated_motion_is_recovered():
+    gain, poses = simulated_motion(10000, np.random.default_rng(0))
     model = learn_linear_motion([motion(poses)], 30.0)
-    assert np.abs(model.gain - gain)[:, -N_POSE:].max() < 0.05  # of speeds; standard errors are about 0.005, ridge more
+    assert np.abs(model.gain - gain)[:, -N_POSE:].max() < 0.05  # the standard errors are about 0.007
     assert np.allclose(np.sqrt(np.diag(model.covariance)), 0.3, rtol=0.03)
     assert np.all(np.diag(model.initial_covariance) >= np.diag(model.covariance) * 0.99)
 
 
-def test_what_starts_in_one_clip_does_not_go_on_in_the_next():
-    _, poses = made_motion(400, np.random.default_rng(1))
+def test_steps_from_one_clip_to_the_next_are_not_learned():
+    _, poses = simulated_motion(400, np.random.default_rng(1))
     far = poses.copy()
     far[:, 0] += 100.0
     model = learn_linear_motion([motion(poses), motion(far, "elsewhere")], 30.0)
     assert np.sqrt(model.covariance[0, 0]) < 1.0  # m/s
 
 
-def test_too_little_to_learn_from_is_said():
+def test_too_few_frames_are_rejected():
     with pytest.raises(InputError, match="some hundred frames"):
         learn_linear_motion([motion(np.zeros((20, len(POSE_NAMES))))], 30.0)
 
 
-def test_postures_are_as_often_those_of_a_mirror():
+def test_postures_are_learned_with_their_mirror_images():
     rng = np.random.default_rng(2)
     poses = 0.2 * rng.standard_normal((1200, N_POSE))
     left, right = (POSE_NAMES.index(f"{side}_elbow_flexion") for side in ("left", "right"))
     roll = POSE_NAMES.index("root_roll")
-    poses[:, left], poses[:, roll] = poses[:, left] + 1.0, poses[:, roll] + 0.4  # one arm alone is bent, to one side
-    taken = learn_linear_motion([motion(poses)], 30.0).pose_prior
-    assert taken is not None
+    poses[:, left], poses[:, roll] = poses[:, left] + 1.0, poses[:, roll] + 0.4  # asymmetric
+    pose_prior = learn_linear_motion([motion(poses)], 30.0).pose_prior
+    assert pose_prior is not None
     mean = np.zeros(N_POSE)
-    mean[POSTURE] = taken.weights @ taken.means
+    mean[POSTURE] = pose_prior.weights @ pose_prior.means
     assert np.allclose(mean[[left, right, roll]], [0.5, 0.5, 0.0], atol=0.02)
 
 
-def two_kinds(rng, n=1000):
-    """Postures that are of one kind three times as often as of the other."""
-    kinds = np.repeat([0, 1], [3 * n, n])
+def two_components(rng, n=1000):
+    """Return postures of two Gaussians with the weights 0.75 and 0.25."""
+    components = np.repeat([0, 1], [3 * n, n])
     means, deviations = np.array([[0.0, 0.0, 0.0], [1.0, -1.0, 0.5]]), np.array([[0.1, 0.2, 0.1], [0.3, 0.1, 0.1]])
-    return means[kinds] + deviations[kinds] * rng.standard_normal((4 * n, 3))
+    return means[components] + deviations[components] * rng.standard_normal((4 * n, 3))
 
 
-def test_a_mixtures_own_postures_are_as_likely_as_by_what_made_them():
-    model = learn_pose_prior(two_kinds(np.random.default_rng(0)))
-    fresh = two_kinds(np.random.default_rng(1))
+def test_the_mixtures_likelihood_is_that_of_the_true_distribution():
+    model = learn_pose_prior(two_components(np.random.default_rng(0)))
+    fresh = two_components(np.random.default_rng(1))
     near_second = np.linalg.norm(model.means - [1.0, -1.0, 0.5], axis=1) < np.linalg.norm(model.means, axis=1)
     assert abs(model.weights[near_second].sum() - 0.25) < 0.02  # 4000 draws: 0.007
-    told = np.logaddexp.reduce(model.log_components(fresh), axis=1).mean()
+    log_likelihood = np.logaddexp.reduce(model.log_components(fresh), axis=1).mean()
     entropies = 0.5 * np.log(2.0 * np.pi * np.e * np.array([[0.1, 0.2, 0.1], [0.3, 0.1, 0.1]]) ** 2).sum(axis=1)
     exact = -entropies @ [0.75, 0.25] + np.array([0.75, 0.25]) @ np.log([0.75, 0.25])
-    assert -0.2 < told - exact < 0.02  # 32 parts instead of 2, by 4000 draws
+    assert -0.2 < log_likelihood - exact < 0.02  # 32 components instead of 2, from 4000 samples
 
 
-def test_a_part_that_few_were_in_is_nearly_as_wide_as_all_are():
+def test_a_component_of_few_postures_is_shrunk_to_the_common_covariance():
     rng = np.random.default_rng(2)
-    many, few = (
-        rng.standard_normal((20 * FRAMES_PER_COMPONENT, 2)),
-        5.0 + 1e-4 * rng.standard_normal((FRAMES_PER_COMPONENT, 2)),
-    )
-    kinds = np.repeat([0, 1], [len(many), len(few)])
-    model = maximisation_step(np.concatenate([many, few]), np.eye(2)[kinds])
-    common = 20.0 / 21.0 * many.var(axis=0)  # the others do not vary
+    many = rng.standard_normal((20 * FRAMES_PER_COMPONENT, 2))
+    few = 5.0 + 1e-4 * rng.standard_normal((FRAMES_PER_COMPONENT, 2))
+    components = np.repeat([0, 1], [len(many), len(few)])
+    model = maximisation_step(np.concatenate([many, few]), np.eye(2)[components])
+    common = 20.0 / 21.0 * many.var(axis=0)  # the few do not vary
     assert np.allclose(np.diag(model.covariances[1]), 0.5 * common + MIN_STD_RAD**2, rtol=1e-3)
     assert np.allclose(np.diag(model.covariances[0]), many.var(axis=0), rtol=5e-3)
     assert np.allclose(model.weights, [20.0 / 21.0, 1.0 / 21.0])
 
 
-def test_the_same_postures_are_the_same_model_and_few_have_few_parts():
-    postures = two_kinds(np.random.default_rng(3), 20)
+def test_learning_is_deterministic_and_few_postures_have_few_components():
+    postures = two_components(np.random.default_rng(3), 20)
     first, second = learn_pose_prior(postures), learn_pose_prior(postures)
     assert len(first.weights) == 80 // FRAMES_PER_COMPONENT
     assert np.array_equal(first.means, second.means)

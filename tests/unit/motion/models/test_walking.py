@@ -1,4 +1,4 @@
-"""Cutting cycles and the multivariate PCA against planted answers."""
+"""Cutting walks into cycles, and their PCA against known components."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ PAPER = {"variance": 0.95, "n_components": None, "scaling": "none"}
 
 
 def curves(phase, first=0.0, second=0.0):
-    """Joint angles (F, 19) of a planted two-component walk at phases (F,); phase 0 has the left thigh ahead."""
+    """Return joint angles (F, 19) of a walk with two components at phases (F,); at 0 the left thigh is foremost."""
     angles = np.zeros((len(phase), 19))
     names = POSE_NAMES[N_ROOT:]
     wave, knee = np.cos(2 * np.pi * phase), np.sin(2 * np.pi * phase)
@@ -43,7 +43,7 @@ def walk(first=0.0, second=0.0, cycle_s=1.1, n_cycles=3.5, speed=1.3, heading=0.
     return Motion(name, "s", "walk", RATE, poses, from_height(1.75), np.zeros(14), "made", "0" * 64, "none")
 
 
-def test_events_are_where_the_left_thigh_is_ahead():
+def test_events_are_where_the_left_thigh_is_foremost():
     motion = walk(cycle_s=1.1)
     expected = (0.25 + np.arange(4)) * 1.1 * RATE
     assert gait_events(motion) == pytest.approx(expected, abs=0.5)  # the filtered signal is cut off at its ends
@@ -65,27 +65,27 @@ def test_a_short_motion_has_no_cycles():
         learn_walking([walk(n_cycles=0.9)], **PAPER)
 
 
-def planted(n=14, seed=0):
+def two_component_walks(n=14, seed=0):
     rng = np.random.default_rng(seed)
     return [walk(first=0.12 * a, second=0.06 * b, name=f"walk{i}") for i, (a, b) in enumerate(rng.normal(size=(n, 2)))]
 
 
 @pytest.mark.parametrize("scaling", ["none", "joints"])
-def test_pca_finds_the_planted_components(scaling):
-    model = learn_walking(planted(), **PAPER | {"n_components": 2, "scaling": scaling}, n_phases=T)
-    assert model.explained > 0.95  # the rest: events known to half a frame only
+def test_pca_recovers_the_true_components(scaling):
+    model = learn_walking(two_component_walks(), **PAPER | {"n_components": 2, "scaling": scaling}, n_phases=T)
+    assert model.explained > 0.95  # the rest is due to the events' errors of up to half a frame
     span = model.components.reshape(2, -1)
     for a, b in ((0.1, 0.0), (0.0, 0.1)):
-        wanted = np.zeros((T, len(CHANNEL_NAMES)))
-        wanted[:, 1:] = curves(np.arange(T) / T, a, b) - curves(np.arange(T) / T)
-        solution, *_ = np.linalg.lstsq(span.T, wanted.ravel(), rcond=None)
-        left = np.linalg.norm(wanted.ravel() - solution @ span) / np.linalg.norm(wanted)
-        assert left < 0.15  # the events are known to a fraction of a frame only
+        expected = np.zeros((T, len(CHANNEL_NAMES)))
+        expected[:, 1:] = curves(np.arange(T) / T, a, b) - curves(np.arange(T) / T)
+        solution, *_ = np.linalg.lstsq(span.T, expected.ravel(), rcond=None)
+        residual = np.linalg.norm(expected.ravel() - solution @ span) / np.linalg.norm(expected)
+        assert residual < 0.15  # because of the events' errors
 
 
-def test_coefficients_have_the_standard_deviations_it_says():
-    """Projecting the training cycles on the components gives coefficients with deviations λ and no correlation."""
-    motions = planted()
+def test_coefficients_have_the_stated_standard_deviations():
+    """The training cycles' projections on the components have deviations λ and no correlation."""
+    motions = two_component_walks()
     model = learn_walking(motions, **PAPER | {"n_components": 3}, n_phases=T)
     weights = np.ones(len(CHANNEL_NAMES))
     weights[0] = 1 / 30
@@ -97,43 +97,43 @@ def test_coefficients_have_the_standard_deviations_it_says():
 
 
 def test_the_number_of_components_follows_the_variance():
-    few, many = (learn_walking(planted(), **PAPER | {"variance": v}, n_phases=T) for v in (0.5, 0.999))
+    few, many = (learn_walking(two_component_walks(), **PAPER | {"variance": v}, n_phases=T) for v in (0.5, 0.999))
     assert len(few.scales) < len(many.scales)
     assert few.explained > 0.5
     assert many.explained > 0.999
-    one_less = learn_walking(planted(), **PAPER | {"n_components": len(many.scales) - 1}, n_phases=T)
+    one_less = learn_walking(two_component_walks(), **PAPER | {"n_components": len(many.scales) - 1}, n_phases=T)
     assert one_less.explained <= 0.999  # the fewest that explain more
 
 
 def swaying(heading_rate=0.0, **options):
-    """A walker whose root sways aside by 2 cm once a cycle, up and down by 1 cm twice, and turns by 0.1 rad once."""
+    """Return a walk whose root sways across by 2 cm and turns by 0.1 rad once a cycle, and rises by 1 cm twice."""
     motion = walk(n_cycles=4.5, heading=0.0, **options)
     times = np.arange(len(motion)) / RATE
     phase = 2 * np.pi * (times / 1.1 - 0.25)
-    even = 0.4 + heading_rate * times
-    way = np.cumsum(1.3 / RATE * np.column_stack([np.cos(even), np.sin(even)]), axis=0)
-    motion.poses[:, :2] = way + 0.02 * np.sin(phase)[:, None] * np.column_stack([-np.sin(even), np.cos(even)])
+    heading = 0.4 + heading_rate * times
+    path = np.cumsum(1.3 / RATE * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    motion.poses[:, :2] = path + 0.02 * np.sin(phase)[:, None] * np.column_stack([-np.sin(heading), np.cos(heading)])
     motion.poses[:, 2] = 0.95 + 0.01 * np.cos(2 * phase) + 0.02 * times
-    motion.poses[:, 3], motion.poses[:, 4] = even + 0.1 * np.cos(phase), 0.05
+    motion.poses[:, 3], motion.poses[:, 4] = heading + 0.1 * np.cos(phase), 0.05
     return motion
 
 
 @pytest.mark.parametrize("heading_rate", [0.0, 0.3])
-def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
+def test_the_sway_of_the_root_is_recovered_on_straight_and_curved_paths(heading_rate):
     cycles = walking_cycles([swaying(heading_rate)], n_phases=T, include_root=True)
     phase = 2 * np.pi * np.arange(T) / T
     assert cycles.curves.shape[2] == len(CHANNEL_NAMES) + len(ROOT_CHANNELS)
     sway = cycles.curves[:, :, len(CHANNEL_NAMES) :]
     expected = [0.02 * np.sin(phase), 0.01 * np.cos(2 * phase), 0.1 * np.cos(phase), 0 * phase, 0 * phase]
-    # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 2π a cycle) by 2 mrad; aside is integrated from
-    # velocities that central differences flatten by 0.2 %
+    # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 2π a cycle) by 2 mrad; the sway across is
+    # integrated from central differences, which reduce velocities by 0.2 %
     assert sway == pytest.approx(np.broadcast_to(np.transpose(expected), sway.shape), abs=3e-3)
 
 
 def test_the_published_torso_speed_is_the_norm_of_the_velocity():
     motion = walk(heading=0.4)
     times = np.arange(len(motion)) / RATE
-    motion.poses[:, :3] += times[:, None] * [-0.5 * np.sin(0.4), 0.5 * np.cos(0.4), 0.3]  # aside and upwards, m/s
+    motion.poses[:, :3] += times[:, None] * [-0.5 * np.sin(0.4), 0.5 * np.cos(0.4), 0.3]  # across and upward, m/s
     expected = {"forward": 1.3, "norm": np.linalg.norm([1.3, 0.5, 0.3])}
     for torso_speed, speed in expected.items():
         assert walking_cycles([motion], T, torso_speed=torso_speed).curves[:, :, 0] == pytest.approx(speed, abs=1e-6)
@@ -141,8 +141,8 @@ def test_the_published_torso_speed_is_the_norm_of_the_velocity():
         assert model.mean[:, 0] == pytest.approx(speed, abs=1e-6)
 
 
-def test_components_of_small_training_sets_are_those_planted():
-    motions = planted(24)
+def test_component_counts_of_small_training_sets_are_the_true_ones():
+    motions = two_component_walks(24)
     cycles, people = walking_cycles(motions, T), {motion.name: f"person {i % 6}" for i, motion in enumerate(motions)}
     draw = partial(component_counts, cycles, people, 20, 0.9)
     counts = draw(np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""Windows of motion: features, clip ends, PCA and the sliding memory against direct computations."""
+"""Windows of motion: features, clip ends, PCA and the sliding memory, against direct computations."""
 
 import logging
 
@@ -19,7 +19,7 @@ LENGTH = 10
 
 
 def advance_reference(memory, rows, filters, offset, b):
-    """What `advance` computes, in plain NumPy."""
+    """Return the result of `advance`, in NumPy."""
     ahead = np.concatenate([memory[:, b:], np.zeros((len(memory), b))], axis=1)
     return ahead - offset + rows @ filters
 
@@ -34,21 +34,21 @@ def windows(motions):
     return learn_windows(motions, window_frames=LENGTH)
 
 
-def test_rows_rebuild_the_motion(motions):
+def test_rows_integrate_to_the_motion(motions):
     poses = motions[0].resampled(30.0).poses
     rows = pose_rows(poses, 30.0, PARTS["body"], include_root=True)
     n = len(PARTS["body"])
     assert (rows[:, :n] == poses[1:, N_ROOT:]).all()
     assert poses[0, N_ROOT:] + np.cumsum(rows[:, n : 2 * n], axis=0) / 30.0 == pytest.approx(poses[1:, N_ROOT:])
-    place = poses[0, :4].copy()
+    root = poses[0, :4].copy()
     for row, pose in zip(rows[:, 2 * n :], poses[1:], strict=True):
-        place[:3] += axis_rotations(np.array([0.0, 0.0, 1.0]), place[3:4])[0] @ row[:3] / 30.0
-        place[3] += row[3] / 30.0
-        assert place == pytest.approx(pose[:4], abs=1e-9)
+        root[:3] += axis_rotations(np.array([0.0, 0.0, 1.0]), root[3:4])[0] @ row[:3] / 30.0
+        root[3] += row[3] / 30.0
+        assert root == pytest.approx(pose[:4], abs=1e-9)
         assert (row[4:] == pose[4:N_ROOT]).all()
 
 
-def test_where_and_which_way_someone_walks_does_not_matter(motions):
+def test_rows_do_not_depend_on_place_and_heading(motions):
     poses = motions[0].poses
     moved = poses.copy()
     moved[:, :3] = poses[:, :3] @ axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([1.1]))[0].T + [3.0, -2.0, 0.5]
@@ -81,7 +81,7 @@ def test_the_components_are_those_of_an_svd(windows):
 
 
 def test_without_scaling_the_components_are_those_of_velocities_per_frame(motions, windows):
-    """As in the paper: the SVD of the windows themselves, of angles in rad and velocities in rad or m per frame."""
+    """The paper's SVD is of unscaled windows, with angles in rad and velocities in rad or m per frame."""
     unscaled = learn_windows(motions, window_frames=LENGTH, scaling="none")
     n = len(PARTS["body"])
     units = np.array([1.0] * n + [30.0] * n + [30.0] * 4 + [1.0] * 2)
@@ -103,7 +103,7 @@ def test_projection_gives_the_stored_coefficients(windows):
 
 
 def test_the_memory_slides_along_the_clip(windows):
-    """Advancing the memory of a window by the row after it gives the next window's coefficients."""
+    """A window's memory, advanced by the next row, gives the next window's coefficients."""
     b = len(windows.sigmas)
     memory = windows.memory(windows.window_rows(np.array([3])))
     for entry in (4, 5, 6, 20):
@@ -122,7 +122,7 @@ def test_the_kernel_agrees_with_numpy(windows):
     assert advance(*arguments) == pytest.approx(advance_reference(*arguments), rel=1e-10, abs=1e-10)
 
 
-def test_a_part_of_the_body(motions):
+def test_windows_of_an_arm_have_its_angles_and_velocities(motions):
     arm = learn_windows(motions, angles=PARTS["right_arm"], include_root=False)
     assert arm.rows.shape[1] == 8  # paper C's arm: four angles and their velocities
     column = POSE_NAMES.index("right_elbow_flexion")
@@ -138,24 +138,24 @@ def test_short_clips_are_named(motions, caplog):
     assert len(windows) == len(learn_windows(motions))
 
 
-def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
-    kept = windows.clip_of != 1
-    whole = Implicit(windows, beta=2.0, tail_probability=1e-6)
-    some = whole.only(kept)
+def test_a_prior_of_a_subset_of_windows_draws_by_the_conditional_distribution(windows):
+    selected = windows.clip_of != 1
+    full = Implicit(windows, beta=2.0, tail_probability=1e-6)
+    subset = full.only(selected)
     probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 5000, axis=0)  # of the first clip
-    from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))
-    assert 1 not in some.windows.clip_of[from_some]
-    assert 1 in windows.clip_of[from_whole]
-    places = np.flatnonzero(kept)[from_some]
-    conditional = np.bincount(from_whole, minlength=len(windows))[kept] / kept[from_whole].sum()
-    seen = np.bincount(places, minlength=len(windows))[kept] / len(places)
-    assert np.abs(seen - conditional).max() < 5 * np.sqrt(2 * conditional.max() / kept[from_whole].sum())
+    from_full, from_subset = (prior.draw(probes, np.random.default_rng(0)) for prior in (full, subset))
+    assert 1 not in subset.windows.clip_of[from_subset]
+    assert 1 in windows.clip_of[from_full]
+    entries = np.flatnonzero(selected)[from_subset]
+    conditional = np.bincount(from_full, minlength=len(windows))[selected] / selected[from_full].sum()
+    frequencies = np.bincount(entries, minlength=len(windows))[selected] / len(entries)
+    assert np.abs(frequencies - conditional).max() < 5 * np.sqrt(2 * conditional.max() / selected[from_full].sum())
 
 
-def test_another_search_has_its_own_tree_and_leaves_the_first_alone(windows):
+def test_another_search_has_its_own_tree_and_does_not_change_the_prior(windows):
     exact = Implicit(windows, beta=0.5)
     tree = exact.searching("sign_tree", 0.1)
     assert (tree.search, tree.beta, exact.search, exact.beta) == ("sign_tree", 0.1, "exact", 0.5)
-    own = Implicit(windows, search="sign_tree", beta=0.1)
+    expected = Implicit(windows, search="sign_tree", beta=0.1)
     probes = windows.coefficients[::7].astype(np.float64)
-    assert (tree.draw(probes, np.random.default_rng(0)) == own.draw(probes, np.random.default_rng(0))).all()
+    assert (tree.draw(probes, np.random.default_rng(0)) == expected.draw(probes, np.random.default_rng(0))).all()

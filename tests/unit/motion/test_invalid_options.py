@@ -1,4 +1,4 @@
-"""Wrong input of generators and learners is refused in one sentence."""
+"""Invalid options of motion generators and learners."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ NOISE = np.random.default_rng(0).normal(size=(100, 2))
 PAPER = {"variance": 0.95, "n_components": None, "scaling": "none"}
 OPTIONS = [
     (walker, {"path": "zigzag"}, "zigzag"),
-    *[(each, wrong, "two frames") for each in (walker, runner)
+    *[(make, wrong, "two frames") for make in (walker, runner)
       for wrong in ({"duration_s": 0.0}, {"rate_hz": 0.0}, {"duration_s": NAN})],
     (learn_activities, {"n_components": 0}, "1 to"), (learn_activities, {"n_components": 500}, "1 to"),
     (learn_activities, {"variance": 1.0}, "variance"), (learn_activities, {"angles": ["wing"]}, "wing"),
@@ -34,8 +34,8 @@ OPTIONS = [
 
 
 @pytest.fixture(scope="module")
-def usual():
-    """What each learner and generator is usually given."""
+def makers():
+    """Return each generator and learner with valid arguments."""
     walks = builtin_motions(n_subjects=3)
     return {
         walker: lambda **wrong: walker(average_subject(), **{"duration_s": 1.0, "rate_hz": 30.0, **wrong}),
@@ -46,14 +46,14 @@ def usual():
     }
 
 
-@pytest.mark.parametrize(("make", "wrong", "words"), OPTIONS)
-def test_a_wrong_option_is_named(usual, make, wrong, words):
-    with pytest.raises(InputError, match=words):
-        usual[make](**wrong)
+@pytest.mark.parametrize(("make", "wrong", "message"), OPTIONS)
+def test_an_invalid_option_is_named(makers, make, wrong, message):
+    with pytest.raises(InputError, match=message):
+        makers[make](**wrong)
 
 
 @pytest.mark.parametrize(
-    ("read", "wrong", "words"),
+    ("read", "wrong", "message"),
     [
         (database_motions, {"motions": "recorded"}, r"paths\.data"), (database_motions, {"motions": "cmu"}, "data"),
         (database_motions, {"motions": "bandai"}, r"paths\.data"), (database_motions, {"motions": "all"}, "all"),
@@ -62,17 +62,17 @@ def test_a_wrong_option_is_named(usual, make, wrong, words):
         (activity_model, {"activities": ["swim"]}, "swim"),
     ],
 )  # fmt: skip
-def test_motions_that_there_are_not_are_named(read, wrong, words, tmp_path):
+def test_missing_motions_and_activities_are_named(read, wrong, message, tmp_path):
     data = {} if read is activity_model else {"data": None}
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         read(**data, cache=str(tmp_path), **wrong)
 
 
-def test_sequences_that_do_not_go_together_are_refused():
-    for sequences, periods, words in (
+def test_sequences_and_periods_that_do_not_match_are_rejected():
+    for sequences, periods, message in (
         ([NOISE, NOISE[:, :1]], [40, 40], "same m"),
         ([NOISE], [40, 40], "one period"),
         ([NOISE * [1.0, NAN]], [40], "angle 1 has no valid sample"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             align(sequences, periods)

@@ -1,4 +1,4 @@
-"""What priors offer to fits and starts: a motion, a penalty, examples, a first pose; and what wrappers pass on."""
+"""Capabilities of priors: a motion, a smoothness, examples and a first pose; and those that wrappers pass on."""
 
 import numpy as np
 import pytest
@@ -28,8 +28,8 @@ def windows():
 
 
 @pytest.mark.parametrize("name", ["walking", "gait", "cyclic"])
-def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
-    """To the difference of its cubic splines and the prior's linear interpolation, 1e-3 rad."""
+def test_the_motion_of_a_cyclic_prior_gives_its_poses(folder, name):
+    """The motion's cubic splines and the prior's linear interpolation differ by at most 1e-3 rad."""
     prior = getattr(from_motions, name)(motions="builtin", cache=folder)
     motion, rng = prior.capabilities.motion, np.random.default_rng(0)
     state = prior.sample_initial(builtin_motions()[0].poses[0], 50, rng)
@@ -38,30 +38,30 @@ def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
     np.testing.assert_allclose(motion.angles_at(alpha, phase), prior.pose(state)[:, N_ROOT:], atol=1e-3)
     mean_hz, deviation_hz = prior.model.cycle_rate_hz
     np.testing.assert_allclose(motion.cycle_rate_hz, mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]))
-    assert prior.capabilities.motion is motion  # so that its splines are made once
+    assert prior.capabilities.motion is motion  # its splines are made once
 
 
-def test_a_penalty_is_as_given_and_else_the_default(folder):
+def test_the_smoothness_is_the_penalty_or_the_default(folder):
     model = activity_model(cache=folder, n_components=2)
-    made = {
+    priors = {
         "walking": lambda **options: from_motions.walking(motions="builtin", cache=folder, **options),
         "activity": lambda **options: Activity(model, **options),
         "smooth": Smooth,
     }
-    for make in made.values():
+    for make in priors.values():
         assert make().capabilities.smoothness == Smoothness()
         assert make(penalty={"style": 0.1, "angle": 1.0}).capabilities.smoothness == Smoothness(style=0.1, angle=1.0)
 
 
-def test_wrappers_pass_on_what_still_holds(folder, windows):
+def test_wrappers_pass_on_the_capabilities_of_their_base(folder, windows):
     walking = from_motions.walking(motions="builtin", cache=folder)
     offsets = AROffsets(walking)
     assert offsets.capabilities.motion is walking.capabilities.motion
     assert offsets.capabilities.smoothness is None
     flips = KinematicFlips(offsets, lambda: None)
     assert flips.capabilities.motion is walking.capabilities.motion
-    followed = FittedRest(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
-    assert (followed.capabilities.first_pose() == 1.0).all()
-    assert (KinematicFlips(followed, lambda: None).capabilities.first_pose() == 1.0).all()
+    fitted = FittedRest(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
+    assert (fitted.capabilities.first_pose() == 1.0).all()
+    assert (KinematicFlips(fitted, lambda: None).capabilities.first_pose() == 1.0).all()
     arm = Implicit(windows)
     assert len(AROffsets(arm).capabilities.examples()) == len(arm.capabilities.examples())
