@@ -163,5 +163,5 @@ def test_folders_without_recordings_and_invalid_outputs_are_rejected(sweep, tmp_
     assert "expected recordings (.rrd, .rrd.part), found none" in message(tmp_path)
     assert "missing" in message(tmp_path / "missing")
     (tmp_path / "file").write_text("existing")
-    assert f"{tmp_path / 'file'}" in message(sweep, "-o", tmp_path / "file")
+    assert f"{tmp_path / 'file'}" in message(sweep / "walking_100_0", "-o", tmp_path / "file")
     assert (tmp_path / "file").read_text() == "existing"

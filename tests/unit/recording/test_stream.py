@@ -21,8 +21,7 @@ TASKS = Path("/proc/self/task")
 
 
 @pytest.fixture
-def recordings(tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda *_: set())
+def recordings(tmp_path, trusted):
     return [record(tmp_path / f"{name}.rrd", name) for name in "ab"]
 
 
