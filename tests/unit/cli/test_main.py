@@ -15,17 +15,15 @@ from workbench.inference.smc.weights import DegenerateWeights
 from workbench.utils.signals import Interrupted
 
 RUNS = (
-    "dataset=video", "body=height", "dataset=video body=height experiment=custom", "dataset=video dataset.source=x.mp4",
-    "dataset=point_files dataset.source=nowhere", "prior=walkin", "prior=schema_walking", "experiment=track_vidoe",
-    "inference.n_particle=100", "sed=3", "inference.n_particles=many", "inference.n_particles=0", "seed=-1",
-    "n_threads=100000", "dataset.n_frames=-5", "dataset.motion=file.bvh", "experiment=walk_video", "=3", "seed",
-    "seed=",
-    "+prior.new_key=3", "++inference.what=1", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x",
-    "--seed 3", "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "component_packages=[no_such_package]",
-    "component_packages=no_such_package",
-    "study=nothing", "inference=hybrid likelihood=image_motion", "likelihood=keypoints", "dataset=blank",
-    "dataset=points likelihood=image_motion", "inference=least_squares", "prior.motions=everything",
-    "dataset.n_frames=100000", "body=height body.height_m=180", "likelihood.reduction=total", "prior.motions=cmu",
+    "dataset=video", "body=height", "dataset=video dataset.source=x.mp4", "dataset=point_files dataset.source=nowhere",
+    "prior=walkin", "prior=schema_walking", "inference.n_particle=100", "inference.n_particles=many",
+    "inference.n_particles=0", "seed=-1", "n_threads=100000", "dataset.motion=file.bvh", "=3", "seed", "seed=",
+    "+prior.new_key=3", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x", "--seed 3",
+    "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "component_packages=[no_such_package]",
+    "component_packages=no_such_package", "study=nothing", "inference=hybrid likelihood=image_motion",
+    "likelihood=keypoints", "dataset=blank", "dataset=points likelihood=image_motion", "inference=least_squares",
+    "prior.motions=everything", "prior.motions=cmu", "dataset.n_frames=100000", "body=height body.height_m=180",
+    "likelihood.reduction=total",
     "experiment=impute_gaps study.fractions=[1.5]", "experiment=learn_walk_run study.activities=[swim]",
     "--experimental-rerun=x.pickle",
 )  # fmt: skip

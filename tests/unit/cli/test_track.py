@@ -50,9 +50,9 @@ def test_a_lens_calibration_is_used_with_the_persons_height(video, tmp_path, cap
         storage.write(key, value)
     storage.write("dist_coeffs", np.zeros(5))
     storage.release()
-    words = ["--height", "1.75", "--camera", str(tmp_path / "lens.yml"), "-o", str(tmp_path / "out")]
+    arguments = ["--height", "1.75", "--camera", str(tmp_path / "lens.yml"), "-o", str(tmp_path / "out")]
     overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
-    assert main(["track", str(video), *words, *overrides]) == 0
+    assert main(["track", str(video), *arguments, *overrides]) == 0
     focal_px = f"{camera.matrix[0, 0]:.0f}"
     assert f"with the lens of {tmp_path / 'lens.yml'}: focal length {focal_px} " in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -60,7 +60,7 @@ def test_a_lens_calibration_is_used_with_the_persons_height(video, tmp_path, cap
     assert "camera_calibration" not in summary["assumptions"]
     shutil.copytree(video, video.with_name("other"))
     with pytest.raises(SystemExit, match="2"):
-        main(["track", str(video), str(video.with_name("other")), *words])
+        main(["track", str(video), str(video.with_name("other")), *arguments])
     assert "[lens] has no rotation and translation in the world" in capsys.readouterr().err
 
 
@@ -69,15 +69,29 @@ def test_with_each_every_video_has_its_own_run_and_complete_runs_are_skipped(vid
     second = tmp_path / "walk, 2=b"
     video.with_name("walk").rename(second)
     shutil.copytree(second, video)
-    words = [str(video), str(second), "--each", "--camera", str(tmp_path / "camera.toml"), "-o", str(tmp_path / "out")]
+    videos = [str(video), str(second)]
+    options = ["--each", "--camera", str(tmp_path / "camera.toml"), "-o", str(tmp_path / "out"), "dataset.n_frames=4"]
     keys = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
-    assert main(["track", *words, *keys, "dataset.n_frames=4"]) == 0
+    assert main(["track", *videos, *options, *keys]) == 0
     assert "camera estimated" not in capsys.readouterr().out
     runs = [read(tmp_path / "out" / job / "run.rrd") for job in ("0", "1")]
     assert [run.settings["dataset"]["source"] for run in runs] == [str(video), str(second)]
     assert all((tmp_path / "out" / job / "person.bvh").is_file() for job in ("0", "1"))
     before = (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns
-    assert main(["track", *words, *keys, "dataset.n_frames=4", f"sweep.resume={tmp_path / 'out'}"]) == 0
+    assert (
+        main(
+            [
+                "track",
+                str(video),
+                str(second),
+                *options,
+                *keys,
+                "dataset.n_frames=4",
+                f"sweep.resume={tmp_path / 'out'}",
+            ]
+        )
+        == 0
+    )
     assert (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns == before
 
 

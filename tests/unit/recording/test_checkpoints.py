@@ -25,7 +25,7 @@ def decode(state):
 
 
 def with_filter_state(step, delayed=False, parents=None):
-    """Return the step with a state to continue from; delayed: its expected pose is not the filtered one."""
+    """Return the step with a filter state; delayed: its filtered pose is not the expected pose."""
     rng = np.random.default_rng(step.frame.index)
     log_weights = np.where(rng.random(len(step.log_weights)) < 0.5, -np.inf, step.log_weights)
     arrays = {"state": step.particles, "poses": step.poses, "log_weights": log_weights, "ahead": np.array([3])}

@@ -95,8 +95,8 @@ def test_a_metric_of_later_frames_is_added_to_the_layout(first_frame, n_layouts,
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
     assert len(RrdReader(path).blueprints()) == n_layouts
-    band = "/posterior/parameters/left_knee_flexion"
-    entities = (f"{band}/truth", f"{band}/mean", "/metrics/mpjpe_px", "/metrics/ess")
+    parameter = "/posterior/parameters/left_knee_flexion"
+    entities = (f"{parameter}/truth", f"{parameter}/mean", "/metrics/mpjpe_px", "/metrics/ess")
     truth, *estimates = [static(path, entity, "SeriesLines:colors")[0].to_bytes(4, "big")[:3] for entity in entities]
     assert truth == bytes(styles.TRUTH)
     assert set(estimates) == {bytes(styles.ESTIMATE)}

@@ -46,7 +46,7 @@ def test_the_verdict_is_recorded_as_text_property_and_states(tmp_path):
 
 @pytest.mark.parametrize(("every", "n", "style"), [(1, 8, "SeriesLines"), (4, 2, "SeriesPoints")])
 def test_reprojection_errors_are_curves_or_points_where_few_frames_have_keypoints(tmp_path, every, n, style):
-    """The steps have no truth; their keypoints lie 5 px from the estimate in every `every`-th frame."""
+    """The steps have no truth; one of `every` frames has keypoints, at a distance of 5 px from the estimate."""
 
     def with_keypoints(k, step):
         pixels = CAMERA.project(joints(BODY.skeleton, step.expected_pose[None])[0]) + OFFSET_PX

@@ -103,8 +103,8 @@ PNG = cv2.imencode(".png", np.zeros((6, 8), dtype=np.uint8))[1].tobytes()
 def test_a_preview_shows_the_images_of_the_cameras(tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="{}", settings={}, provenance={}) as file:
         file.stream.set_time("frame", sequence=0)
-        for place in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
-            file.stream.log(place, rr.EncodedImage(contents=PNG, media_type="image/png"))
+        for entity in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
+            file.stream.log(entity, rr.EncodedImage(contents=PNG, media_type="image/png"))
     assert preview_of(tmp_path / "run.rrd") == (["/world/left/image", "/world/right/image"], False)
 
 

@@ -90,7 +90,7 @@ def test_properties_metrics_and_note_are_read_back(recorded):
         _ = recording.poses
 
 
-def fail_in(recording):
+def interrupt(recording):
     with recording:
         assert read(recording.part).status == "running"  # the state after a kill
         raise KeyboardInterrupt
@@ -99,7 +99,7 @@ def fail_in(recording):
 def test_an_interrupted_study_leaves_its_part(tmp_path, caplog):
     recording = recorder(tmp_path / "run.rrd")
     with caplog.at_level(logging.WARNING), pytest.raises(KeyboardInterrupt):
-        fail_in(recording)
+        interrupt(recording)
     assert str(recording.part) in caplog.text
     assert not recording.path.exists()
     part = read(recording.part)

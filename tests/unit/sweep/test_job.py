@@ -143,7 +143,7 @@ def test_a_run_removed_during_reuse_is_not_reused(aside, monkeypatch, links):
     assert os.listdir(aside / "0") == []
 
 
-def test_a_run_reused_by_two_sweeps_is_reused_by_both(aside, monkeypatch):
+def test_a_run_that_another_sweep_removes_after_the_links_is_reused(aside, monkeypatch):
     rmtree = shutil.rmtree
 
     def other_sweep(folder, **options):

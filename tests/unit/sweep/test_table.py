@@ -125,7 +125,7 @@ def test_a_sweep_is_watched_while_its_launcher_or_a_job_runs(sweep, capsys, monk
 
 
 @pytest.mark.parametrize("plan", ["", "{", "hydra: 3", "hydra: {overrides: {task: ['a=[']}}", "- 1"])
-def test_other_folders_than_of_a_sweep_are_rejected(tmp_path, plan):
+def test_a_folder_without_a_sweep_is_rejected(tmp_path, plan):
     with pytest.raises(InputError, match="expected the folder of a sweep"):
         watch(tmp_path)
     (tmp_path / "multirun.yaml").write_text(plan)
