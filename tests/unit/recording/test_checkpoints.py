@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 from recorded import record
-from recording_steps import BODY, CAMERA, SPACE, steps
+from recording_steps import BODY, SPACE, steps
 
 from workbench.core.filter_state import FilterState
 from workbench.recording.read import partial_run
@@ -69,7 +69,7 @@ def test_particles_without_offspring_are_omitted(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_checkpoints_take_at_most_a_tenth_of_the_file(tmp_path, n_particles, monkeypatch):
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
-    run = list(steps(40, n_particles=n_particles, camera=CAMERA.scaled(0.25)))
+    run = list(steps(40, n_particles=n_particles))
     plain = recorded(tmp_path / "plain.rrd", run)
     full = recorded(tmp_path / "full.rrd", map(with_filter_state, run))
     assert not checkpoint_frames(plain)

@@ -44,17 +44,13 @@ def posterior(prior, run):
 
 @pytest.fixture(scope="module")
 def priors():
-    arm, walk = (
-        Smooth(parameters=["right_arm"]),
-        Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
-    )
-    arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], include_root=False)
+    motions = builtin_motions(n_subjects=2)
     return {
-        "walk": walk,
+        "walk": Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
         "smooth": Smooth(),
-        "arm": arm,
-        "database": Implicit(learn_windows(builtin_motions(n_subjects=2))),
-        "arm database": Implicit(arm_windows),
+        "arm": Smooth(parameters=["right_arm"]),
+        "database": Implicit(learn_windows(motions)),
+        "arm database": Implicit(learn_windows(motions, angles=["right_arm"], include_root=False)),
     }
 
 
@@ -110,7 +106,7 @@ def test_intervals_of_a_thousand_particles_are_the_weighted_quantiles():
     assert ends == weighted_quantiles(values[:, None], weights, (0.05, 0.95))[:, 0].tolist()
 
 
-@pytest.mark.parametrize("n_particles", [1001, 5000, 20_000])
+@pytest.mark.parametrize("n_particles", [1001, 5000])
 def test_intervals_of_more_particles_are_quantiles_within_the_resampling_error(n_particles):
     (low, high), values, weights = weighted_root_x(n_particles)
     outside = [weights[values < low].sum(), weights[values > high].sum()]
@@ -126,12 +122,9 @@ def heights(path, entity):
 def test_the_rank_histogram_of_all_frames_but_the_first_is_recorded(tmp_path):
     run = list(recording_steps.steps(6))
     path = record(tmp_path / "run.rrd", run)
-    all_ranks = np.concatenate(
-        [
-            ranks(weight_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
-            for s in run[1:]
-        ]
-    )
+    below = [weight_below(step.poses, np.exp(step.log_weights), step.frame.truth.pose) for step in run[1:]]
+    estimated = [np.ptp(step.poses, axis=0) > 0.0 for step in run[1:]]
+    all_ranks = np.concatenate([ranks(b)[varied] for b, varied in zip(below, estimated, strict=True)])
     assert len(all_ranks) >= 5
     expected = np.histogram(all_ranks, bins=10, range=(0.0, 1.0))[0] / len(all_ranks)
     np.testing.assert_allclose(heights(path, f"/{RANKS}"), expected, rtol=1e-6)
