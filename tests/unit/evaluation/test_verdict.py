@@ -87,7 +87,7 @@ def test_heights_and_motion_of_keypoints():
 
 def test_the_level_is_the_worst_and_its_reasons_come_first():
     findings = [Finding("a", "fits", TRUSTWORTHY), Finding("b", "note", NOTE), Finding("c", "odd"),
-             Finding("d", "wrong", NOT_USABLE)]  # fmt: skip
+                Finding("d", "wrong", NOT_USABLE)]  # fmt: skip
     assert [level_of(findings[:n]) for n in range(5)] == [TRUSTWORTHY] * 3 + [DOUBTFUL, NOT_USABLE]
     assert [finding.kind for finding in problems(findings)] == ["d", "c"]
     assert conclusion(findings) == "not usable, because wrong; odd"

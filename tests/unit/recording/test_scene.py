@@ -1,8 +1,7 @@
-"""Solids are drawn at the limbs, overlays at the projected joints, and images without lens distortion."""
+"""Solids are drawn at the limbs, and overlays at the projections of the joints without lens distortion."""
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -56,18 +55,3 @@ def test_undistorted_pixels_are_projections_without_distortion():
     expected = replace(camera, distortion=np.zeros(5)).project(points)
     assert images.undistorted(camera, camera.project(points)) == pytest.approx(expected, abs=0.02)  # five iterations
     assert images.undistorted(camera, np.empty((0, 2))).shape == (0, 2)
-
-
-@pytest.mark.parametrize("n_channels", [1, 3])
-def test_an_image_is_undistorted_and_decoded_in_its_colours(n_channels):
-    camera = plain_camera(64, 48, 60.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
-    grey = np.tile(np.linspace(20, 220, 64).astype(np.uint8), (48, 1))
-    pixels = grey if n_channels == 1 else np.stack([grey, grey[:, ::-1], np.full_like(grey, 90)], axis=-1)
-    encoded = images.jpeg(images.recorded_camera(camera), pixels, 95)
-    ((path, row),) = images.jpeg_row("world/camera/image", encoded)
-    assert (path, row.fields["media_type"]) == ("world/camera/image", ["image/jpeg"])
-    decoded = cv2.imdecode(row.fields["blob"][0], cv2.IMREAD_UNCHANGED)
-    assert np.abs((decoded if n_channels == 1 else decoded[..., ::-1]).astype(float) - pixels).mean() < 2.0
-    undistorted = images.jpeg(images.recorded_camera(replace(camera, distortion=LENS)), grey, 95)
-    expected = cv2.undistort(grey, camera.matrix, np.array(LENS))
-    assert np.abs(cv2.imdecode(undistorted, cv2.IMREAD_UNCHANGED).astype(float) - expected).mean() < 2.0
