@@ -60,7 +60,7 @@ def test_a_wrong_unit_of_length_is_reported():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_world_whose_z_axis_is_horizontal_is_reported(n):
+def test_a_world_with_a_horizontal_z_axis_is_reported(n):
     cameras = around(n)
     text = problems(seen_by([tilted_world(camera, 90.0) for camera in cameras], cameras))
     assert "z is not up" in text or "leans" in text

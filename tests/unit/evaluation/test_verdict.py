@@ -126,7 +126,7 @@ ONE, TWO = scene(1), scene(2)
 
 
 @pytest.mark.parametrize(
-    ("kind", "planted"),
+    ("kind", "faulty"),
     [
         ("inconsistent cameras", without(TWO, frames=range(N - 5), v=1)),
         ("inconsistent cameras", shifted(TWO, 50.0, np.arange(N) >= 0)),
@@ -136,8 +136,8 @@ ONE, TWO = scene(1), scene(2)
         ("observations far from the body", replace(ONE, inlier_fraction=0.4)),
     ],
 )
-def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, planted):
-    verdict = planted.verdict()
+def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, faulty):
+    verdict = faulty.verdict()
     assert kind in {finding.kind for finding in verdict.findings}, verdict.message
     assert verdict.level != TRUSTWORTHY
 

@@ -62,7 +62,7 @@ def test_without_scikit_image_the_limbs_are_recorded_with_one_warning(run, tmp_p
     assert sum("scikit-image" in warning for warning in warnings) == caplog.text.count("scikit-image") == 1
 
 
-def test_flexions_are_recorded_in_degrees_and_activities_as_lanes(fit, run):
+def test_flexions_are_recorded_in_degrees_and_activities_as_states(fit, run):
     for name in ("left_hip", "right_hip", "left_knee", "right_knee"):
         poses = {"estimate": [s.expected_pose for s in run], "truth": [s.frame.truth.pose for s in run]}
         for row, series in poses.items():

@@ -101,7 +101,7 @@ def test_a_value_that_is_not_finite_is_not_counted():
     assert statistic(group_runs(runs[1:]), "mpjpe_px") is None
 
 
-def test_clips_of_several_people_form_one_group_whose_mean_is_over_people():
+def test_clips_of_several_people_form_one_group_with_the_mean_over_people():
     grouping = group_runs(people())
     assert len(grouping.labels) == 1
     row = statistic(grouping, "mpjpe_abs_mm")

@@ -1,4 +1,4 @@
-"""Each fault planted into an intact scene is reported with its level; intact scenes have no findings."""
+"""Each fault injected into an intact scene is reported with its level; intact scenes have no findings."""
 
 from dataclasses import replace
 
@@ -117,9 +117,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_planted_fault_is_reported_with_its_level(name):
-    planted, kind, level = FAULTS[name]
-    verdict = planted.verdict()
+def test_an_injected_fault_is_reported_with_its_level(name):
+    faulty, kind, level = FAULTS[name]
+    verdict = faulty.verdict()
     levels = {finding.kind: finding.level for finding in (*verdict.findings, verdict.outcome)}
     assert levels.get(kind) == level, verdict.message
     assert verdict.level != "trustworthy"
