@@ -1,4 +1,4 @@
-"""What tests of several commands need."""
+"""Fixtures of the tests of commands."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""`workbench detect` refuses what it cannot read before it downloads anything, and writes one folder a video."""
+"""`workbench detect` rejects unreadable videos before it downloads a model, and writes one folder per video."""
 
 import cv2
 import numpy as np
@@ -11,16 +11,16 @@ from workbench.datasets.detection.landmark_network import PersonLandmarks
 
 
 @pytest.fixture
-def film(tmp_path):
-    (tmp_path / "film").mkdir()
+def images(tmp_path):
+    (tmp_path / "images").mkdir()
     for t in range(3):
-        cv2.imwrite(str(tmp_path / "film" / f"{t}.png"), np.full((48, 64, 3), 9, np.uint8))
-    return tmp_path / "film"
+        cv2.imwrite(str(tmp_path / "images" / f"{t}.png"), np.full((48, 64, 3), 9, np.uint8))
+    return tmp_path / "images"
 
 
 @pytest.fixture
 def model(tmp_path, monkeypatch):
-    """A model that sees nobody."""
+    """A model that detects no person."""
     zeros = np.zeros((33, 3))
     monkeypatch.setattr(
         detection_files,
@@ -31,15 +31,15 @@ def model(tmp_path, monkeypatch):
     return tmp_path / "model.tflite"
 
 
-def test_every_video_has_its_folder(film, model, tmp_path, capsys):
-    assert main(["detect", str(film), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
-    folder = tmp_path / "out" / film.stem
+def test_detections_of_a_video_are_written_to_its_folder(images, model, tmp_path, capsys):
+    assert main(["detect", str(images), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
+    folder = tmp_path / "out" / images.stem
     assert "no person" in capsys.readouterr().out
     assert len(list(folder.glob("*.json"))) > 1
 
 
 @pytest.mark.parametrize("videos", [["none.mp4"], ["a/walk.mp4", "b/walk.mp4"]])
-def test_what_cannot_be_read_is_refused_before_anything_is_downloaded(videos, tmp_path, monkeypatch, capsys):
+def test_invalid_videos_are_rejected_before_a_download(videos, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(detect, "model_file", lambda *_: pytest.fail("downloads"))
     monkeypatch.chdir(tmp_path)
     for folder in ("a", "b"):
@@ -49,12 +49,12 @@ def test_what_cannot_be_read_is_refused_before_anything_is_downloaded(videos, tm
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_a_file_that_is_no_video(model, tmp_path, capsys):
+def test_a_file_that_is_no_video_is_rejected(model, tmp_path, capsys):
     (tmp_path / "walk.mp4").write_bytes(b"no video")
     assert main(["detect", str(tmp_path / "walk.mp4"), "-o", str(tmp_path / "out"), "--model", str(model)]) == 2
     assert "walk.mp4" in capsys.readouterr().err
 
 
-def test_a_single_image_is_searched(film, model, tmp_path):
-    assert main(["detect", str(film / "1.png"), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
+def test_a_single_image_is_a_video_of_one_frame(images, model, tmp_path):
+    assert main(["detect", str(images / "1.png"), "-o", str(tmp_path / "out"), "--model", str(model)]) == 0
     assert len(list((tmp_path / "out" / "1").glob("*.json"))) == 1

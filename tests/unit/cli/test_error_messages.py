@@ -1,4 +1,4 @@
-"""What is meant by a wrong option or key, arguments that are quoted for Hydra, and the line to paste."""
+"""Suggestions for mistyped options and keys, arguments quoted for Hydra, and the lines printed after a run."""
 
 import sys
 import tomllib
@@ -25,24 +25,23 @@ class _UnknownKeyError(Exception):
     object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("algorithm", str)])
 
 
-def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
-    *listed, last = message_of(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
-    assert "syntetic" in last
-    assert "dataset=synthetic" in last
-    assert "  dataset=video" in listed
+def test_an_unknown_option_or_key_is_answered_by_the_closest_and_all_existing_ones():
+    *options, suggestion = message_of(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
+    assert "syntetic" in suggestion
+    assert "dataset=synthetic" in suggestion
+    assert "  dataset=video" in options
     error = ValueError("Could not override 'inference.n_particle'.")
     error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
-    *listed, last = message_of(error)
-    assert {"  inference.algorithm", "  inference.n_particles"} <= set(listed)
-    assert "inference.n_particles" in last
+    *keys, suggestion = message_of(error)
+    assert {"  inference.algorithm", "  inference.n_particles"} <= set(keys)
+    assert "inference.n_particles" in suggestion
 
 
 @pytest.mark.parametrize(
     ("plugin", "extra"),
     [("launcher/joblib", "sweep"), ("launcher/submitit_slurm", "cluster"), ("sweeper/optuna", "tune")],
 )
-def test_a_plugin_that_is_not_installed_is_named_with_its_extra(plugin, extra):
-    """Hydra's message where the option's package is not installed."""
+def test_a_missing_plugin_is_named_with_its_extra(plugin, extra):
     (message,) = message_of(ValueError(f"In 'hydra/config': Could not find 'hydra/{plugin}'\nAvailable options in"))
     assert message == f"hydra/{plugin.replace('/', '=')} requires a plug-in of Hydra: pip install -e '.[{extra}]'"
     pyproject = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())
@@ -51,16 +50,16 @@ def test_a_plugin_that_is_not_installed_is_named_with_its_extra(plugin, extra):
 
 
 @pytest.mark.parametrize(
-    ("word", "wrong", "meant"),
+    ("override", "unknown", "suggestion"),
     [("sed=3", "sed", "seed"), ("prior=walkin", "walkin", "prior=walking"), ("paper=theirs", "theirs", "")],
 )
-def test_what_hydra_refuses_is_named_with_what_is_meant(word, wrong, meant):
+def test_an_override_that_hydra_rejects_gets_a_suggestion(override, unknown, suggestion):
     prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"), pytest.raises(HydraException) as refused:
-        compose("config", overrides=[word])
-    sentence = message_of(refused.value)[-1]
-    assert wrong in sentence
-    assert meant in sentence
+    with initialize_config_module("workbench.conf", version_base="1.3"), pytest.raises(HydraException) as raised:
+        compose("config", overrides=[override])
+    message = message_of(raised.value)[-1]
+    assert unknown in message
+    assert suggestion in message
 
 
 @pytest.fixture
@@ -74,19 +73,19 @@ def summary(tmp_path):
     )  # fmt: skip
 
 
-def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
-    """Also where the environment is not active, and of a folder with a blank in its name."""
+def test_the_last_line_is_a_command_that_opens_the_recording(summary, tmp_path, monkeypatch):
+    """The command also works outside the virtual environment and for a folder with a blank in its name."""
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "workbench").touch(mode=0o755)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
-    for path, place, command in (
+    for path, working_folder, command in (
         ("/nowhere", ".", "bin/workbench view 'a folder/run.rrd'"),
         (tmp_path / "bin", ".", "workbench view 'a folder/run.rrd'"),
         (tmp_path / "bin", "elsewhere", f"workbench view '{tmp_path / 'a folder' / 'run.rrd'}'"),
     ):
         monkeypatch.setenv("PATH", str(path))
-        monkeypatch.chdir(tmp_path / place)
+        monkeypatch.chdir(tmp_path / working_folder)
         assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
 
 
@@ -96,25 +95,25 @@ def test_metrics_follow_the_verdict_with_their_units_aligned(summary):
     rows = [line for line in lines if line.split()[0] in run_output.METRICS]
     assert [row.split()[:3] for row in rows] == [["mpjpe_abs_mm", "31.0", "mm"], ["pa_mpjpe_mm", "25.0", "mm"]]
     assert len({row.index(" mm ") for row in rows}) == 1
-    assert any(line.split()[:2] == ["2", "more"] for line in lines)  # the offset, and what says nothing here
+    assert any(line.split()[:2] == ["2", "more"] for line in lines)  # the marker offset and the uninformative metric
 
 
 def value_of(argument):
     return OverridesParser.create().parse_override(argument).value()
 
 
-SIGNS = st.characters(codec="utf-8", exclude_categories=("Cc", "Zl", "Zp"), exclude_characters="\\")
+CHARACTERS = st.characters(codec="utf-8", exclude_categories=("Cc", "Zl", "Zp"), exclude_characters="\\")
 
 
 @settings(max_examples=25)
-@given(st.text(SIGNS, min_size=1))
-def test_any_name_of_a_folder_reaches_hydra_as_it_is(name):
+@given(st.text(CHARACTERS, min_size=1))
+def test_folder_names_reach_hydra_unchanged(name):
     if "${" not in name:
         assert value_of(quoted(f"hydra.run.dir=runs/{name}/x")) == f"runs/{name}/x"
 
 
 @pytest.mark.parametrize("value", ["n_track_losses>0", "Läufe/日本.bvh", "a#b", "<3"])
-def test_what_can_be_meant_in_one_way_only_is_quoted(value):
+def test_unambiguous_texts_are_quoted(value):
     assert quoted(f"any.key={value}") == f"any.key='{value}'"
 
 
@@ -123,5 +122,5 @@ def test_what_can_be_meant_in_one_way_only_is_quoted(value):
     ["sweep.stop_if='n_track_losses>0'", "seed=1,2", "seed=range(5)", "seed=[1", "x={a: ü}", "prior=a,ü", "x=a b",
      "x=", "hydra.run.dir='Läufe'", "hydra.run.dir=${now:%Y}", "-m", "--cfg=job", "from"],
 )  # fmt: skip
-def test_the_rest_stays_as_it_is(argument):
+def test_hydra_syntax_is_not_quoted(argument):
     assert quoted(argument) == argument

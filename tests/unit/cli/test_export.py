@@ -1,4 +1,4 @@
-"""From a recording, whole or cut off, to files; and the messages where that cannot be done."""
+"""`workbench export` writes motion files from complete and partial recordings and rejects invalid input."""
 
 import csv
 import shutil
@@ -15,7 +15,7 @@ from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
 from workbench.recording.write.recorder import Recorder
 
-N = 12  # more than one flush, and a rest
+N = 12  # more than one flush
 
 
 def recorder(path):
@@ -50,35 +50,35 @@ def estimated(run):
 
 
 def exported(recording, output, *options):
-    """Call the command and return its exit code."""
+    """Run the command and return its exit code."""
     return main(["export", str(recording), "-o", str(output), *options])
 
 
 @pytest.mark.parametrize(("options", "unit"), [([], "cm"), (["--metres"], "m")])
-def test_bvh_of_the_estimate(recorded, estimated, tmp_path, capsys, options, unit):
+def test_bvh_contains_the_estimate(recorded, estimated, tmp_path, capsys, options, unit):
     output = tmp_path / "OUT.BVH"
     assert exported(recorded, output, *options) == 0
-    printed = capsys.readouterr()
-    assert printed.err == ""
-    assert printed.out.startswith(f"{output}: 12 frames, 0.000 to 0.367 s; ")
+    output_text = capsys.readouterr()
+    assert output_text.err == ""
+    assert output_text.out.startswith(f"{output}: 12 frames, 0.000 to 0.367 s; ")
     clip = read_bvh(output, unit)
     assert clip.rate_hz == 30.0
     np.testing.assert_allclose(clip.positions, estimated, atol=4e-6)  # six decimals of metres
     assert [path.name for path in tmp_path.iterdir()] == ["OUT.BVH"]
 
 
-def test_trc_of_the_estimate_and_of_the_truth(recorded, run, estimated, tmp_path):
+def test_trc_contains_the_estimate_or_the_truth(recorded, run, estimated, tmp_path):
     true = np.stack([step.frame.truth.joints for step in run])
     for options, expected in (([], estimated), (["--truth"], true)):
         assert exported(recorded, tmp_path / "out.trc", *options) == 0
         rows = np.loadtxt(tmp_path / "out.trc", skiprows=6)
         np.testing.assert_allclose(rows[:, 1], np.arange(N) / 30.0, atol=1e-9)
-        # the recording keeps the true joints to float32
+        # the recording has float32 joints
         np.testing.assert_allclose(rows[:, 2:].reshape(N, 15, 3)[..., [2, 0, 1]] / 1000.0, expected, atol=1e-6)
-    assert np.abs(estimated - true).max() > 0.01  # or the two could be mixed up
+    assert np.abs(estimated - true).max() > 0.01  # estimate and truth can be distinguished
 
 
-def test_csv_keeps_frames_times_poses_and_intervals(recorded, run, tmp_path):
+def test_csv_contains_frames_times_poses_and_intervals(recorded, run, tmp_path):
     output = tmp_path / "out.csv"
     assert exported(recorded, output, "--intervals") == 0
     with output.open(newline="") as file:
@@ -92,7 +92,7 @@ def test_csv_keeps_frames_times_poses_and_intervals(recorded, run, tmp_path):
         assert float(row["left_knee_flexion_low"]) < float(row["left_knee_flexion_high"])
 
 
-def test_c3d_and_mot_of_the_estimate(recorded, run, estimated, tmp_path, capsys):
+def test_c3d_and_mot_contain_the_estimate(recorded, run, estimated, tmp_path, capsys):
     assert exported(recorded, tmp_path / "out.C3D") == 0
     assert exported(recorded, tmp_path / "out.mot") == 0
     assert "x ahead where the world has x, as in OpenSim's models" in capsys.readouterr().out
@@ -109,7 +109,7 @@ HIDDEN = ("right_elbow", "right_wrist")
 
 
 def with_keypoints(path, likelihood):
-    """Record steps whose keypoints never show HIDDEN, the wrist but beyond the image's edge and once faintly."""
+    """Record steps that show no joint of HIDDEN: the wrist's keypoints lie outside the image or have a low weight."""
     config = f"likelihood: {{_target_: {likelihood}}}\n"
     with Recorder(path, BODY, SPACE, run_id=path.name, config_yaml=config, provenance={}) as recording:
         for step in steps(4, n_particles=20):
@@ -123,7 +123,7 @@ def with_keypoints(path, likelihood):
     return path
 
 
-def test_joints_that_no_keypoint_shows_are_not_exported_as_measured(tmp_path, caplog):
+def test_joints_without_keypoints_are_exported_as_missing(tmp_path, caplog):
     run = with_keypoints(tmp_path / "run.rrd", "workbench.likelihoods.keypoints.KeypointLikelihood")
     for suffix in (".trc", ".c3d", ".csv"):
         assert exported(run, tmp_path / f"out{suffix}") == 0
@@ -145,16 +145,14 @@ def test_joints_that_no_keypoint_shows_are_not_exported_as_measured(tmp_path, ca
     assert np.isfinite(read_bvh(tmp_path / "out.bvh").positions).all()
 
 
-def test_other_cues_determine_joints_without_keypoints(tmp_path, caplog):
+def test_joints_without_keypoints_are_exported_where_other_cues_are_used(tmp_path, caplog):
     run = with_keypoints(tmp_path / "run.rrd", "workbench.likelihoods.product.Product")
     assert exported(run, tmp_path / "out.trc") == 0
     assert np.isfinite(read_markers(tmp_path / "out.trc").positions).all()
     assert "no keypoint shows" not in caplog.text
 
 
-def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(
-    run, tmp_path, capsys, recwarn, monkeypatch
-):
+def test_the_written_frames_of_an_incomplete_run_are_exported(run, tmp_path, capsys, recwarn, monkeypatch):
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     with recorder(tmp_path / "run.rrd") as recording:
         for step in run[:11]:
@@ -166,8 +164,11 @@ def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        record(tmp_path / "cut.rrd", interrupted())
-    for part, status, n in ((running, "running", 9), (tmp_path / "cut.rrd.part", "interrupted", 4)):  # three flushes
+        record(tmp_path / "interrupted.rrd", interrupted())
+    for part, status, n in (
+        (running, "running", 9),  # three flushes
+        (tmp_path / "interrupted.rrd.part", "interrupted", 4),
+    ):
         for options in ([], ["--truth"]):
             assert exported(part, tmp_path / "out.csv", *options) == 0
             assert capsys.readouterr().err == f"{part}: the run is not complete (status: {status})\n"
@@ -176,33 +177,33 @@ def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(
     assert len(recwarn) == 0
 
 
-def test_frames_without_truth_are_left_out_and_counted(run, tmp_path, capsys):
-    partly = record(tmp_path / "run.rrd", [*run[:7], *map(without_truth, run[7:])])
-    assert exported(partly, tmp_path / "out.trc", "--truth") == 0
+def test_frames_without_truth_are_omitted_and_counted(run, tmp_path, capsys):
+    recording = record(tmp_path / "run.rrd", [*run[:7], *map(without_truth, run[7:])])
+    assert exported(recording, tmp_path / "out.trc", "--truth") == 0
     assert "5 frames without ground truth are omitted" in capsys.readouterr().err
     assert len(np.loadtxt(tmp_path / "out.trc", skiprows=6)) == 7
 
 
-def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, capsys):
+def test_unreadable_recordings_and_invalid_outputs_are_rejected(recorded, run, tmp_path, capsys):
     output, junk = tmp_path / "out.bvh", tmp_path / "junk.rrd"
-    output.write_text("keep me")
+    output.write_text("existing")
     junk.write_bytes(b"no recording" * 100)
     empty = record(tmp_path / "empty.rrd", [])
-    blind = record(tmp_path / "blind.rrd", [without_truth(step) for step in run[:3]])
-    gappy = record(tmp_path / "gappy.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
-    for arguments, sentence in (
+    untrue = record(tmp_path / "without_truth.rrd", [without_truth(step) for step in run[:3]])
+    gap = record(tmp_path / "gap.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
+    for arguments, message in (
         ((tmp_path / "none.rrd", output), f"{tmp_path / 'none.rrd'}: no such recording"),
         ((junk, output), f"{junk}: expected a whole Rerun recording"),
         ((recorded, tmp_path / "out.fbx"), "with the extension .bvh, .trc, .csv"),
         ((recorded, tmp_path / "none" / "out.bvh"), "in an existing folder"),
         ((empty, output), "expected a recording with poses (estimate/pose), found none"),
         ((empty, output, "--truth"), "expected a recording of a tracked person"),
-        ((blind, output, "--truth"), "with true joints (world/truth/joints), found none"),
-        ((gappy, tmp_path / "out.trc", "--truth"), "0.0667 s after 0.133 s"),
+        ((untrue, output, "--truth"), "with true joints (world/truth/joints), found none"),
+        ((gap, tmp_path / "out.trc", "--truth"), "0.0667 s after 0.133 s"),
         ((recorded, output, "--truth"), "BVH requires joint angles, but only joint positions are known"),
     ):
         assert exported(*arguments) == 2
         printed = capsys.readouterr()
-        assert sentence in printed.err
+        assert message in printed.err
         assert (printed.out, printed.err.count("\n")) == ("", 1)
-    assert output.read_text() == "keep me"
+    assert output.read_text() == "existing"

@@ -1,4 +1,4 @@
-"""Importing: which files are found, what is known about them, and what happens to the bad ones."""
+"""Importing motions: their files, their subjects and activities, and reports on damaged files."""
 
 import hashlib
 import re
@@ -12,7 +12,7 @@ from workbench.motion.library import read_library
 from workbench.motion.sources import cmu_clips, find_sources, import_sources, load_motion
 from workbench.utils.errors import InputError
 
-# lengths (in 1/0.45 inch) of an invented person on the bones the CMU database has
+# the bones of the CMU database with lengths (1/0.45 inch) of a synthetic person
 BONES = {
     "lowerback": ("root", (0, 1, 0), 6), "lowerneck": ("lowerback", (0, 1, 0), 2),
     "upperneck": ("lowerneck", (0, 1, 0), 1.7), "head": ("upperneck", (0, 1, 0), 1.8),
@@ -46,7 +46,7 @@ def amc_text(n=9):
 
 @pytest.fixture
 def cmu(tmp_path):
-    """A folder "cmu" laid out like the database: two subjects, three clips."""
+    """A folder with the layout of the CMU database: two subjects, three clips."""
     folder = tmp_path / "cmu"
     for subject, clips in (("07", ("07_01", "07_02")), ("35", ("35_01",))):
         (folder / subject).mkdir(parents=True)
@@ -60,40 +60,41 @@ def cmu(tmp_path):
     return folder
 
 
-def test_sources_are_found_in_folders_once_and_in_order(cmu, tmp_path):
+def test_sources_in_folders_are_listed_once_and_in_order(cmu, tmp_path):
     (cmu / "35" / "B.BVH").write_text("")
-    found = find_sources([cmu / "35" / "35_01.amc", cmu, str(cmu / "07")])
-    names = [str(path.relative_to(cmu)) for path in found]
+    sources = find_sources([cmu / "35" / "35_01.amc", cmu, str(cmu / "07")])
+    names = [str(path.relative_to(cmu)) for path in sources]
     assert names == ["35/35_01.amc", "07/07_01.amc", "07/07_02.amc", "35/B.BVH"]
     (tmp_path / "empty").mkdir()
-    for bad in (cmu / "none.bvh", cmu / "index.csv", tmp_path / "empty"):
-        with pytest.raises(InputError, match=re.escape(f"{bad}: expected motion files")):
-            find_sources([cmu, bad])
+    for path in (cmu / "none.bvh", cmu / "index.csv", tmp_path / "empty"):
+        with pytest.raises(InputError, match=re.escape(f"{path}: expected motion files")):
+            find_sources([cmu, path])
 
 
-def test_a_motion_knows_where_it_comes_from(cmu, tmp_path):
+def test_a_motion_has_its_source_subject_and_licence(cmu, tmp_path):
     path = cmu / "07" / "07_02.amc"
     motion = load_motion(path)
     assert (motion.name, motion.subject, motion.activity, motion.rate_hz) == ("07_02", "07", "walk, then run", 60.0)
     assert motion.source == "07/07_02.amc"
     assert motion.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert "NSF EIA-0196217" in motion.licence
-    assert motion.joint_error_mm.max() < 0.01  # nothing bends that our body cannot bend; directions have six digits
-    assert np.diff(motion.poses[:, 0]) == pytest.approx(0.1 * 0.0254 / 0.45, abs=1e-6)  # the file's z is ahead
+    assert motion.joint_error_mm.max() < 0.01  # six digits of the bones' directions
+    # the file's z axis points forwards
+    assert np.diff(motion.poses[:, 0]) == pytest.approx(0.1 * 0.0254 / 0.45, abs=1e-6)
 
     (cmu / "index.csv").unlink()
     motion = load_motion(path)
     assert (motion.subject, motion.activity, motion.rate_hz) == ("07", "unknown", 120.0)
-    other = tmp_path / "me.amc"
+    other = tmp_path / "own.amc"
     other.write_text(amc_text())
-    (tmp_path / "me.asf").write_text(asf_text())
+    (tmp_path / "own.asf").write_text(asf_text())
     motion = load_motion(other)
     assert (motion.subject, motion.activity, motion.licence) == ("unknown", "unknown", "unknown")
 
 
-def test_clips_of_subjects(cmu):
-    found = cmu_clips(cmu.parent, ["35", "07"])
-    assert [path.name for path in found] == ["07_01.amc", "35_01.amc"]  # "walk, then run" is not exactly "walk"
+def test_clips_are_selected_by_subject_and_activity(cmu):
+    clips = cmu_clips(cmu.parent, ["35", "07"])
+    assert [path.name for path in clips] == ["07_01.amc", "35_01.amc"]  # "walk, then run" is not exactly "walk"
     with pytest.raises(InputError, match="expected clips of subject '99' with activity 'walk'"):
         cmu_clips(cmu.parent, ["07", "99"])
     with pytest.raises(InputError, match=r"subject '35' with activity 'walk, then run'"):
@@ -105,14 +106,12 @@ def test_clips_of_subjects(cmu):
         cmu_clips(cmu, ["35"])
 
 
-def test_a_bad_clip_costs_only_itself(cmu):
+def test_a_damaged_clip_is_reported_and_the_others_are_imported(cmu):
     (cmu / "07" / "07_01.amc").write_text(amc_text()[:-20])
     (cmu / "35" / "other.bvh").write_text(BVH)
     motions, reports = import_sources([cmu, cmu / "none.bvh"], rate_hz=30.0)
-    assert [(each.name, each.rate_hz, len(each)) for each in motions] == [
-        ("07_02", 30.0, 5),
-        ("35_01", 30.0, 3),
-    ]
+    clips = [(motion.name, motion.rate_hz, len(motion)) for motion in motions]
+    assert clips == [("07_02", 30.0, 5), ("35_01", 30.0, 3)]
     assert len(reports) == 3
     assert "none.bvh: expected motion files" in reports[0]
     assert "07_01.amc, line" in reports[1]
@@ -134,11 +133,11 @@ def test_the_command_writes_a_library_and_a_table(cmu, tmp_path, capsys):
     assert [motion.name for motion in read_library(output)] == ["07_01", "07_02", "35_01"]
 
 
-def test_the_command_writes_what_can_be_imported(cmu, tmp_path, capsys):
+def test_the_command_skips_what_cannot_be_imported(cmu, tmp_path, capsys):
     output = tmp_path / "out.h5"
-    output.write_text("keep me")
+    output.write_text("existing")
     assert main(["import", str(tmp_path / "none"), "-o", str(output)]) == 2
-    assert output.read_text() == "keep me"
+    assert output.read_text() == "existing"
     assert "nothing imported" in capsys.readouterr().out
     (cmu / "35" / "35_01.amc").write_text("")
     assert main(["import", str(cmu), str(tmp_path / "none"), "-o", str(output)]) == 2

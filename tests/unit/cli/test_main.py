@@ -1,4 +1,4 @@
-"""The command: help without imports, mistyped words, and wrong input of every subcommand as one sentence."""
+"""`workbench`: help without heavy imports, suggestions for mistyped commands, one message on invalid input."""
 
 import os
 import subprocess
@@ -15,21 +15,19 @@ from workbench.inference.smc.weights import DegenerateWeights
 from workbench.utils.signals import Interrupted
 
 RUNS = (
-    "dataset=video", "body=height", "dataset=video body=height experiment=custom", "dataset=video dataset.source=x.mp4",
-    "dataset=point_files dataset.source=nowhere", "prior=walkin", "prior=schema_walking", "experiment=track_vidoe",
-    "inference.n_particle=100", "sed=3", "inference.n_particles=many", "inference.n_particles=0", "seed=-1",
-    "n_threads=100000", "dataset.n_frames=-5", "dataset.motion=file.bvh", "experiment=walk_video", "=3", "seed",
-    "seed=",
-    "+prior.new_key=3", "++inference.what=1", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x",
-    "--seed 3", "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "component_packages=[no_such_package]",
-    "component_packages=no_such_package",
-    "study=nothing", "inference=hybrid likelihood=image_motion", "likelihood=keypoints", "dataset=blank",
-    "dataset=points likelihood=image_motion", "inference=least_squares", "prior.motions=everything",
-    "dataset.n_frames=100000", "body=height body.height_m=180", "likelihood.reduction=total", "prior.motions=cmu",
+    "dataset=video", "body=height", "dataset=video dataset.source=x.mp4", "dataset=point_files dataset.source=nowhere",
+    "prior=walkin", "prior=schema_walking", "inference.n_particle=100", "inference.n_particles=many",
+    "inference.n_particles=0", "seed=-1", "n_threads=100000", "dataset.motion=file.bvh", "=3", "seed", "seed=",
+    "+prior.new_key=3", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x", "--seed 3",
+    "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "component_packages=[no_such_package]",
+    "component_packages=no_such_package", "study=nothing", "inference=hybrid likelihood=image_motion",
+    "likelihood=keypoints", "dataset=blank", "dataset=points likelihood=image_motion", "inference=least_squares",
+    "prior.motions=everything", "prior.motions=cmu", "dataset.n_frames=100000", "body=height body.height_m=180",
+    "likelihood.reduction=total",
     "experiment=impute_gaps study.fractions=[1.5]", "experiment=learn_walk_run study.activities=[swim]",
     "--experimental-rerun=x.pickle",
 )  # fmt: skip
-OTHERS = (
+OTHER_COMMANDS = (
     "rnu", "reports", "walk", "view", "view nowhere.rrd", "view .", "report nowhere", "report --no-such-option .",
     "check nowhere.rrd", "check nowhere.rrd inference=x", "check --seeds 1 nowhere.rrd", "runs --view many",
     "export nowhere.rrd -o walk.bvh", "export run.rrd", "import nowhere -o no/out.h5", "components prior.no_such",
@@ -39,105 +37,100 @@ OTHERS = (
 
 
 @pytest.fixture
-def ends(tmp_path, monkeypatch, capfd):
-    """Call the command in an empty folder: the exit code, however it ends, and what it prints to stderr."""
+def call(tmp_path, monkeypatch, capfd):
+    """A function that runs the command in an empty folder and returns its exit code and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
 
-    def call(*words):
+    def command(*words):
         try:
             code = main(words)
-        except SystemExit as ended:
-            code = ended.code
+        except SystemExit as error:
+            code = error.code
         return code, capfd.readouterr().err
 
-    yield call
+    yield command
     GlobalHydra.instance().clear()
 
 
-def is_one_sentence(code, err):
+def is_rejected(code, err):
     return code == 2 and bool(err.strip()) and "Traceback" not in err
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", RUNS)
-def test_wrong_input_of_a_run_is_one_sentence(words, ends):
-    assert is_one_sentence(*ends("run", *words.split()))
+def test_invalid_input_of_a_run_is_rejected(words, call):
+    assert is_rejected(*call("run", *words.split()))
 
 
-@pytest.mark.parametrize("words", OTHERS)
-def test_wrong_input_of_the_other_commands_is_one_sentence(words, ends):
-    assert is_one_sentence(*ends(*words.split()))
+@pytest.mark.parametrize("words", OTHER_COMMANDS)
+def test_invalid_input_of_the_other_commands_is_rejected(words, call):
+    assert is_rejected(*call(*words.split()))
 
 
 @pytest.mark.parametrize(
-    ("words", "meant"),
+    ("words", "suggestion"),
     [
         (["experiment=walk_circle", "seed=range(2)"], "workbench run experiment=walk_circle 'seed=range(2)'"),
         (["-m", "seed=1,2"], "workbench run -m seed=1,2"), (["chek", "a.rrd"], "workbench check"),
         (["walk_circel"], "workbench run experiment=walk_circle"),
     ],
 )  # fmt: skip
-def test_a_first_word_that_is_no_command_gets_what_is_meant(words, meant, ends):
-    code, err = ends(*words)
-    assert is_one_sentence(code, err)
+def test_an_unknown_command_is_answered_by_a_suggestion(words, suggestion, call):
+    code, err = call(*words)
+    assert is_rejected(code, err)
     assert err.count("\n") == 1
-    assert meant in err
+    assert suggestion in err
 
 
 @pytest.mark.parametrize("words", [*COMMANDS, "calibrate board", "calibrate height"])
-def test_every_command_has_a_help(words, capsys):
+def test_every_command_has_help(words, capsys):
     code = 0
     try:
         code = main([*words.split(), "--help"])
-    except SystemExit as ended:  # argparse's
-        code = ended.code
+    except SystemExit as error:  # of argparse
+        code = error.code
     assert code == 0
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize(("words", "shown"), [((), list(COMMANDS)), (("--version",), ["workbench 0."]), (("rnu",), [])])
-def test_help_and_a_mistyped_command_import_no_subcommand(words, shown):
+@pytest.mark.parametrize(("words", "texts"), [((), list(COMMANDS)), (("--version",), ["workbench 0."]), (("rnu",), [])])
+def test_help_and_a_mistyped_command_import_no_subcommand(words, texts):
     heavy = {"numpy", "numba", "scipy", "rerun", "hydra", "h5py", "cv2", "pandas"}
     code = f"import sys; from workbench.cli.main import main; main({words}); print({heavy} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "set()"
-    assert all(name in done.stdout for name in shown)
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert output.splitlines()[-1] == "set()"
+    assert all(text in output for text in texts)
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "words"),
+    ("error", "code", "text"),
     [
         (KeyboardInterrupt(), 130, "SIGINT"), (Interrupted(SIGTERM), 128 + SIGTERM, "SIGTERM"),
         (Interrupted(SIGINT), 130, "SIGINT"), (OSError(28, "No space left", "run.log"), 1, "run.log: No space left"),
         (DegenerateWeights("frame 3"), 1, "frame 3"),
     ],
 )  # fmt: skip
-def test_what_ends_a_command_decides_its_exit_code(error, code, words, monkeypatch, capsys):
+def test_exit_codes_of_interruptions_and_errors(error, code, text, monkeypatch, capsys):
     def fail():
         raise error
 
     monkeypatch.setattr(module, "import_module", lambda name: SimpleNamespace(components=fail))
     assert main(["components"]) == code
     err = capsys.readouterr().err
-    assert words in err
+    assert text in err
     assert err.count("\n") == 1
-    error = ZeroDivisionError("a defect, which shows its traceback")
+    error = ZeroDivisionError("a defect is raised with its traceback")
     with pytest.raises(ZeroDivisionError):
         main(["components"])
 
 
-@pytest.mark.parametrize(
-    "words", ["components", "components prior.smooth", "--help", "run --help", "run --cfg job", "runs list FOLDER",
-              "runs list FOLDER --json", "runs list FOLDER --csv"]
-)  # fmt: skip
+@pytest.mark.parametrize("words", ["--help", "components", "run --cfg job", "runs list FOLDER"])
 @pytest.mark.slow
-def test_a_closed_pipe_ends_a_command_quietly(words, tmp_path):
-    """The reader ends before the first line is written."""
+def test_a_command_exits_without_a_message_when_its_output_is_closed(words, tmp_path):
     command = [sys.executable, "-m", "workbench", *words.replace("FOLDER", str(tmp_path)).split()]
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
+    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
-    assert done.stderr == ""
-    assert done.returncode == 1
+    assert (process.returncode, process.stderr) == (1, "")

@@ -1,4 +1,4 @@
-"""workbench runs in the terminal: tables, queries, differences, and what must be confirmed."""
+"""`workbench runs` lists, queries, compares and removes runs."""
 
 import csv
 import json
@@ -24,8 +24,8 @@ def root(tmp_path):
 
 
 @pytest.fixture
-def called(root, capsys):
-    """Run a subcommand on the folder: (exit code, lines printed, what was printed as errors)."""
+def call(root, capsys):
+    """A function that runs a subcommand on the folder and returns its exit code, lines of stdout, and stderr."""
 
     def command(name, *words):
         code = main(["runs", name, str(root), *words])
@@ -35,17 +35,17 @@ def called(root, capsys):
     return command
 
 
-def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
+def test_a_list_has_the_queried_runs_sorted_with_the_chosen_columns(call):
     words = ("prior=smooth", "mpjpe_abs_mm<14", "--sort", "-mpjpe_abs_mm", "--columns", "n_particles,seed")
-    code, lines, _ = called("list", *words)
+    code, lines, _ = call("list", *words)
     assert code == 0
     assert [line.split() for line in lines] == [
         ["n_particles", "seed"], ["400", "0"], ["100", "2"], ["100", "1"], ["100", "0"],
     ]  # fmt: skip
 
 
-def test_all_runs_are_sorted_not_the_first_forty(tmp_path, capsys):
-    """The newest runs, which are listed first, have the largest errors."""
+def test_sorting_precedes_the_limit_of_forty_lines(tmp_path, capsys):
+    """The newest runs, which an unsorted list shows first, have the largest errors."""
     for k in range(45):
         leave(tmp_path / str(k), error=float(k), started=f"202611{k // 24 + 1:02d}T{k % 24:02d}0000.000000Z")
     assert main(["runs", "list", str(tmp_path), "--columns", "mpjpe_abs_mm"]) == 0
@@ -56,18 +56,18 @@ def test_all_runs_are_sorted_not_the_first_forty(tmp_path, capsys):
     assert lines[41] == "and 5 more: use --all or a narrower query"
 
 
-def test_json_and_csv_hold_the_numbers_in_full(called, root):
-    _, lines, _ = called("list", "status=failed", "--json")
+def test_json_and_csv_contain_unrounded_numbers(call, root):
+    _, lines, _ = call("list", "status=failed", "--json")
     assert json.loads("\n".join(lines))[0]["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}
-    _, lines, _ = called("list", "status=failed", "--csv")
+    _, lines, _ = call("list", "status=failed", "--csv")
     assert next(iter(csv.DictReader(StringIO("\n".join(lines)))))["mpjpe_abs_mm"] == "400.0"
     leave(root / "other", seed=20261122, n=50000, error=12345.678, day=29)
     words = ("list", "started>2026-11-29", "--columns", "seed,n_particles,mpjpe_abs_mm")
-    assert called(*words, "--csv")[1][1] == "20261122,50000,12345.678"
-    assert called(*words)[1][1].split() == ["20261122", "50000", "12346"]
+    assert call(*words, "--csv")[1][1] == "20261122,50000,12345.678"
+    assert call(*words)[1][1].split() == ["20261122", "50000", "12346"]
 
 
-def test_the_difference_is_of_configuration_and_result(root, capsys):
+def test_a_diff_compares_configurations_and_results(root, capsys):
     assert main(["runs", "diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
     assert ["choice", "prior", "smooth", "walking"] in rows
@@ -77,29 +77,29 @@ def test_the_difference_is_of_configuration_and_result(root, capsys):
     assert capsys.readouterr().err == f"workbench: {root}: expected one run, found 13\n"
 
 
-def test_nothing_is_removed_unless_it_is_confirmed(called, root):
-    code, lines, _ = called("rm", "prior=smooth")
+def test_runs_are_removed_only_with_confirmation(call, root):
+    code, lines, _ = call("rm", "prior=smooth")
     assert code == 0
     assert lines[-1] == "6 runs, 0.0 MB: would be removed; --yes removes them"
     assert (root / "sweep" / "0").is_dir()
-    assert called("rm", "prior=smooth", "--yes")[0] == 0
+    assert call("rm", "prior=smooth", "--yes")[0] == 0
     assert not (root / "sweep" / "0").exists()
     assert len(list(root.rglob("summary.json"))) == 7
 
 
-def test_a_run_that_cannot_be_removed_is_reported_and_the_others_are_removed(called, root):
+def test_a_run_that_cannot_be_removed_is_reported_and_the_others_are_removed(call, root):
     with locked(root / "sweep" / "3"):
-        code, lines, err = called("rm", "prior=smooth,walking", "--yes")
+        code, lines, err = call("rm", "prior=smooth,walking", "--yes")
     assert (code, lines[-1]) == (2, "11 runs, 0.0 MB: removed")
     assert f"workbench runs: {root}/sweep/3: process {os.getpid()} on " in err
-    assert sorted(each.name for each in (root / "sweep").iterdir()) == ["3"]
+    assert sorted(path.name for path in (root / "sweep").iterdir()) == ["3"]
 
 
 @pytest.mark.parametrize(
-    "words", [["nothing_like_it=3"], ["--sort", "nothing"], ["--columns", "nothing"], ["path~("], ["a" * 5000]]
+    "words", [["no_such_key=3"], ["--sort", "no_such_key"], ["--columns", "no_such_key"], ["path~("], ["a" * 5000]]
 )
-def test_what_cannot_be_met_is_a_sentence(called, words):
-    code, _, err = called("list", *words)
+def test_invalid_queries_are_rejected_with_one_message(call, words):
+    code, _, err = call("list", *words)
     assert code == 2
     assert err.startswith("workbench: ")
     assert len(err.splitlines()) == 1
@@ -107,13 +107,13 @@ def test_what_cannot_be_met_is_a_sentence(called, words):
 
 @pytest.fixture
 def opened(monkeypatch):
-    """The recordings that the viewer was given."""
-    words = []
-    monkeypatch.setattr(view, "view", lambda recordings: words.extend(map(str, recordings)))
-    return words
+    """The paths of the recordings opened in the viewer."""
+    paths = []
+    monkeypatch.setattr(view, "view", lambda recordings: paths.extend(map(str, recordings)))
+    return paths
 
 
-def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
+def test_the_best_runs_are_opened_in_the_viewer(tmp_path, opened):
     for k, error in enumerate([30.0, 10.0, 20.0]):
         leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
     for order, expected in (([], "12"), (["--sort", "mpjpe_abs_mm"], "12"), (["--sort=-mpjpe_abs_mm"], "02")):
@@ -124,8 +124,8 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
     assert len(opened) == 3
 
 
-def test_a_list_loads_neither_rerun_nor_hydra(root):
+def test_a_list_imports_no_rerun_and_no_hydra(root):
     command = f"main({['runs', 'list', str(root), 'prior=smooth']})"
     code = f"import sys; from workbench.cli.main import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.endswith("\nset()\n")
+    process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert process.stdout.endswith("\nset()\n")

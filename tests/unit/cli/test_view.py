@@ -1,4 +1,4 @@
-"""`workbench view`: what it finds, what it calls it, and what it hands to the viewer."""
+"""`workbench view` opens recordings in the viewer, names the runs of a sweep, and reports unreadable files."""
 
 import os
 import shutil
@@ -27,13 +27,13 @@ N_FRAMES = 2
 def record(path, seed=0, n_particles=20, crash=False, config=None):
     settings = {"inference": {"n_particles": n_particles}, "seed": seed}
     text = yaml.safe_dump(settings) if config is None else config
-    about = {"config_yaml": text, "provenance": {"experiment": "walk", "seed": seed}}
+    labels = {"config_yaml": text, "provenance": {"experiment": "walk", "seed": seed}}
     try:
-        with Recorder(path, BODY, SPACE, run_id=f"{n_particles}-{seed}-{crash}", **about) as recorder:
+        with Recorder(path, BODY, SPACE, run_id=f"{n_particles}-{seed}-{crash}", **labels) as recorder:
             for step in steps(N_FRAMES, n_particles=n_particles, seed=seed):
                 recorder.log(step, {"mpjpe_abs_mm": 1.0})
             if crash:
-                raise RuntimeError("made up")
+                raise RuntimeError("crash")
     except RuntimeError:
         return path.with_name(path.name + ".part")
     return path
@@ -49,79 +49,78 @@ def sweep(tmp_path_factory):
 
 
 @pytest.fixture
-def shown(monkeypatch):
-    """What the viewer was called with: options, files, and {recording id: name} of all files while it ran."""
-    seen = SimpleNamespace(calls=0, code=0)
+def viewer(monkeypatch):
+    """A stub of the viewer with its exit code, and its options, files and {recording id: name} of its last call."""
+    viewer = SimpleNamespace(code=0)
 
     def show(command, files):
-        seen.calls, seen.options, seen.files = seen.calls + 1, command[1:], list(files)
-        seen.names = {}
-        for path in seen.files:
+        viewer.options, viewer.files = command[1:], list(files)
+        viewer.names = {}
+        for path in viewer.files:
             store = RrdReader(path).recordings()[0]
             for chunk in RrdReader(path).stream().filter(content="/__properties"):
                 batch = chunk.to_record_batch()
                 if "RecordingInfo:name" in batch.schema.names:
                     key = (store.application_id, store.recording_id)
-                    seen.names[key] = batch.column("RecordingInfo:name").to_pylist()[0][0]
-        return seen.code
+                    viewer.names[key] = batch.column("RecordingInfo:name").to_pylist()[0][0]
+        return viewer.code
 
     monkeypatch.setattr(view, "show", show)
-    return seen
+    return viewer
 
 
-def test_one_recording_is_opened_as_it_is(sweep, shown):
+def test_one_recording_is_opened_unchanged(sweep, viewer):
     assert main(["view", str(sweep / "1")]) == 0
-    assert shown.files == [sweep / "1" / "run.rrd"]
-    assert shown.options == ["--bind", "127.0.0.1", "--port", "auto"]  # reached from this machine only; a new viewer
+    assert viewer.files == [sweep / "1" / "run.rrd"]
+    assert viewer.options == ["--bind", "127.0.0.1", "--port", "auto"]  # a new viewer, reachable from this machine only
 
 
 @pytest.mark.parametrize(("display", "hint"), [("", True), (":0", False)])
-def test_without_a_display_the_browser_is_named(sweep, shown, monkeypatch, capsys, display, hint):
+def test_without_a_display_the_browser_is_suggested(sweep, viewer, monkeypatch, capsys, display, hint):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", display)
     monkeypatch.setattr("sys.platform", "linux")
-    shown.code = 1
+    viewer.code = 1
     assert main(["view", str(sweep / "1")]) == 1
     assert ("there is no display: --web" in capsys.readouterr().err) == hint
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
+def test_runs_of_a_sweep_are_named_by_their_varied_keys(sweep, viewer):
     assert main(["view", str(sweep)]) == 0
-    own = {}
+    jobs = {}
     for k, name in enumerate(["run.rrd", "run.rrd", "run.rrd", "run.rrd.part"]):
         store = RrdReader(sweep / str(k) / name).recordings()[0]
-        own[store.application_id, store.recording_id] = k
-    assert {own.get(key): name for key, name in shown.names.items()} == {
+        jobs[store.application_id, store.recording_id] = k
+    assert {jobs.get(key): name for key, name in viewer.names.items()} == {
         0: "n_particles=20, seed=0",
         1: "n_particles=20, seed=1",
         2: "n_particles=30, seed=0",
         3: "n_particles=30, seed=1, failed",
         None: "all runs: errors and outcomes",
     }
-    assert len({application for application, _ in own}) == 4  # each with its own layout
-    assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only
+    assert len({application for application, _ in jobs}) == 4  # an application per layout
+    assert not any(path.exists() for path in viewer.files[4:])  # names are temporary files
 
 
-def test_several_files_are_piped_one_after_the_other_of_one_cut_off_what_is_whole(sweep, tmp_path):
+def test_several_files_are_piped_to_the_viewer_without_their_incomplete_messages(sweep, tmp_path):
     program = tmp_path / "viewer"
-    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/said\ncat > {tmp_path}/got\nexit 3\n')
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/arguments\ncat > {tmp_path}/stdin\nexit 3\n')
     program.chmod(0o755)
-    whole = (sweep / "0" / "run.rrd").read_bytes()
-    (tmp_path / "cut.rrd.part").write_bytes(whole[:-7])
+    content = (sweep / "0" / "run.rrd").read_bytes()
+    (tmp_path / "cut.rrd.part").write_bytes(content[:-7])
     assert view.show([str(program), "--bind"], [tmp_path / "cut.rrd.part", sweep / "1" / "run.rrd"]) == 3
-    assert (tmp_path / "said").read_text() == "--bind -\n"
-    first, _, last = (tmp_path / "got").read_bytes().partition((sweep / "1" / "run.rrd").read_bytes())
+    assert (tmp_path / "arguments").read_text() == "--bind -\n"
+    first, _, last = (tmp_path / "stdin").read_bytes().partition((sweep / "1" / "run.rrd").read_bytes())
     assert last == b""
-    assert 0 < len(first) < len(whole) - 7
-    assert whole.startswith(first)
+    assert 0 < len(first) < len(content) - 7
+    assert content.startswith(first)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["0", "."])
-def test_a_browser_is_served_on_this_machine_alone(sweep, place):
-    """Of a run, and of a sweep, whose recordings go through a pipe."""
-    command = [sys.executable, "-m", "workbench", "view", "--web", str(sweep / place)]
+def test_the_page_for_a_browser_is_served_locally(sweep):
+    """The recordings of the sweep are piped to the server."""
+    command = [sys.executable, "-m", "workbench", "view", "--web", str(sweep)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         address = next(line.split()[1] for line in process.stdout if line.startswith("open "))
         forward = process.stdout.readline()
@@ -134,7 +133,7 @@ def test_a_browser_is_served_on_this_machine_alone(sweep, place):
                     break
                 sleep(0.2)
             else:
-                pytest.fail("nothing answers")
+                pytest.fail("no answer")
         finally:
             os.killpg(process.pid, signal.SIGTERM)
     assert page.startswith("http://127.0.0.1:")
@@ -142,24 +141,24 @@ def test_a_browser_is_served_on_this_machine_alone(sweep, place):
     assert f"ssh -L {port}:127.0.0.1:{port} " in forward
 
 
-def test_two_recordings_are_shown_side_by_side_in_the_order_given(sweep, tmp_path, monkeypatch, capsys):
-    first, second, kept = sweep / "2" / "run.rrd", sweep / "0" / "run.rrd", tmp_path / "both.rrd"
-    monkeypatch.setattr(view, "show", lambda command, files: shutil.copy(*files, kept) and 0)
+def test_two_recordings_are_shown_side_by_side_in_their_order(sweep, tmp_path, monkeypatch, capsys):
+    first, second, copy = sweep / "2" / "run.rrd", sweep / "0" / "run.rrd", tmp_path / "both.rrd"
+    monkeypatch.setattr(view, "show", lambda command, files: shutil.copy(*files, copy) and 0)
     assert main(["view", str(first), str(second)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"a: {first} (n_particles=30)", f"b: {second} (n_particles=20)"]
-    entities = {chunk.entity_path for chunk in RrdReader(kept).stream()}
+    entities = {chunk.entity_path for chunk in RrdReader(copy).stream()}
     assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm", "/a/world/camera/image"} <= entities
 
 
-def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, capsys):
-    good = Path(shutil.copy(sweep / "0" / "run.rrd", tmp_path / "a.rrd"))
-    shutil.copy(good, tmp_path / "same.rrd")
+def test_unreadable_and_repeated_recordings_are_omitted_with_a_message(sweep, viewer, tmp_path, capsys):
+    valid = Path(shutil.copy(sweep / "0" / "run.rrd", tmp_path / "a.rrd"))
+    shutil.copy(valid, tmp_path / "same.rrd")
     (tmp_path / "junk.rrd").write_bytes(b"no recording")
     record(tmp_path / "odd.rrd", seed=5, config="- a list")
     assert main(["view", str(tmp_path)]) == 0
-    assert shown.files == [good]
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 3
+    assert viewer.files == [valid]
+    messages = capsys.readouterr().err.splitlines()
+    assert len(messages) == 3
     for name in ("same.rrd", "junk.rrd", "odd.rrd"):
-        assert sum(str(tmp_path / name) in line for line in told) == 1
+        assert sum(str(tmp_path / name) in message for message in messages) == 1

@@ -1,4 +1,4 @@
-"""A right calibration fits, each wrong one is reported, and both are drawn where the camera projects them."""
+"""A correct calibration has no findings, wrong ones are reported, and overlays show the projections."""
 
 from dataclasses import replace
 
@@ -11,105 +11,105 @@ from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 from workbench.evaluation.calibration_findings import check_calibration, stand_upright, triangulate
 
 
-def turned(camera, degrees):
-    """The camera in a world that is turned about x: its z is not up any more."""
+def tilted_world(camera, degrees):
+    """Return the camera in a world that is rotated about x, so that its z axis is not vertical."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return replace(camera, rotation=camera.rotation @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]))
 
 
-def wrong(seen, height_m=HEIGHT_M):
-    return " ".join(finding.message for finding in check_calibration(seen, height_m).findings if finding.is_problem)
+def problems(observed, height_m=HEIGHT_M):
+    """Return the messages of all problems as one text."""
+    findings = check_calibration(observed, height_m).findings
+    return " ".join(finding.message for finding in findings if finding.is_problem)
 
 
-def test_rays_of_exact_marks_meet_in_the_joints_also_through_a_bent_lens():
+def test_exact_keypoints_are_triangulated_to_the_joints_under_lens_distortion():
     cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in around())
-    seen = seen_by(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulate(cameras, seen.keypoints), walked(), atol=1e-5)
-    seen.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
-    assert np.isnan(triangulate(cameras, seen.keypoints)[0, 3]).all()
+    observed = seen_by(cameras, sigma_px=0.0)
+    np.testing.assert_allclose(triangulate(cameras, observed.keypoints), walked(), atol=1e-5)
+    observed.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
+    assert np.isnan(triangulate(cameras, observed.keypoints)[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_a_right_calibration_fits(n):
+def test_a_correct_calibration_has_no_problems(n):
     check = check_calibration(seen_by(around(n)), HEIGHT_M)
     assert check.level == "trustworthy", check.findings
     assert check.floor_m == pytest.approx(0.0, abs=0.08)
 
 
-def test_cameras_that_are_exchanged_disagree():
+def test_exchanged_cameras_are_reported():
     cameras = around(3)
-    seen = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
-    assert "the videos of c0 and c1 are exchanged" in wrong(seen)
-    assert check_calibration(seen, None).level == "not usable"
+    observed = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
+    assert "the videos of c0 and c1 are exchanged" in problems(observed)
+    assert check_calibration(observed, None).level == "not usable"
 
 
-def test_a_camera_in_which_the_person_is_not_found_is_reported():
-    seen = seen_by(around(3))
-    seen.keypoints[1] = np.nan
-    assert "c1: the person in the other cameras is not found" in wrong(seen)
-    seen.searched[1] = False
-    assert wrong(seen) == ""
+def test_a_camera_without_detections_of_the_person_is_reported():
+    observed = seen_by(around(3))
+    observed.keypoints[1] = np.nan
+    assert "c1: the person in the other cameras is not found" in problems(observed)
+    observed.searched[1] = False
+    assert problems(observed) == ""
 
 
-def test_a_wrong_unit_of_length_shows_in_the_legs():
+def test_a_wrong_unit_of_length_is_reported():
     cameras = tuple(replace(camera, translation=1.5 * camera.translation) for camera in around(3))
-    assert "2.5" in wrong(seen_by(cameras, around(3)), None)
-    assert "expected 1.70 m" in wrong(seen_by(cameras, around(3)))
+    assert "2.5" in problems(seen_by(cameras, around(3)), None)
+    assert "expected 1.70 m" in problems(seen_by(cameras, around(3)))
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_world_whose_z_is_not_up_is_reported(n):
+def test_a_world_with_a_horizontal_z_axis_is_reported(n):
     cameras = around(n)
-    findings = wrong(seen_by([turned(camera, 90.0) for camera in cameras], cameras))
-    assert "z is not up" in findings or "leans" in findings
+    text = problems(seen_by([tilted_world(camera, 90.0) for camera in cameras], cameras))
+    assert "z is not up" in text or "leans" in text
 
 
-def test_a_camera_that_rolls_by_30_degrees_makes_the_person_lean_by_about_as_much():
+def test_a_camera_rolled_by_30_degrees_is_reported_as_a_leaning_person():
     (camera,) = around(1)
     c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
     roll = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     rolled = replace(camera, rotation=roll @ camera.rotation, translation=roll @ camera.translation)
-    assert "leans by 2" in wrong(seen_by([rolled], [camera]))  # 25°: verticals of one image are not parallel
+    assert "leans by 2" in problems(seen_by([rolled], [camera]))  # 25°, as verticals converge in the image
 
 
-def test_a_camera_that_is_tilted_by_15_degrees_makes_the_floor_steep():
-    (camera,) = (plain_camera(1280, 960, 900.0, (-7.0, 0.0, 1.4), (0.0, 0.0, 1.0)),)  # they walk away from it
+def test_a_camera_tilted_by_15_degrees_is_reported_as_a_sloping_floor():
+    camera = plain_camera(1280, 960, 900.0, (-7.0, 0.0, 1.4), (0.0, 0.0, 1.0))  # the person walks away from it
     c, s = np.cos(np.radians(15.0)), np.sin(np.radians(15.0))
     tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
     tilted = replace(camera, rotation=tilt @ camera.rotation, translation=tilt @ camera.translation)
-    assert wrong(seen_by([camera])) == ""
-    assert "floor" in wrong(seen_by([tilted], [camera]))
+    assert problems(seen_by([camera])) == ""
+    assert "floor" in problems(seen_by([tilted], [camera]))
 
 
-def test_an_axis_far_from_the_middle_is_of_another_size():
+def test_an_optical_axis_far_from_the_image_centre_is_reported_as_another_image_size():
     (camera,) = around(1)
-    assert "another image size" in wrong(
-        seen_by([replace(camera, matrix=camera.matrix * [[2, 1, 2], [1, 2, 2], [1, 1, 1]])])
-    )
+    doubled = replace(camera, matrix=camera.matrix * [[2, 1, 2], [1, 2, 2], [1, 1, 1]])
+    assert "another image size" in problems(seen_by([doubled]))
 
 
-def test_without_marks_nothing_is_judged():
-    seen = seen_by(around(2))
-    empty = replace(seen, keypoints=seen.keypoints[:, :0])
-    assert check_calibration(empty, None).level == "doubtful"
+def test_a_calibration_without_keypoints_is_doubtful():
+    observed = seen_by(around(2))
+    assert check_calibration(replace(observed, keypoints=observed.keypoints[:, :0]), None).level == "doubtful"
 
 
-def test_the_place_of_an_upright_person_is_exact():
+def test_the_position_of_an_upright_person_is_exact():
     (camera,) = around(1)
     feet = np.array([[0.5, 0.2, 0.1], [-1.0, 1.5, 0.1]])
-    places = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
-    np.testing.assert_allclose(places, feet, atol=1e-9)
+    positions = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
+    np.testing.assert_allclose(positions, feet, atol=1e-9)
 
 
-def test_axes_and_marks_are_drawn_where_they_are_projected():
-    camera = around(3)[0]  # from aside, so that no axis hides another
-    seen = seen_by([camera], sigma_px=0.0)
-    picture = draw_overlay(camera, seen.images[0], seen.keypoints[0, 0], np.full((15, 3), np.nan), 0.0)
-    assert picture.shape == (960, 1280, 3)
-    for way, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
-        u, v = np.round(camera.project(way)).astype(int)
-        near = picture[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3)
-        assert (near == colour).all(axis=1).any(), colour
-    u, v = np.round(seen.keypoints[0, 0, 9, :2]).astype(int)  # the left hip
-    around_hip = picture[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
-    assert np.abs(around_hip - LEFT).sum(axis=1).min() < 60  # its edges are smoothed
+def test_axes_and_keypoints_are_drawn_at_their_projections():
+    camera = around(3)[0]  # a side view, in which no axis hides another
+    observed = seen_by([camera], sigma_px=0.0)
+    overlay = draw_overlay(camera, observed.images[0], observed.keypoints[0, 0], np.full((15, 3), np.nan), 0.0)
+    assert overlay.shape == (960, 1280, 3)
+    for end, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
+        u, v = np.round(camera.project(end)).astype(int)
+        patch = overlay[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3)
+        assert (patch == colour).all(axis=1).any(), colour
+    u, v = np.round(observed.keypoints[0, 0, 9, :2]).astype(int)  # the left hip
+    hip_patch = overlay[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
+    assert np.abs(hip_patch - LEFT).sum(axis=1).min() < 60  # the circle is antialiased

@@ -1,5 +1,5 @@
-"""Bootstrap intervals against the exact bootstrap distribution, and against the normal one where there are many; the
-interval of `--seeds` against closed forms, scipy's test, and its own promise."""
+"""Bootstrap intervals against the exact bootstrap distribution and the normal limit; prediction intervals of means
+against closed forms, Student's test and their coverage."""
 
 from itertools import product
 
@@ -12,61 +12,60 @@ from workbench.evaluation.intervals import N_RESAMPLES, bootstrap_interval, mean
 
 
 def exact(values, level):
-    """Quantiles of the means of all nⁿ equally likely resamples."""
+    """Return quantiles of the means of all nⁿ equally likely resamples."""
     means = np.sort([np.mean(resample) for resample in product(values, repeat=len(values))])
     return means[[int(np.ceil(q * len(means))) - 1 for q in ((1 - level) / 2, (1 + level) / 2)]]
 
 
 @pytest.mark.parametrize("values", [[3.0, 1.0, 7.0], [0.0, 1.0, 10.0, 4.0], [5.0, 5.5, 5.1, 9.0, 2.0]])
 @pytest.mark.parametrize("level", [0.95, 0.7])
-def test_ends_are_quantiles_of_all_resamples(values, level):
-    # Of 10 000 resamples, the share below a true quantile is off by a standard error of √(q (1 − q) / 10 000): the ends
-    # lie between the true quantiles four of these to either side.
-    found = bootstrap_interval(np.array(values), np.random.default_rng(1), level)
+def test_bootstrap_bounds_are_quantiles_of_all_resamples(values, level):
+    """The level of a quantile of n resamples has a standard error of √(q (1 − q) / n), four of which are allowed."""
+    interval = bootstrap_interval(np.array(values), np.random.default_rng(1), level)
     tail = (1 - level) / 2
     slack = 2 * 4 * np.sqrt(tail * (1 - tail) / N_RESAMPLES)
     widest, narrowest = exact(values, level + slack), exact(values, level - slack)
-    assert widest[0] <= found[0] <= narrowest[0]
-    assert narrowest[1] <= found[1] <= widest[1]
+    assert widest[0] <= interval[0] <= narrowest[0]
+    assert narrowest[1] <= interval[1] <= widest[1]
 
 
-def test_three_values_give_their_range():
-    # 1 resample in 27 repeats the least value three times, more than the 2.5 % beyond the interval
+def test_the_interval_of_three_values_is_their_range():
+    # 1 resample in 27 repeats the smallest value three times, which is more than the 2.5 % below the interval
     assert bootstrap_interval(np.array([4.0, 1.0, 2.5]), np.random.default_rng(0)).tolist() == [1.0, 4.0]
 
 
-def test_many_values_give_the_normal_interval():
+def test_the_interval_of_many_values_is_the_normal_one():
     values = np.random.default_rng(2).normal(10.0, 2.0, 400)
     half = norm.ppf(0.975) * values.std() / np.sqrt(len(values))
-    found = bootstrap_interval(values, np.random.default_rng(3))
-    # a quantile at 2.5 % of 10 000 normal draws has a standard error of √(0.025 · 0.975) / (100 φ(1.96)) = 2.7 % of a
-    # deviation, 1.4 % of half the interval: four of these
-    np.testing.assert_allclose(found, values.mean() + np.array([-half, half]), atol=0.055 * half)
+    interval = bootstrap_interval(values, np.random.default_rng(3))
+    # the 2.5 % quantile of 10 000 normal samples has a standard error of √(0.025 · 0.975) / (100 φ(1.96)) = 2.7 % of
+    # the standard deviation, 1.4 % of half the interval; four standard errors
+    np.testing.assert_allclose(interval, values.mean() + np.array([-half, half]), atol=0.055 * half)
 
 
 def test_columns_are_resampled_together():
     columns = np.random.default_rng(4).normal(size=(6, 3))
-    found = bootstrap_interval(columns, np.random.default_rng(5))
-    assert found.shape == (2, 3)
+    intervals = bootstrap_interval(columns, np.random.default_rng(5))
+    assert intervals.shape == (2, 3)
     for k in range(3):
-        assert bootstrap_interval(columns[:, k], np.random.default_rng(5)).tolist() == found[:, k].tolist()
+        assert bootstrap_interval(columns[:, k], np.random.default_rng(5)).tolist() == intervals[:, k].tolist()
 
 
-def test_one_value_has_no_interval_and_equal_ones_have_no_width():
+def test_one_value_has_no_interval_and_equal_values_have_width_zero():
     assert np.isnan(bootstrap_interval(np.array([3.0]), np.random.default_rng(0))).all()
     assert np.isnan(bootstrap_interval(np.empty((0, 2)), np.random.default_rng(0))).all()
     assert bootstrap_interval(np.full(5, 3.0), np.random.default_rng(0)).tolist() == [3.0, 3.0]
 
 
-def test_with_one_old_number_it_is_the_prediction_interval_of_the_new_ones():
+def test_one_old_value_has_the_prediction_interval_of_the_new_ones():
     new = np.array([3.0, 5.0, 4.0, 6.5, 4.5])
     expected = stats.t.ppf(0.975, 4) * new.std(ddof=1) * np.sqrt(1.0 + 1.0 / 5.0)
-    # beside it only the rounding of the old number, 1e-9 of it
+    # plus rounding, 1e-9 of the old value
     assert mean_interval(np.array([4.0]), new, 0.95) == pytest.approx(expected, rel=1e-8)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.8, 2.0, 4.0])
-def test_with_several_it_decides_as_student_s_two_sample_test(shift):
+def test_several_old_values_are_compared_as_by_students_two_sample_test(shift):
     rng = np.random.default_rng(3)
     old, new = rng.normal(0.0, 1.0, 6), rng.normal(shift, 1.0, 9)
     p = stats.ttest_ind(old, new, equal_var=True).pvalue
@@ -75,17 +74,16 @@ def test_with_several_it_decides_as_student_s_two_sample_test(shift):
 
 
 @pytest.mark.parametrize("n", [1, 4])
-def test_equal_distributions_pass_as_often_as_the_level_says(n):
+def test_samples_of_one_distribution_pass_with_the_probability_of_the_level(n):
     rng = np.random.default_rng(11)
     trials, level = 4000, 0.95
     passed = 0
     for _ in range(trials):
         old, new = rng.normal(10.0, 2.0, n), rng.normal(10.0, 2.0, 5)
         passed += abs(new.mean() - old.mean()) <= mean_interval(old, new, level)
-    # four standard deviations of a binomial share
+    # four standard errors of a proportion
     assert passed / trials == pytest.approx(level, abs=4.0 * np.sqrt(level * (1.0 - level) / trials))
 
 
-def test_a_number_that_no_seed_moves_may_differ_by_rounding_only():
-    same = np.full(5, 40.0)
-    assert 0.0 < mean_interval(np.array([40.0]), same, 0.95) < 1e-6
+def test_values_that_are_equal_for_all_seeds_may_differ_by_rounding_only():
+    assert 0.0 < mean_interval(np.array([40.0]), np.full(5, 40.0), 0.95) < 1e-6

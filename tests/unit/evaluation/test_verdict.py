@@ -1,4 +1,4 @@
-"""What became of a run, by what was measured: each kind of finding, and none where nothing is wrong."""
+"""Verdicts on a run: measurements of keypoints, findings by kind, and the outcome by truth or keypoints."""
 
 from dataclasses import replace
 
@@ -39,63 +39,63 @@ def standing(knee=0.6):
     return joints(BODY.skeleton, pose[None])
 
 
-def observed(rig, shown=None, places=None):
-    """What the cameras `shown`, or the rig, show of a standing person."""
-    places = standing() if places is None else places
-    pixels = np.array([camera.project(places) for camera in shown or rig])
+def observed(rig, shown=None, positions=None):
+    """Return keypoints of a standing person in the images of the cameras `shown`, by default of the rig."""
+    positions = standing() if positions is None else positions
+    pixels = np.array([camera.project(positions) for camera in shown or rig])
     keypoints = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
-    return ObservedJoints(tuple(rig), keypoints, np.ones(len(rig), bool), times_s=np.arange(len(places)) / RATE_HZ)
+    return ObservedJoints(tuple(rig), keypoints, np.ones(len(rig), bool), times_s=np.arange(len(positions)) / RATE_HZ)
 
 
-def test_rays_of_cameras_meet_where_the_joints_are():
+def test_rays_of_cameras_meet_in_the_joints():
     rig = cameras(3)
-    seen = observed(rig)
-    places = triangulate_rays(list(zip(rig, seen.pixels()[:, 0], strict=True)))
-    np.testing.assert_allclose(places, standing()[0], atol=1e-6)
-    assert max(each.max() for each in pair_separations(seen).values()) < 1e-6
-    assert usual_height(limb_lengths(places[None])) == pytest.approx(HEIGHT_M, rel=1e-6)
+    keypoints = observed(rig)
+    positions = triangulate_rays(list(zip(rig, keypoints.pixels()[:, 0], strict=True)))
+    np.testing.assert_allclose(positions, standing()[0], atol=1e-6)
+    assert max(separations.max() for separations in pair_separations(keypoints).values()) < 1e-6
+    assert usual_height(limb_lengths(positions[None])) == pytest.approx(HEIGHT_M, rel=1e-6)
 
 
-def test_rays_of_exchanged_cameras_pass_each_other():
+def test_rays_of_exchanged_cameras_do_not_meet():
     a, b, c = cameras(3)
-    apart = pair_separations(observed((a, b, c), (b, a, c), standing() + np.array([0.7, 0.3, 0.0])))
-    assert max(each.max() for each in apart.values()) > FOREARM_OVER_HEIGHT
+    separations = pair_separations(observed((a, b, c), (b, a, c), standing() + np.array([0.7, 0.3, 0.0])))
+    assert max(pair.max() for pair in separations.values()) > FOREARM_OVER_HEIGHT
 
 
 def test_knees_bend_forwards_and_backwards_where_the_sides_are_exchanged():
-    right = standing()
+    person = standing()
     order = [JOINT_NAMES.index(name.replace("left", "?").replace("right", "left").replace("?", "right"))
              for name in JOINT_NAMES]  # fmt: skip
-    assert (bends(right) > 0.0).all()
-    assert len(bends(right)) == 2
-    assert (bends(right[:, order]) < 0.0).all()
+    assert (bends(person) > 0.0).all()
+    assert len(bends(person)) == 2
+    assert (bends(person[:, order]) < 0.0).all()
     assert not len(bends(standing(knee=0.0)))
-    right[:, JOINT_NAMES.index("neck")] = np.nan
-    assert (bends(right) > 0.0).all()
+    person[:, JOINT_NAMES.index("neck")] = np.nan
+    assert (bends(person) > 0.0).all()
 
 
 def test_heights_and_motion_of_keypoints():
-    seen = observed(cameras(1), places=np.concatenate([standing(), standing() + np.array([0.1, 0.0, 0.0])]))
-    seen.keypoints[0, :, 3, 2] = 0.0
-    heights = np.ptp(np.delete(seen.keypoints[0, :, :, 1], 3, axis=1), axis=1)
-    np.testing.assert_allclose(seen.heights_px[:, 0], heights)
-    steps = np.delete(np.linalg.norm(np.diff(seen.keypoints[0, ..., :2], axis=0)[0], axis=1), 3)
-    assert np.isnan(seen.motion[0])
-    assert seen.motion[1] == pytest.approx(np.median(steps) / heights[1])
-    assert seen.shows_person.all()
+    keypoints = observed(cameras(1), positions=np.concatenate([standing(), standing() + np.array([0.1, 0.0, 0.0])]))
+    keypoints.keypoints[0, :, 3, 2] = 0.0
+    heights = np.ptp(np.delete(keypoints.keypoints[0, :, :, 1], 3, axis=1), axis=1)
+    np.testing.assert_allclose(keypoints.heights_px[:, 0], heights)
+    steps = np.delete(np.linalg.norm(np.diff(keypoints.keypoints[0, ..., :2], axis=0)[0], axis=1), 3)
+    assert np.isnan(keypoints.motion[0])
+    assert keypoints.motion[1] == pytest.approx(np.median(steps) / heights[1])
+    assert keypoints.shows_person.all()
 
 
 def test_the_level_is_the_worst_and_its_reasons_come_first():
-    found = [Finding("a", "fits", TRUSTWORTHY), Finding("b", "note", NOTE), Finding("c", "odd"),
-             Finding("d", "wrong", NOT_USABLE)]  # fmt: skip
-    assert [level_of(found[:n]) for n in range(5)] == [TRUSTWORTHY] * 3 + [DOUBTFUL, NOT_USABLE]
-    assert [each.kind for each in problems(found)] == ["d", "c"]
-    assert conclusion(found) == "not usable, because wrong; odd"
-    assert conclusion(found[:2]) == "trustworthy"
+    findings = [Finding("a", "fits", TRUSTWORTHY), Finding("b", "note", NOTE), Finding("c", "odd"),
+                Finding("d", "wrong", NOT_USABLE)]  # fmt: skip
+    assert [level_of(findings[:n]) for n in range(5)] == [TRUSTWORTHY] * 3 + [DOUBTFUL, NOT_USABLE]
+    assert [finding.kind for finding in problems(findings)] == ["d", "c"]
+    assert conclusion(findings) == "not usable, because wrong; odd"
+    assert conclusion(findings[:2]) == "trustworthy"
     many = Verdict(tuple(Finding(str(k), f"reason {k}") for k in range(5)), Finding("tracked", "ok", TRUSTWORTHY), ())
     assert (many.level, many.kind) == (DOUBTFUL, "0")
     assert "reason 2; and 2 more reasons: ok" in many.message
-    assert [each["level"] for each in many.as_dict["findings"]] == [DOUBTFUL] * 5 + [TRUSTWORTHY]
+    assert [finding["level"] for finding in many.as_dict["findings"]] == [DOUBTFUL] * 5 + [TRUSTWORTHY]
 
 
 def test_units_are_named_by_their_factor():
@@ -110,7 +110,7 @@ def without(intact, joints_=(), frames=(), v=slice(None)):
 
 
 def shifted(intact, down_px, frames):
-    """The last camera's keypoints are too low in some frames."""
+    """Return the scene with lower keypoints of the last camera in some frames."""
     keypoints = intact.keypoints.copy()
     keypoints[-1, frames, :, 1] += down_px
     return replace(intact, keypoints=keypoints)
@@ -126,7 +126,7 @@ ONE, TWO = scene(1), scene(2)
 
 
 @pytest.mark.parametrize(
-    ("kind", "planted"),
+    ("kind", "faulty"),
     [
         ("inconsistent cameras", without(TWO, frames=range(N - 5), v=1)),
         ("inconsistent cameras", shifted(TWO, 50.0, np.arange(N) >= 0)),
@@ -136,65 +136,65 @@ ONE, TWO = scene(1), scene(2)
         ("observations far from the body", replace(ONE, inlier_fraction=0.4)),
     ],
 )
-def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, planted):
-    found = planted.verdict()
-    assert kind in {each.kind for each in found.findings}, found.message
-    assert found.level != TRUSTWORTHY
+def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, faulty):
+    verdict = faulty.verdict()
+    assert kind in {finding.kind for finding in verdict.findings}, verdict.message
+    assert verdict.level != TRUSTWORTHY
 
 
-def test_cameras_that_part_later_say_from_when_on():
+def test_the_start_of_an_inconsistency_of_cameras_is_reported():
     assert "from 0.80 s on" in shifted(TWO, 40.0, LATE).verdict().message
 
 
 @pytest.mark.parametrize("height_m", [1.6, 1.8])
-def test_a_height_that_is_nearly_right_has_no_finding(height_m):
+def test_a_height_within_ten_centimetres_has_no_finding(height_m):
     assert replace(TWO, inputs=replace(INPUTS, height_m=height_m)).verdict().findings == ()
 
 
-def test_keypoints_in_a_few_frames_are_no_gaps():
-    few = without(ONE, frames=[k for k in range(N) if k % 9])
-    assert few.verdict().findings == ()
+def test_keypoints_in_every_ninth_frame_are_no_gaps():
+    sparse = without(ONE, frames=[k for k in range(N) if k % 9])
+    assert sparse.verdict().findings == ()
 
 
 def test_ground_truth_decides_whether_the_person_is_tracked():
     lost = {"mpjpe_px": np.where(LATE, 50.0, 3.0), "forearm_width_px": np.full(N, 20.0),
             "mpjpe_abs_mm": np.where(LATE, 400.0, 30.0)}  # fmt: skip
-    found = replace(ONE, errors=lost).verdict()
-    assert (found.outcome.kind, found.level) == ("lost", NOT_USABLE)
-    assert "from frame 20" in found.message
-    assert (found.states[5], found.states[25]) == ("tracked", "lost")
+    verdict = replace(ONE, errors=lost).verdict()
+    assert (verdict.outcome.kind, verdict.level) == ("lost", NOT_USABLE)
+    assert "from frame 20" in verdict.message
+    assert (verdict.states[5], verdict.states[25]) == ("tracked", "lost")
     fraction = track_metrics({name: values[1:] for name, values in lost.items()})["lost_fraction"]
-    assert f"{fraction:.0%} of the frames" in found.message
+    assert f"{fraction:.0%} of the frames" in verdict.message
     tracked = replace(scene(0), errors={"mpjpe_abs_mm": np.full(N, TRACKED_MM - 10.0)}).verdict()
     assert (tracked.outcome.kind, tracked.level) == ("tracked", TRUSTWORTHY)
 
 
 def test_a_short_loss_makes_a_run_doubtful():
     short = {"mpjpe_px": np.where(LATE & (np.arange(N) < 30), 50.0, 3.0), "forearm_width_px": np.full(N, 20.0)}
-    found = replace(without(ONE, frames=range(N)), errors=short).verdict()
-    assert (found.outcome.kind, found.level) == ("lost", DOUBTFUL)
-    assert "recovered from frame 30" in found.message
+    verdict = replace(without(ONE, frames=range(N)), errors=short).verdict()
+    assert (verdict.outcome.kind, verdict.level) == ("lost", DOUBTFUL)
+    assert "recovered from frame 30" in verdict.message
 
 
 def test_without_ground_truth_keypoints_decide():
-    away = jumping(ONE, 60.0).verdict()
-    assert (away.outcome.kind, away.states[-1]) == ("lost", "lost")
+    verdict = jumping(ONE, 60.0).verdict()
+    assert (verdict.outcome.kind, verdict.states[-1]) == ("lost", "lost")
 
 
-def test_annotations_of_the_first_frame_are_not_counted_and_frames_without_any_are_not_judged():
+def test_annotations_after_the_first_frame_decide_in_their_frames():
     px = np.where(np.isin(np.arange(N), [10, 20]), 10.0, np.nan)
     px[0] = 2.0
     errors = {"mpjpe_px": px, "forearm_width_px": np.where(np.isfinite(px), 13.0, np.nan)}
-    marks = np.where(np.isfinite(px)[:, None, None], ONE.keypoints[0, ..., :2], np.nan)
-    blind = without(ONE, frames=range(N))
-    found = replace(blind, annotations=marks, errors=errors).verdict()
-    assert "10.0 px from the joints annotated in 2 frames" in found.message
-    assert [k for k, state in enumerate(found.states) if state == "tracked"] == [0, 10, 20]
+    annotations = np.where(np.isfinite(px)[:, None, None], ONE.keypoints[0, ..., :2], np.nan)
+    without_keypoints = without(ONE, frames=range(N))
+    verdict = replace(without_keypoints, annotations=annotations, errors=errors).verdict()
+    assert "10.0 px from the joints annotated in 2 frames" in verdict.message
+    assert [k for k, state in enumerate(verdict.states) if state == "tracked"] == [0, 10, 20]
 
 
-def test_where_nothing_is_visible_nothing_is_trusted():
-    blind = without(ONE, frames=range(N))
-    images = blind.verdict()
+def test_a_run_without_observations_is_not_trusted():
+    without_keypoints = without(ONE, frames=range(N))
+    images = without_keypoints.verdict()
     assert (images.outcome.kind, images.level, set(images.states)) == ("no ground truth", DOUBTFUL, {""})
-    empty = replace(blind, inputs=replace(INPUTS, shows_person=False)).verdict()
+    empty = replace(without_keypoints, inputs=replace(INPUTS, shows_person=False)).verdict()
     assert (empty.kind, empty.level) == ("no person visible", NOT_USABLE)

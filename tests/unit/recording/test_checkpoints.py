@@ -1,4 +1,4 @@
-"""What continues a run is read back bit by bit, takes a tenth of the file at most, and is not trusted."""
+"""Checkpoints are read back bitwise, take at most a tenth of the file, and are checked before use."""
 
 import io
 from dataclasses import replace
@@ -11,7 +11,7 @@ from recorded import record
 from recording_steps import BODY, SPACE, steps
 
 from workbench.core.filter_state import FilterState
-from workbench.recording.read import partial_run as reading
+from workbench.recording.read import partial_run
 from workbench.recording.read.partial_run import checkpoint_frames, past_before
 from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints
@@ -20,15 +20,16 @@ from workbench.utils.errors import InputError
 
 
 def decode(state):
-    """Poses that are not those of the steps, which are then stored."""
+    """Return poses that differ from those of the steps, so that a checkpoint stores the steps' poses."""
     return np.zeros((len(state), 25))
 
 
-def with_memory(step, late=False, parents=None):
+def with_filter_state(step, delayed=False, parents=None):
+    """Return the step with a filter state; delayed: its filtered pose is not the expected pose."""
     rng = np.random.default_rng(step.frame.index)
     log_weights = np.where(rng.random(len(step.log_weights)) < 0.5, -np.inf, step.log_weights)
     arrays = {"state": step.particles, "poses": step.poses, "log_weights": log_weights, "ahead": np.array([3])}
-    expected = step.expected_pose + 1.0 if late else step.expected_pose
+    expected = step.expected_pose + 1.0 if delayed else step.expected_pose
     return replace(step, filter_state=FilterState(arrays, expected, {"prior": rng.bit_generator.state}, parents))
 
 
@@ -36,15 +37,15 @@ def recorded(path, run, decode=decode, **options):
     return read(record(path, run, checkpoints=True, decode=decode, **options))
 
 
-@pytest.mark.parametrize("late", [False, True])
-def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
+@pytest.mark.parametrize("delayed", [False, True])
+def test_stored_filter_states_are_read_back(tmp_path, monkeypatch, delayed):
     monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
-    run = [with_memory(step, late) for step in steps(8, n_particles=60)]
-    found = recorded(tmp_path / "run.rrd", run)
-    assert checkpoint_frames(found) == [10, 11, 12, 13, 14, 15, 16]  # what follows on the last is not known
-    assert past_before(found, 10) is None
+    run = [with_filter_state(step, delayed) for step in steps(8, n_particles=60)]
+    recording = recorded(tmp_path / "run.rrd", run)
+    assert checkpoint_frames(recording) == [10, 11, 12, 13, 14, 15, 16]  # the last step has no known offspring
+    assert past_before(recording, 10) is None
     for frame, last in ((11, 0), (14, 3), (99, 6)):
-        past = past_before(found, frame)
+        past = past_before(recording, frame)
         np.testing.assert_array_equal(
             past.filtered_poses, [step.filter_state.filtered_pose for step in run[: last + 1]]
         )
@@ -54,9 +55,9 @@ def test_what_was_stored_comes_back(tmp_path, monkeypatch, late):
             np.testing.assert_array_equal(past.filter_state.arrays[name], array)
 
 
-def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
+def test_particles_without_offspring_are_omitted(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
-    run = [with_memory(step, parents=np.repeat([3, 7], 30)) for step in steps(2, n_particles=60)]
+    run = [with_filter_state(step, parents=np.repeat([3, 7], 30)) for step in steps(2, n_particles=60)]
     arrays = past_before(recorded(tmp_path / "run.rrd", run), 99).filter_state.arrays
     for name in ("state", "poses"):
         assert np.flatnonzero(arrays[name].any(axis=1)).tolist() == [3, 7]
@@ -66,11 +67,11 @@ def test_states_that_nobody_came_from_are_left_out(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("n_particles", [60, 600])
 @pytest.mark.slow
-def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles, monkeypatch):
+def test_checkpoints_take_at_most_a_tenth_of_the_file(tmp_path, n_particles, monkeypatch):
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     run = list(steps(40, n_particles=n_particles))
     plain = recorded(tmp_path / "plain.rrd", run)
-    full = recorded(tmp_path / "full.rrd", map(with_memory, run))
+    full = recorded(tmp_path / "full.rrd", map(with_filter_state, run))
     assert not checkpoint_frames(plain)
     assert checkpoint_frames(full)
     size = full.path.stat().st_size
@@ -78,7 +79,7 @@ def test_they_take_a_tenth_of_the_file_at_most(tmp_path, n_particles, monkeypatc
 
 
 def damaged(path, packed, streams="{}"):
-    """A recording whose checkpoint holds something else."""
+    """Return a recording with this content as its checkpoint."""
     with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
         for step in steps(2, n_particles=20):
             recorder.log(step, {})
@@ -99,7 +100,7 @@ OBJECTS = npz(state=np.array([{"a": 1}], dtype=object))
 @pytest.mark.parametrize(
     ("packed", "streams"),
     [
-        (b"nothing", "{}"),
+        (b"no archive", "{}"),
         (npz(state=np.zeros(3))[:-9], "{}"),
         (OBJECTS, "{}"),
         (npz(state=np.zeros(100_000)), "{}"),
@@ -107,10 +108,10 @@ OBJECTS = npz(state=np.array([{"a": 1}], dtype=object))
         (npz(state=np.zeros(3)), '{"prior": 3}'),
         (npz(state=np.zeros(3)), "{" * 100_000),
     ],
-    ids=["no archive", "cut off", "objects", "too large", "a list", "no state", "deep"],
+    ids=["no archive", "truncated", "objects", "too large", "a list", "no state", "deep"],
 )
-def test_a_damaged_checkpoint_is_a_sentence(tmp_path, monkeypatch, packed, streams):
-    monkeypatch.setattr(reading, "_MAX_BYTES", 500_000)
-    found = damaged(tmp_path / "run.rrd", packed, streams)
+def test_a_damaged_checkpoint_is_rejected_with_its_frame(tmp_path, monkeypatch, packed, streams):
+    monkeypatch.setattr(partial_run, "_MAX_BYTES", 500_000)
+    recording = damaged(tmp_path / "run.rrd", packed, streams)
     with pytest.raises(InputError, match=r"run.rrd: checkpoint of frame 11"):
-        past_before(found, 99)
+        past_before(recording, 99)

@@ -1,4 +1,4 @@
-"""Rows written as columns are what archetypes logged frame by frame would have been."""
+"""Rows written as columns equal archetypes that are logged frame by frame."""
 
 import os
 import signal
@@ -29,9 +29,9 @@ def jpeg(size):
 
 ROWS = {
     "bars": (rr.BarChart, [bars(), bars(), bars()]),
-    "strips, none in one frame": (rr.LineStrips3D, [strips(4), strips(0), strips(1)]),
+    "strips, one frame empty": (rr.LineStrips3D, [strips(4), strips(0), strips(1)]),
     "flat strips": (rr.LineStrips2D, [{"strips": flat} for flat in RNG.random((2, 6, 4, 2)).astype(np.float32)]),
-    "strips, none at all": (rr.LineStrips3D, [{"strips": np.empty((0, 5, 3), dtype=np.float32)}] * 2),
+    "strips, all frames empty": (rr.LineStrips3D, [{"strips": np.empty((0, 5, 3), dtype=np.float32)}] * 2),
     "points": (rr.Points3D, [{"positions": RNG.random((3, 3))}, {"positions": RNG.random((2, 3))}]),
     "curves": (rr.Scalars, [{"scalars": RNG.random(25)}, {"scalars": RNG.random(25)}]),
     "images": (rr.EncodedImage, [jpeg(100), jpeg(7)]),
@@ -39,46 +39,46 @@ ROWS = {
 
 
 def logged(path, write):
-    """{frame: {component: value}} of what `write(stream)` leaves at the entity `it` of a file."""
+    """Return {frame: {component: value}} of the entity `it` in the file that `write(stream)` writes."""
     stream = rr.RecordingStream("test", recording_id="rows", batcher_config=rr.ChunkBatcherConfig.NEVER())
     stream.set_sinks(rr.FileSink(path))
     write(stream)
     stream.disconnect()
-    found = {}
+    frames_read = {}
     for chunk in RrdReader(path).stream().to_chunks():
         if chunk.entity_path == "/it":
             batch = chunk.to_record_batch()
             frames = np.asarray(batch.column("frame"), dtype=np.int64).tolist()
-            for name in [name for name in batch.schema.names if ":" in name]:  # a component, no index
+            components = [name for name in batch.schema.names if ":" in name]  # indices have no colon
+            for name in components:
                 values = dict(zip(frames, batch.column(name).to_pylist(), strict=True))
                 for frame, value in values.items():
-                    found.setdefault(frame, {}).update({name: value} if value is not None else {})
-    return found
+                    frames_read.setdefault(frame, {}).update({name: value} if value is not None else {})
+    return frames_read
 
 
 @pytest.mark.parametrize(("kind", "fields"), ROWS.values(), ids=ROWS.keys())
-def test_columns_hold_what_archetypes_hold(tmp_path, kind, fields):
-    def one_by_one(stream):
-        for frame, given in enumerate(fields):
+def test_columns_equal_logged_archetypes(tmp_path, kind, fields):
+    def frame_by_frame(stream):
+        for frame, values in enumerate(fields):
             stream.set_time("frame", sequence=frame)
             stream.set_time("time", duration=np.timedelta64(frame, "s"))
-            stream.log("it", kind.from_fields(**given))
+            stream.log("it", kind.from_fields(**values))
 
-    def at_once(stream):
+    def as_columns(stream):
         columns = Columns()
-        for frame, given in enumerate(fields):
-            columns.add(frame, np.timedelta64(frame * 10**9, "ns"), [("it", Row(kind, given))])
+        for frame, values in enumerate(fields):
+            columns.add(frame, np.timedelta64(frame * 10**9, "ns"), [("it", Row(kind, values))])
         columns.write(stream)
-        columns.write(stream)  # nothing waits any more
+        columns.write(stream)  # writes nothing: no row is pending
 
-    expected, found = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (one_by_one, at_once))
+    expected, written = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (frame_by_frame, as_columns))
     assert len(expected) == len(fields)
     assert all(expected.values())
-    assert found == expected
+    assert written == expected
 
 
-def test_numbers_are_the_curves_that_they_would_have_been(tmp_path):
-    """Also where not every frame has them all."""
+def test_numbers_equal_the_curves_of_the_same_values(tmp_path):
     values = [{"it": 0.1}, {"it": np.nan, "other": 3.0}, {"it": -1e-300}]
 
     def as_rows(stream):
@@ -92,15 +92,15 @@ def test_numbers_are_the_curves_that_they_would_have_been(tmp_path):
         for frame, numbers in enumerate(values):
             columns.add_numbers(frame, np.timedelta64(frame * 10**9, "ns"), numbers)
         columns.write(stream)
-        columns.write(stream)  # nothing waits any more
+        columns.write(stream)  # writes nothing: no row is pending
 
-    expected, found = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (as_rows, as_numbers))
+    expected, written = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (as_rows, as_numbers))
     assert len(expected) == 3
-    assert repr(sorted(found.items())) == repr(sorted(expected.items()))  # where NaN is NaN
+    assert repr(sorted(written.items())) == repr(sorted(expected.items()))  # NaN equals NaN as text
 
 
 class InterruptedStream:
-    """A stream that is told nothing but what paths are sent, in whose second a signal asks the process to end."""
+    """A stream that lists the paths sent to it; the second one raises SIGTERM in the process."""
 
     def __init__(self):
         self.sent = []
@@ -112,8 +112,8 @@ class InterruptedStream:
 
 
 @pytest.mark.parametrize("kind", ["rows", "numbers", "large rows"])
-def test_what_was_being_written_when_asked_to_end_is_there_once(kind, tmp_path):
-    """Whoever closes a recording writes what waits: a run that goes on with it would count a frame twice."""
+def test_an_interrupted_write_sends_each_row_once(kind, tmp_path):
+    """Closing the recording writes the pending rows; a duplicate row would count a frame twice in a resumed run."""
     columns, stream, paths = Columns(), InterruptedStream(), ["a", "b", "c"]
     file = RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="", provenance={})
     file.stream = stream

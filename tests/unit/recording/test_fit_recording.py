@@ -1,4 +1,4 @@
-"""What a fit to points leaves in its recording: the surface, flexion against the truth, the activity."""
+"""A fit to points records the surface, flexions of estimate and truth, and activities."""
 
 import sys
 from dataclasses import replace
@@ -22,15 +22,15 @@ MESH, VERTICES = "/world/estimate/surface", "Mesh3D:vertex_positions"
 
 @pytest.fixture(scope="module")
 def run():
-    """Steps whose frames hold points of the true surface; the person walks, and is estimated to but for one frame."""
-    found = []
+    """Steps with points of the true surface; the true activity is walking, the estimated one is running in frame 1."""
+    run = []
     for k, step in enumerate(steps(N_FRAMES, n_particles=20)):
         truth = step.frame.truth
         points = surface_points(BODY, truth.pose, 100, np.random.default_rng(k))
         frame = replace(step.frame, points=points, views=(), truth=replace(truth, activity="walk"))
         parts = attach(SURFACE, forward(BODY.skeleton, truth.pose[None]), points)
-        found.append(replace(step, frame=frame, attachment=parts, activity="run" if k == 1 else "walk"))
-    return found
+        run.append(replace(step, frame=frame, attachment=parts, activity="run" if k == 1 else "walk"))
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -50,23 +50,23 @@ def test_the_surface_is_the_mesh_of_the_expected_pose(fit, run):
         np.testing.assert_array_equal(triangles[k], faces)
         a, b, c = expected[faces].swapaxes(0, 1)
         facing = np.sum(np.cross(b - a, c - a) * np.array(normals[k])[faces[:, 0]], axis=1)
-        assert (facing > 0.0).mean() > 0.99  # but in creases, a vertex looks where its triangles do: outwards
+        assert (facing > 0.0).mean() > 0.99  # except in creases, vertex normals point outwards like their triangles
 
 
-def test_without_scikit_image_a_warning_says_so_and_the_limbs_stay(run, tmp_path, monkeypatch, caplog):
+def test_without_scikit_image_the_limbs_are_recorded_with_one_warning(run, tmp_path, monkeypatch, caplog):
     monkeypatch.setitem(sys.modules, "skimage", None)
     path = record(tmp_path / "run.rrd", run, surface=True)
     assert not column(path, MESH, VERTICES)
     assert len(column(path, "/world/estimate/body", "Ellipsoids3D:centers")) == N_FRAMES
     warnings = values(path, "/log", "TextLog:text")
-    assert sum("scikit-image" in sentence for sentence in warnings) == caplog.text.count("scikit-image") == 1
+    assert sum("scikit-image" in warning for warning in warnings) == caplog.text.count("scikit-image") == 1
 
 
-def test_flexions_are_recorded_in_degrees_and_activities_as_lanes(fit, run):
+def test_flexions_are_recorded_in_degrees_and_activities_as_states(fit, run):
     for name in ("left_hip", "right_hip", "left_knee", "right_knee"):
         poses = {"estimate": [s.expected_pose for s in run], "truth": [s.frame.truth.pose for s in run]}
-        for row, each in poses.items():
-            expected = [flexions(BODY.skeleton, pose)[name] for pose in each]
+        for row, series in poses.items():
+            expected = [flexions(BODY.skeleton, pose)[name] for pose in series]
             assert values(fit, f"/flexion/{name}/{row}", "Scalars:scalars") == expected
     for row, expected in (("estimate", ["walk", "run", "walk"]), ("truth", ["walk"] * 3)):
         assert values(fit, f"/activity/{row}", "StateChange:state") == expected

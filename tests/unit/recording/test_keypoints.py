@@ -1,4 +1,4 @@
-"""The weights of a recording's keypoints."""
+"""The weight of a joint's keypoints is the largest inside the image."""
 
 from dataclasses import replace
 
@@ -12,25 +12,25 @@ from workbench.recording.write.recorder import Recorder
 
 
 def record(path, keypoints):
-    """Record one step for each array of keypoints (15, 3)."""
+    """Record one step per array of keypoints (15, 3)."""
     with Recorder(path, BODY, SPACE, run_id="keypoints", config_yaml="", provenance={}) as recorder:
-        for step, each in zip(steps(len(keypoints), n_particles=20), keypoints, strict=True):
-            view = replace(step.frame.views[0], keypoints=each)
+        for step, points in zip(steps(len(keypoints), n_particles=20), keypoints, strict=True):
+            view = replace(step.frame.views[0], keypoints=points)
             recorder.log(replace(step, frame=replace(step.frame, views=(view,))), {})
     return path
 
 
-def test_the_largest_weight_inside_the_image_counts(tmp_path):
+def test_the_weight_of_a_joint_is_the_largest_inside_the_image(tmp_path):
     """The image is 640 by 480."""
     keypoints = np.full((3, 15, 3), np.nan)
     keypoints[:, 0] = [[10.0, 20.0, 0.25], [11.0, 20.0, 0.9], [12.0, 20.0, 0.5]]
     keypoints[1, 3] = [639.0, 479.0, 0.4]
     keypoints[2, 4] = [-1.0, 20.0, 1.0]
     keypoints[0, 5] = [20.0, 480.5, 1.0]
-    found = keypoint_weights(record(tmp_path / "run.rrd", keypoints))
+    weights = keypoint_weights(record(tmp_path / "run.rrd", keypoints))
     expected = {JOINT_NAMES[0]: 0.9, JOINT_NAMES[3]: 0.4, JOINT_NAMES[4]: 0.0, JOINT_NAMES[5]: 0.0}
-    assert found == pytest.approx(expected, abs=1e-6)
+    assert weights == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_recording_without_keypoints_has_none(tmp_path):
+def test_a_recording_without_keypoints_has_no_weights(tmp_path):
     assert keypoint_weights(record(tmp_path / "run.rrd", [None, None])) == {}

@@ -1,4 +1,4 @@
-"""What a recording's layout shows first: errors, then certainty, then the posterior, and no empty panels."""
+"""A recording's layout shows the verdict, errors, uncertainty and the posterior in this order, without empty panels."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from workbench.recording.write.posterior import RANKS
 
 
 def posterior_of(**units):
-    """Stand in for a posterior with these parameters, each with a picture of its own."""
+    """Return a stub of a posterior with a picture per parameter."""
     return SimpleNamespace(shown_parameters=tuple(units), coefficients=(), unit=units.get)
 
 
@@ -32,72 +32,72 @@ SHOWN = layout.LayoutInput(
 _VALUE = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 
 
-def views(part):
-    """All views of a layout, in order."""
-    inner = getattr(part, "contents", None)
-    if isinstance(inner, list | tuple) and not hasattr(part, "origin"):
-        return [view for child in inner for view in views(child)]
-    return [part]
+def views(block):
+    """Return all views of a layout, in order."""
+    children = getattr(block, "contents", None)
+    if isinstance(children, list | tuple) and not hasattr(block, "origin"):
+        return [view for child in children for view in views(child)]
+    return [block]
 
 
-def laid_out(shown):
-    """{name: view}, in order."""
+def views_by_name(shown):
+    """Return {name: view}, in order."""
     return {view.name: view for view in views(layout.layout(shown).root_container)}
 
 
-def contents_of(shown):
-    """{names of metrics: view} of the panels that show metrics, in order."""
+def metric_panels(shown):
+    """Return {names of metrics: view} of the panels that show metrics, in order."""
     panels = {}
-    for view in laid_out(shown).values():
-        shown_in = view.contents if isinstance(view.contents, list) else [str(view.origin)]
-        if metrics := tuple(path.removeprefix("/metrics/") for path in shown_in if path.startswith("/metrics/")):
+    for view in views_by_name(shown).values():
+        paths = view.contents if isinstance(view.contents, list) else [str(view.origin)]
+        if metrics := tuple(path.removeprefix("/metrics/") for path in paths if path.startswith("/metrics/")):
             panels[metrics] = view
     return panels
 
 
-def test_the_verdict_comes_first_then_errors_then_certainty_then_the_posterior():
-    views = [*laid_out(SHOWN).values()]
+def test_verdict_errors_uncertainty_and_posterior_follow_in_this_order():
+    views = [*views_by_name(SHOWN).values()]
     assert views[0].origin == "/verdict"
     origins = [str(view.contents) + str(view.origin) for view in views]
     shown = ["mpjpe_abs_mm", "mpjpe_px", "metrics/ess", "coverage_90", "left_knee_flexion"]
-    places = [next(k for k, text in enumerate(origins) if name in text) for name in shown]
-    assert places == sorted(places)
+    indices = [next(k for k, text in enumerate(origins) if name in text) for name in shown]
+    assert indices == sorted(indices)
 
 
-def test_what_there_is_not_has_no_panel():
-    blind = replace(SHOWN, metrics=("ess",))
-    assert [*contents_of(blind)] == [("ess",)]
-    assert not contents_of(replace(blind, uninformative=frozenset({"ess"})))
-    assert {*laid_out(replace(blind, warned=True))} - {*laid_out(blind)} == {"warnings"}
-    assert len(laid_out(replace(blind, lanes=("tracking", "large_expected_error")))) == len(laid_out(blind)) + 1
+def test_only_recorded_quantities_have_panels():
+    ess_only = replace(SHOWN, metrics=("ess",))
+    assert [*metric_panels(ess_only)] == [("ess",)]
+    assert not metric_panels(replace(ess_only, uninformative=frozenset({"ess"})))
+    assert {*views_by_name(replace(ess_only, warned=True))} - {*views_by_name(ess_only)} == {"warnings"}
+    with_lanes = replace(ess_only, lanes=("tracking", "large_expected_error"))
+    assert len(views_by_name(with_lanes)) == len(views_by_name(ess_only)) + 1
     cameras = [recorded_camera(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
-    assert {"a", "b", "c", "d"} <= set(laid_out(replace(SHOWN, cameras=cameras)))
+    assert {"a", "b", "c", "d"} <= set(views_by_name(replace(SHOWN, cameras=cameras)))
     paths = ("reprojection_error_px/a", "reprojection_error_px/forearm")
-    (view,) = [
-        view
-        for view in laid_out(replace(blind, reprojection_errors=paths)).values()
-        if "/reprojection_error_px/a" in view.contents
-    ]
+    panels = views_by_name(replace(ess_only, reprojection_errors=paths)).values()
+    (view,) = [view for view in panels if f"/{paths[0]}" in view.contents]
     assert view.contents == [f"/{path}" for path in paths]
-    assert laid_out(replace(SHOWN, reprojection_errors=paths)).keys() == laid_out(SHOWN).keys()  # the truth says more
-    known = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
-    assert [f"/{RANKS}" in [v.origin for v in laid_out(each).values()] for each in (SHOWN, known)] == [False, True]
+    with_truth = replace(SHOWN, reprojection_errors=paths)  # true errors replace reprojection errors
+    assert views_by_name(with_truth).keys() == views_by_name(SHOWN).keys()
+    with_ranks = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
+    assert f"/{RANKS}" in [view.origin for view in views_by_name(with_ranks).values()]
+    assert f"/{RANKS}" not in [view.origin for view in views_by_name(SHOWN).values()]
 
 
-@pytest.mark.parametrize(("first_known", "n_layouts"), [(10, 1), (12, 1), (13, 2)])
-def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, tmp_path, monkeypatch):
-    """Three frames are written together. The estimate and its errors have one colour, the truth another."""
+@pytest.mark.parametrize(("first_frame", "n_layouts"), [(10, 1), (12, 1), (13, 2)])
+def test_a_metric_of_later_frames_is_added_to_the_layout(first_frame, n_layouts, tmp_path, monkeypatch):
+    """Frames are written in groups of three. The estimate and its errors have one colour, the truth another."""
 
     def errors(step):
-        return {"mpjpe_px": 3.0} if step.frame.index >= first_known else {}
+        return {"mpjpe_px": 3.0} if step.frame.index >= first_frame else {}
 
     monkeypatch.setattr(recorder, "MAX_FLUSH_EVERY", 3)
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
     assert len(RrdReader(path).blueprints()) == n_layouts
-    band = "/posterior/parameters/left_knee_flexion"
-    entities = (f"{band}/truth", f"{band}/mean", "/metrics/mpjpe_px", "/metrics/ess")
-    truth, *estimates = [static(path, each, "SeriesLines:colors")[0].to_bytes(4, "big")[:3] for each in entities]
+    parameter = "/posterior/parameters/left_knee_flexion"
+    entities = (f"{parameter}/truth", f"{parameter}/mean", "/metrics/mpjpe_px", "/metrics/ess")
+    truth, *estimates = [static(path, entity, "SeriesLines:colors")[0].to_bytes(4, "big")[:3] for entity in entities]
     assert truth == bytes(styles.TRUTH)
     assert set(estimates) == {bytes(styles.ESTIMATE)}
 
@@ -105,7 +105,7 @@ def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, t
 def test_expected_and_true_errors_by_joint_group_have_equal_axes_that_contain_them():
     both = [f"{kind}_{group}_mm" for kind in ("expected_error", "mpjpe_abs") for group in styles.GROUPS]
     spans = {f"metrics/{name}": (1.0, 10.0 * (1 + k)) for k, name in enumerate(both)}
-    panels = contents_of(replace(SHOWN, metrics=(*SHOWN.metrics, *both), spans=spans))
+    panels = metric_panels(replace(SHOWN, metrics=(*SHOWN.metrics, *both), spans=spans))
     expected, true = (panels[tuple(both[k : k + 4])] for k in (0, 4))
     ranges = [view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0] for view in (expected, true)]
     assert ranges[0] == ranges[1]

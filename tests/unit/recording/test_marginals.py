@@ -1,4 +1,4 @@
-"""Weighted summaries of particles against brute force."""
+"""Marginal histograms and quantiles of weighted particles against direct computation."""
 
 import numpy as np
 import pytest
@@ -17,21 +17,21 @@ positive = st.floats(1e-3, 1.0)
 
 
 @given(st.data())
-def test_quantiles_are_the_smallest_values_with_their_share(data):
+def test_quantiles_are_the_smallest_values_that_reach_their_probability(data):
     n = data.draw(st.integers(1, 40))
     values = data.draw(arrays(float, (n, 3), elements=numbers))
     weights = data.draw(arrays(float, n, elements=positive))
     weights /= weights.sum()
-    found = weighted_quantiles(values, weights, (0.05, 0.5, 0.95))
+    quantiles = weighted_quantiles(values, weights, (0.05, 0.5, 0.95))
     for k in range(3):
-        for share, value in zip((0.05, 0.5, 0.95), found[:, k], strict=True):
-            enough = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= share - 1e-12]
-            fewer = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= share + 1e-12] or [np.inf]
-            assert min(enough) <= value <= min(fewer)  # equal but for rounding of the sums
+        for level, value in zip((0.05, 0.5, 0.95), quantiles[:, k], strict=True):
+            reaching = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= level - 1e-12]
+            exceeding = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= level + 1e-12] or [np.inf]
+            assert min(reaching) <= value <= min(exceeding)  # equal up to rounding of the sums
 
 
 def drifting(n_frames, seed=0, speed=0.4):
-    """Particle sets that wander far out of the first one's range, up in one column and down in the other."""
+    """Yield particle sets that leave the range of the first one, upwards in one column and downwards in the other."""
     rng = np.random.default_rng(seed)
     for i in range(n_frames):
         weights = rng.random(200) ** 4
@@ -39,7 +39,7 @@ def drifting(n_frames, seed=0, speed=0.4):
 
 
 @pytest.mark.parametrize("n_bins", [2, 7, 64])
-def test_marginals_are_the_histograms_on_their_axes(n_bins):
+def test_marginals_equal_numpy_histograms_on_their_axes(n_bins):
     marginals = Marginals(2, n_bins)
     frames = list(drifting(25))
     for values, weights in frames:
@@ -50,15 +50,13 @@ def test_marginals_are_the_histograms_on_their_axes(n_bins):
         edges = np.linspace(low[k], high[k], n_bins + 1)
         for i, (values, weights) in enumerate(frames):
             mass, _ = np.histogram(values[:, k], bins=edges, weights=weights)
-            # Samples within rounding of an edge could fall on either side; with these seeds none does.
-            assert np.exp(log_mass[k, :, i]) == pytest.approx(
-                np.maximum(mass, FLOOR), rel=1e-6
-            )  # kept in single precision
+            # single precision; with these seeds no sample is within rounding of an edge
+            assert np.exp(log_mass[k, :, i]) == pytest.approx(np.maximum(mass, FLOOR), rel=1e-6)
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.data())
-def test_whatever_comes_every_frame_keeps_its_mass(data):
+def test_marginals_conserve_mass(data):
     n_frames, n = data.draw(st.integers(1, 6)), data.draw(st.integers(1, 20))
     marginals = Marginals(1, 16)
     for _ in range(n_frames):
@@ -67,11 +65,11 @@ def test_whatever_comes_every_frame_keeps_its_mass(data):
     low, high, log_mass = marginals.picture()
     mass = np.exp(log_mass)
     assert (low < high).all()
-    # Weights 1/n are visible, none is cut off; empty bins show the floor.
-    assert mass[mass > 2 * FLOOR].sum() == pytest.approx(n_frames, rel=1e-6)  # kept in single precision
+    # weights 1/n exceed the floor, which empty bins have
+    assert mass[mass > 2 * FLOOR].sum() == pytest.approx(n_frames, rel=1e-6)  # single precision
 
 
-def test_a_parameter_that_never_moves():
+def test_constant_parameters_have_one_bin_of_mass_one():
     marginals = Marginals(2, 8)
     for _ in range(3):
         marginals.add(np.tile([0.0, 5.0], (10, 1)), np.full(10, 0.1))
@@ -85,33 +83,31 @@ def test_histogram_counts_outliers_in_the_outermost_bins():
     assert mass == pytest.approx([0.6, 0.0, 0.0, 0.4])
 
 
-def test_what_goes_on_from_a_picture_shows_the_earlier_frames_to_the_width_of_a_bin():
-    """The mass below each end of a bin, which the picture of all frames at once has too, within two of its bins."""
+def test_resumed_marginals_agree_with_all_frames_within_two_bins():
+    """The cumulative mass at each edge lies between the masses two bins to the left and to the right."""
     frames = list(drifting(12))
-    whole, first, then = Marginals(2, 16), Marginals(2, 16), Marginals(2, 16)
+    uninterrupted, first, resumed = Marginals(2, 16), Marginals(2, 16), Marginals(2, 16)
     for frame in frames:
-        whole.add(*frame)
+        uninterrupted.add(*frame)
     for frame in frames[:8]:
         first.add(*frame)
-    assert then.take_over(*first.picture(), 8) == 8
+    assert resumed.take_over(*first.picture(), 8) == 8
     for frame in frames[8:]:
-        then.add(*frame)
-    low, high, log_mass = then.picture()
+        resumed.add(*frame)
+    low, high, log_mass = resumed.picture()
     assert log_mass.shape == (2, 16, 12)
     for k in range(2):
-        ends, of_all = (
-            np.linspace(low[k], high[k], 17)[1:],
-            np.linspace(*(end[k] for end in whole.picture()[:2]), 17)[1:],
-        )
-        reach = 2.0 * max(ends[1] - ends[0], of_all[1] - of_all[0])
+        edges = np.linspace(low[k], high[k], 17)[1:]
+        expected_edges = np.linspace(*(end[k] for end in uninterrupted.picture()[:2]), 17)[1:]
+        margin = 2.0 * max(edges[1] - edges[0], expected_edges[1] - expected_edges[0])
         for t, (values, weights) in enumerate(frames):
             below = np.exp(log_mass[k, :, t]).cumsum()
-            least, most = ((weights * (values[:, k] < ends[:, None] + side * reach)).sum(axis=1) for side in (-1, 1))
-            assert ((least - 0.01 < below) & (below < most + 0.01)).all()
+            lower, upper = ((weights * (values[:, k] < edges[:, None] + side * margin)).sum(axis=1) for side in (-1, 1))
+            assert ((lower - 0.01 < below) & (below < upper + 0.01)).all()
 
 
 @given(st.data())
-def test_masses_are_what_numpy_counts_bit_by_bit(data):
+def test_masses_equal_numpy_bincounts_bitwise(data):
     values = data.draw(arrays(float, st.tuples(st.integers(1, 50), st.integers(1, 3)), elements=numbers))
     weights = data.draw(arrays(float, len(values), elements=positive))
     low, per_unit = np.array([-3.0, 0.1, 7.0])[: values.shape[1]], np.array([0.3, 70.0, 1.0])[: values.shape[1]]
@@ -121,22 +117,22 @@ def test_masses_are_what_numpy_counts_bit_by_bit(data):
 
 
 @pytest.mark.parametrize("n_frames", [8, 9, 16, 17, 31, 32, 33, 70])
-def test_a_long_run_has_a_column_for_the_mean_of_several_frames(monkeypatch, n_frames):
-    """The picture of each frame alone, averaged; and who goes on from it has the same number of columns."""
+def test_columns_of_a_long_run_are_means_of_several_frames(monkeypatch, n_frames):
+    """A resumed run has the same number of columns."""
     monkeypatch.setattr(module, "MAX_COLUMNS", 8)
     rng = np.random.default_rng(1)
     frames = [rng.random((40, 1)) for _ in range(n_frames)]
-    many, weights = Marginals(1, 4), np.full(40, 1.0 / 40)
-    for values in [np.array([[0.0], *[[1.0]] * 39]), *frames]:  # the first one sets the axis
-        many.add(values, weights)
-    low, high, log_mass = many.picture()
-    each = np.array([histogram(values[:, 0], weights, np.linspace(low[0], high[0], 5)) for values in frames])
-    every, told = many.every, n_frames + 1
-    assert log_mass.shape[2] == -(-told // every) <= 8
-    for column in range(1, told // every):
-        mean = each[column * every - 1 : (column + 1) * every - 1].mean(axis=0)
+    marginals, weights = Marginals(1, 4), np.full(40, 1.0 / 40)
+    for values in [np.array([[0.0], *[[1.0]] * 39]), *frames]:  # the first frame determines the axis
+        marginals.add(values, weights)
+    low, high, log_mass = marginals.picture()
+    histograms = np.array([histogram(values[:, 0], weights, np.linspace(low[0], high[0], 5)) for values in frames])
+    every, n_added = marginals.every, n_frames + 1
+    assert log_mass.shape[2] == -(-n_added // every) <= 8
+    for column in range(1, n_added // every):
+        mean = histograms[column * every - 1 : (column + 1) * every - 1].mean(axis=0)
         assert np.exp(log_mass[0, :, column]) == pytest.approx(np.maximum(mean, FLOOR), abs=1e-6)
-    later = Marginals(1, 4)
-    assert later.take_over(low, high, log_mass, told) == told // every * every
-    later.add(frames[-1], weights)
-    assert later.every == every or told == every * 8  # full, which halves them
+    resumed = Marginals(1, 4)
+    assert resumed.take_over(low, high, log_mass, n_added) == n_added // every * every
+    resumed.add(frames[-1], weights)
+    assert resumed.every == every or n_added == every * 8  # all columns are full, so that pairs are merged

@@ -1,4 +1,4 @@
-"""What a recording shows of the posterior: only what is estimated, and first what moves."""
+"""A recording's intervals, marginals and rank histograms of the posterior against the particles."""
 
 from dataclasses import replace
 
@@ -35,66 +35,60 @@ def steps(prior, n_particles=40):
     return list(ParticleFilter(prior, Uniform(), n_particles=n_particles).run(frames, start, streams))
 
 
-def posterior(prior, taken):
+def posterior(prior, run):
     collected = Posterior(prior.space, BODY.skeleton, N_BINS)
-    for step in taken:
+    for step in run:
         collected.add(step)
     return collected
 
 
 @pytest.fixture(scope="module")
 def priors():
-    arm, walk = (
-        Smooth(parameters=["right_arm"]),
-        Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
-    )
-    arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], include_root=False)
+    motions = builtin_motions(n_subjects=2)
     return {
-        "walk": walk,
+        "walk": Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
         "smooth": Smooth(),
-        "arm": arm,
-        "database": Implicit(learn_windows(builtin_motions(n_subjects=2))),
-        "arm database": Implicit(arm_windows),
+        "arm": Smooth(parameters=["right_arm"]),
+        "database": Implicit(learn_windows(motions)),
+        "arm database": Implicit(learn_windows(motions, angles=["right_arm"], include_root=False)),
     }
 
 
 @pytest.mark.parametrize("name", ["database", "arm database"])
-def test_memory_ahead_is_left_out(priors, name):
+def test_future_coefficients_of_a_window_are_not_shown(priors, name):
     prior = priors[name]
     b = len(prior.windows.sigmas)
     expected = (*POSE_NAMES, *(f"c{k + 1}" for k in range(b)))
     assert posterior(prior, steps(prior)).names == expected
-    assert len(prior.space) == len(expected) + b * (prior.windows.window_frames - 1)  # there is such memory
+    assert len(prior.space) == len(expected) + b * (prior.windows.window_frames - 1)
 
 
 @pytest.mark.parametrize("name", ["walk", "smooth", "arm", "database", "arm database"])
-def test_names_units_bands_and_marginals_belong_together(priors, name):
-    """Each parameter's marginal and band are those of the column of its name, or of the pose's angle."""
+def test_marginals_and_intervals_are_those_of_the_named_parameter(priors, name):
+    """A parameter is a column of the state or an angle of the pose."""
     prior = priors[name]
-    taken = steps(prior)
+    run = steps(prior)
     collected = Posterior(prior.space, BODY.skeleton, N_BINS)
-    numbers = [collected.add(step) for step in taken]
+    numbers = [collected.add(step) for step in run]
     entities, axes = collected.pictures()
     log_mass = dict(entities)["posterior/marginals"].data.as_arrow_array().to_pylist()[0]["buffer"]
     log_mass = np.array(log_mass, dtype=float).reshape(-1, N_BINS, N_FRAMES)
     assert len(axes["names"]) == len(axes["units"]) == len(axes["low"]) == len(log_mass) == len(collected.names)
     for k, parameter in enumerate(collected.names):
         edges = np.linspace(axes["low"][k], axes["high"][k], N_BINS + 1)
-        for t, step in enumerate(taken):
-            own = parameter in prior.space.names
-            values = step.particles[:, prior.space.names.index(parameter)] if own else step.poses[:, angle(parameter)]
+        for t, step in enumerate(run):
+            if parameter in prior.space.names:
+                values = step.particles[:, prior.space.names.index(parameter)]
+            else:
+                values = step.poses[:, BODY.skeleton.dof(parameter)]
             assert numbers[t][f"posterior/parameters/{parameter}/mean"] == pytest.approx(values.mean(), abs=1e-9)
             mass = np.histogram(values, edges)[0] / len(values)
-            # a value on an edge may be counted on either side of it; empty bins show 1e-4
+            # a value on an edge may be counted on either side; empty bins have a mass of 1e-4
             assert np.abs(np.cumsum(np.exp(log_mass[k, :, t])) - np.cumsum(mass)).max() <= 1 / len(values) + 16e-4
 
 
-def angle(name):
-    return BODY.skeleton.dof(name)
-
-
-def uneven(n_particles):
-    """A step with Gaussian root_x and uneven weights: its band, values and weights."""
+def weighted_root_x(n_particles):
+    """Return interval, values and weights of root_x in a step with Gaussian values and gamma-distributed weights."""
     prior = Smooth()
     first = steps(prior, n_particles)[0]
     rng = np.random.default_rng(4)
@@ -107,37 +101,34 @@ def uneven(n_particles):
     return ends, particles[:, k], np.exp(step.log_weights)
 
 
-def test_of_a_thousand_particles_the_bands_are_the_weighted_quantiles():
-    ends, values, weights = uneven(1000)
+def test_intervals_of_a_thousand_particles_are_the_weighted_quantiles():
+    ends, values, weights = weighted_root_x(1000)
     assert ends == weighted_quantiles(values[:, None], weights, (0.05, 0.95))[:, 0].tolist()
 
 
-@pytest.mark.parametrize("n_particles", [1001, 5000, 20_000])
-def test_of_more_the_weight_beyond_is_five_per_cent_within_the_resampling_error(n_particles):
-    (low, high), values, weights = uneven(n_particles)
-    beyond = [weights[values < low].sum(), weights[values > high].sum()]
-    assert beyond == pytest.approx([0.05, 0.05], abs=4.0 * np.sqrt(0.05 * 0.95 / 1000))  # four standard errors
+@pytest.mark.parametrize("n_particles", [1001, 5000])
+def test_intervals_of_more_particles_are_quantiles_within_the_resampling_error(n_particles):
+    (low, high), values, weights = weighted_root_x(n_particles)
+    outside = [weights[values < low].sum(), weights[values > high].sum()]
+    assert outside == pytest.approx([0.05, 0.05], abs=4.0 * np.sqrt(0.05 * 0.95 / 1000))  # four standard errors
     assert {low, high} <= {*values.tolist()}
 
 
 def heights(path, entity):
-    found = static(path, entity, "BarChart:values")
-    return None if found is None else np.array(found[0]["buffer"])
+    bars = static(path, entity, "BarChart:values")
+    return None if bars is None else np.array(bars[0]["buffer"])
 
 
-def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
+def test_the_rank_histogram_of_all_frames_but_the_first_is_recorded(tmp_path):
     run = list(recording_steps.steps(6))
     path = record(tmp_path / "run.rrd", run)
-    every = np.concatenate(
-        [
-            ranks(weight_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
-            for s in run[1:]
-        ]
-    )
-    assert len(every) >= 5
-    expected = np.histogram(every, bins=10, range=(0.0, 1.0))[0] / len(every)
+    below = [weight_below(step.poses, np.exp(step.log_weights), step.frame.truth.pose) for step in run[1:]]
+    estimated = [np.ptp(step.poses, axis=0) > 0.0 for step in run[1:]]
+    all_ranks = np.concatenate([ranks(b)[varied] for b, varied in zip(below, estimated, strict=True)])
+    assert len(all_ranks) >= 5
+    expected = np.histogram(all_ranks, bins=10, range=(0.0, 1.0))[0] / len(all_ranks)
     np.testing.assert_allclose(heights(path, f"/{RANKS}"), expected, rtol=1e-6)
     assert heights(path, f"/{RANKS}/uniform") == pytest.approx(np.full(10, 0.1))
-    blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
-    assert all(len(pose_ranks(step)) == 0 for step in blind)
-    assert heights(record(tmp_path / "blind.rrd", blind), f"/{RANKS}") is None
+    without_truth = [replace(step, frame=replace(step.frame, truth=None)) for step in run[:3]]
+    assert all(len(pose_ranks(step)) == 0 for step in without_truth)
+    assert heights(record(tmp_path / "without_truth.rrd", without_truth), f"/{RANKS}") is None

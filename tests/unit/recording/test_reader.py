@@ -1,4 +1,4 @@
-"""Recordings read back: whole, cut off, torn, rewritten, not recordings at all, and many at once."""
+"""Reading recordings: complete, truncated, rewritten by Rerun, of other programs, and all of a folder."""
 
 import os
 import shutil
@@ -30,8 +30,8 @@ def run():
 @pytest.fixture(scope="module")
 def recorded(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("reader") / "run.rrd"
-    given = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}}
-    with Recorder(path, BODY, SPACE, run_id="read", **given) as recording:
+    labels = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}}
+    with Recorder(path, BODY, SPACE, run_id="read", **labels) as recording:
         for step in run:
             recording.log(step, errors(step))
         recording.set_result({"error_mm": 1.0})
@@ -45,7 +45,7 @@ def optimize(path, out):
     return out
 
 
-def same(first, second):
+def assert_equal(first, second):
     assert first.properties == second.properties
     assert first.scalars.keys() == second.scalars.keys()
     for path, curve in first.scalars.items():
@@ -54,12 +54,12 @@ def same(first, second):
     assert first.marginals.log_mass.tobytes() == second.marginals.log_mass.tobytes()
 
 
-def test_a_rewritten_recording_says_the_same(recorded, tmp_path):
-    # The tool merges chunks: several rows of a property, of a picture and of a curve end up in one.
-    same(read(recorded), read(optimize(recorded, tmp_path / "optimized.rrd")))
+def test_an_optimized_recording_is_read_equally(recorded, tmp_path):
+    """`rerun rrd optimize` merges several rows of a property, an image or a curve into one chunk."""
+    assert_equal(read(recorded), read(optimize(recorded, tmp_path / "optimized.rrd")))
 
 
-def test_names_and_shapes(recorded):
+def test_metrics_poses_and_marginals_have_names_and_shapes(recorded):
     run = read(recorded)
     assert run.metric_names == ("error_mm", "error_relative_mm", "ess", "log_evidence", "visible_limbs")
     frames, values = run.metric("log_evidence")
@@ -71,13 +71,13 @@ def test_names_and_shapes(recorded):
     assert (run.marginals.low < run.marginals.high).all()
 
 
-def test_no_such_file_and_a_folder_without_a_recording(tmp_path):
-    for path in (tmp_path / "nothing.rrd", tmp_path):
+def test_a_missing_file_and_a_folder_without_a_recording_are_rejected(tmp_path):
+    for path in (tmp_path / "missing.rrd", tmp_path):
         with pytest.raises(InputError, match=r"\.rrd: no such recording"):
             read(path)
 
 
-def test_a_recording_of_something_else(tmp_path):
+def test_a_recording_of_another_program_is_rejected(tmp_path):
     stream = rr.RecordingStream("other", recording_id="other")
     stream.set_sinks(rr.FileSink(tmp_path / "other.rrd"))
     stream.log("x", rr.Scalars(1.0))
@@ -87,41 +87,42 @@ def test_a_recording_of_something_else(tmp_path):
         read(tmp_path / "other.rrd")
 
 
-def test_a_torn_recording_says_how_to_save_the_rest(recorded, tmp_path):
-    torn = tmp_path / "torn.rrd"
-    whole = recorded.read_bytes()
-    torn.write_bytes(whole[: len(whole) * 3 // 4])
+def test_the_message_on_a_truncated_recording_has_the_command_that_recovers_it(recorded, tmp_path):
+    truncated = tmp_path / "truncated.rrd"
+    content = recorded.read_bytes()
+    truncated.write_bytes(content[: len(content) * 3 // 4])
     with pytest.raises(InputError, match="rerun rrd optimize"):
-        read(torn)
-    saved = read(optimize(torn, tmp_path / "saved.rrd"))
-    assert saved.config == read(recorded).config
-    frames, poses = saved.poses
+        read(truncated)
+    recovered = read(optimize(truncated, tmp_path / "recovered.rrd"))
+    assert recovered.config == read(recorded).config
+    frames, poses = recovered.poses
     expected = read(recorded).poses[1]
-    assert len(frames) >= 10  # the first flush came before the tear
+    assert len(frames) >= 10  # the first flush precedes the cut
     assert np.array_equal(poses, expected[: len(frames)])
 
 
 def message_ends(content):
-    """Where the messages of a recording end: after 12 bytes each has 16, with its length as the last 8, and itself."""
+    """Return where the messages of a recording end. 12 bytes precede them; a message has a header of 16 bytes, the last
+    8 of which are its length, or 0 for the footer."""
     ends = [12]
-    while (header := content[ends[-1] : ends[-1] + 16]) and not header.startswith(bytes(8)):  # 0 is the footer
+    while (header := content[ends[-1] : ends[-1] + 16]) and not header.startswith(bytes(8)):
         ends.append(ends[-1] + 16 + struct.unpack("<8xQ", header)[0])
     return ends
 
 
-def test_a_recording_cut_anywhere_is_told_as_cut(recorded, tmp_path):
-    """Between two messages Rerun itself reads what is left without complaint, and so it does without the last bytes."""
-    cut, content = tmp_path / "cut.rrd", recorded.read_bytes()
-    shutil.copy(recorded, cut)
+def test_a_recording_truncated_anywhere_is_rejected(recorded, tmp_path):
+    """Rerun itself reads a recording without error that ends between two messages or lacks the last bytes."""
+    truncated, content = tmp_path / "truncated.rrd", recorded.read_bytes()
+    shutil.copy(recorded, truncated)
     ends = [end + k for end in message_ends(content)[1::7] for k in (-1, 0, 15, 16)]
     last = [len(content) - k for k in (1, 4, 31, 32, 33, 48)]
     for size in sorted([*ends, *range(len(content) // 9, len(content), len(content) // 9), *last], reverse=True):
-        os.truncate(cut, size)
-        with pytest.raises(InputError, match=r"cut\.rrd: expected a whole Rerun recording"):
-            read(cut)
+        os.truncate(truncated, size)
+        with pytest.raises(InputError, match=r"truncated\.rrd: expected a whole Rerun recording"):
+            read(truncated)
 
 
-def test_what_a_killed_run_left_is_read_without_an_end(recorded, tmp_path):
+def test_the_part_of_a_killed_run_is_read_without_its_footer(recorded, tmp_path):
     part, content = tmp_path / "run.rrd.part", recorded.read_bytes()
     part.write_bytes(content[: message_ends(content)[-1]])
     assert read(part).poses[1].tobytes() == read(recorded).poses[1].tobytes()
@@ -129,7 +130,7 @@ def test_what_a_killed_run_left_is_read_without_an_end(recorded, tmp_path):
 
 @pytest.fixture
 def folder(recorded, tmp_path):
-    """Two good runs, one cut off, one that is none, and files that are no recordings."""
+    """A folder with two complete runs, the part of one, a damaged recording, and other files."""
     for name in ("b/run.rrd", "a/0/run.rrd", "a/1/run.rrd.part"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(recorded, tmp_path / name)
@@ -139,44 +140,45 @@ def folder(recorded, tmp_path):
     return tmp_path
 
 
-def test_all_are_found_sorted_and_one_that_cannot_be_read_does_not_stop_the_others(folder):
+def test_runs_of_a_folder_are_sorted_and_unreadable_ones_are_reported(folder):
     runs, problems = open_sound_runs(folder)
     assert [str(run.path.relative_to(folder)) for run in runs] == ["a/0/run.rrd", "a/1/run.rrd.part", "b/run.rrd"]
     assert [problem.path.name for problem in problems] == ["junk.rrd"]
     assert "junk.rrd: expected a whole Rerun recording" in problems[0].reason
 
 
-def test_joints_are_those_of_the_poses_and_of_the_truth(recorded, run):
-    found = read(recorded)
-    assert found.joints.names == found.true_joints.names == BODY.skeleton.names
-    assert found.joints.frames.tolist() == found.true_joints.frames.tolist() == [step.frame.index for step in run]
-    # recorded to float32, coordinates of some metres: 2e-7 m
-    np.testing.assert_allclose(found.joints.positions, joints(BODY.skeleton, found.poses[1]), atol=1e-6)
-    np.testing.assert_allclose(found.true_joints.positions, [step.frame.truth.joints for step in run], atol=1e-6)
+def test_recorded_joints_are_those_of_the_poses_and_of_the_truth(recorded, run):
+    recording = read(recorded)
+    assert recording.joints.names == recording.true_joints.names == BODY.skeleton.names
+    frames = [step.frame.index for step in run]
+    assert recording.joints.frames.tolist() == recording.true_joints.frames.tolist() == frames
+    # float32 coordinates of some metres: 2e-7 m
+    np.testing.assert_allclose(recording.joints.positions, joints(BODY.skeleton, recording.poses[1]), atol=1e-6)
+    np.testing.assert_allclose(recording.true_joints.positions, [step.frame.truth.joints for step in run], atol=1e-6)
 
 
 def test_settings_are_the_configuration_as_plain_values(recorded):
-    found = read(recorded)
-    assert found.settings == {"seed": 3, "prior": {"sigma": 1e-5}}
-    assert found.result == {"error_mm": 1.0}
-    assert found.provenance["seed"] == 3
-    assert not found.is_study
-    assert found.format == FORMAT
-    assert found.environment.keys() >= {"system", "blas", "numba_cpu", "numpy"}
+    recording = read(recorded)
+    assert recording.settings == {"seed": 3, "prior": {"sigma": 1e-5}}
+    assert recording.result == {"error_mm": 1.0}
+    assert recording.provenance["seed"] == 3
+    assert not recording.is_study
+    assert recording.format == FORMAT
+    assert recording.environment.keys() >= {"system", "blas", "numba_cpu", "numpy"}
 
 
 def test_a_recording_without_a_format_number_is_of_format_1():
-    found = read(FORMAT_1)
-    assert (found.format, found.environment, found.status) == (1, {}, "complete")
-    assert found.poses[1].shape == (4, 25)
-    assert found.joints.positions.shape == found.true_joints.positions.shape == (4, 15, 3)
-    assert found.marginals.log_mass.shape[2] == 4
-    assert found.settings["inference"]["n_particles"] == 40
-    assert found.result["mpjpe_abs_mm"] == pytest.approx(found.metric("mpjpe_abs_mm")[1][1:].mean())
+    recording = read(FORMAT_1)
+    assert (recording.format, recording.environment, recording.status) == (1, {}, "complete")
+    assert recording.poses[1].shape == (4, 25)
+    assert recording.joints.positions.shape == recording.true_joints.positions.shape == (4, 15, 3)
+    assert recording.marginals.log_mass.shape[2] == 4
+    assert recording.settings["inference"]["n_particles"] == 40
+    assert recording.result["mpjpe_abs_mm"] == pytest.approx(recording.metric("mpjpe_abs_mm")[1][1:].mean())
 
 
 @pytest.mark.parametrize("version", [FORMAT + 1, "two"])
-def test_a_newer_format_is_refused(tmp_path, version):
+def test_a_newer_format_is_rejected(tmp_path, version):
     with RecordingFile(tmp_path / "run.rrd", run_id="x", config_yaml="", provenance={}) as file:
         file.send_property("run", {"format": version})
     with pytest.raises(InputError, match=f"format 1 to {FORMAT}, found {version!r}"):

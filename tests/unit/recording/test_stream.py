@@ -1,4 +1,4 @@
-"""Recordings that were written leave nothing behind in the process that wrote them; cards show what cameras saw."""
+"""Writing a recording leaves no threads behind; cards preview the images of the cameras."""
 
 import os
 import subprocess
@@ -21,58 +21,57 @@ TASKS = Path("/proc/self/task")
 
 
 @pytest.fixture
-def two(tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda *_: set())
+def recordings(tmp_path, trusted):
     return [record(tmp_path / f"{name}.rrd", name) for name in "ab"]
 
 
-def a_run(folder, two):
+def write_run(folder, recordings):
     with RecordingFile(folder / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}):
         pass
 
 
-def side_by_side(folder, two):
-    write_side_by_side(folder / "both.rrd", *map(read, two))
+def write_comparison(folder, recordings):
+    write_side_by_side(folder / "both.rrd", *map(read, recordings))
 
 
-def names(folder, two):
-    write_names(folder, two, ["one", "other"])
+def write_labels(folder, recordings):
+    write_names(folder, recordings, ["first", "second"])
 
 
-def a_card(folder, two):
+def write_one_card(folder, recordings):
     write_card(folder / "card.rrd", ("workbench", "a"), {"rank": 0.0}, {"seed": 1}, {"prior": "smooth"})
 
 
-@pytest.mark.skipif(not TASKS.is_dir(), reason="the system does not tell a process's threads")
-@pytest.mark.parametrize("write", [a_run, side_by_side, names, a_card])
-def test_the_next_recording_lets_go_of_those_before(write, two, tmp_path):
-    """But for the layout's, of which only Rerun knows: two threads for each."""
-    left = 2 * 5 * (write is side_by_side)
+@pytest.mark.skipif(not TASKS.is_dir(), reason="the system does not list the threads of a process")
+@pytest.mark.parametrize("write", [write_run, write_comparison, write_labels, write_one_card])
+def test_a_new_recording_ends_the_threads_of_earlier_ones(write, recordings, tmp_path):
+    """Rerun does not end the two threads of a layout."""
+    remaining = 2 * 5 * (write is write_comparison)
     for _ in range(2):
-        write(tmp_path, two)
+        write(tmp_path, recordings)
     before = len(os.listdir(TASKS))
     for _ in range(5):
-        write(tmp_path, two)
-    assert len(os.listdir(TASKS)) <= before + left
+        write(tmp_path, recordings)
+    assert len(os.listdir(TASKS)) <= before + remaining
 
 
-def test_what_is_being_written_is_kept(tmp_path):
+def test_a_card_does_not_end_the_recording_that_is_being_written(tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
-        a_card(tmp_path, None)
+        write_one_card(tmp_path, None)
         file.send_numbers("metrics", {"mpjpe_abs_mm": 2.5})
     assert read(tmp_path / "run.rrd").result == {"mpjpe_abs_mm": 2.5}
 
 
-def test_no_stream_is_freed_once_one_was_given_up(monkeypatch):
-    """Rerun would wait for its writer."""
+def test_no_stream_is_freed_after_one_is_abandoned(monkeypatch):
+    """Rerun would wait for its writer forever."""
     monkeypatch.setattr(files, "_abandoned", [])
     monkeypatch.setattr(rr, "unregister_shutdown", lambda: None)
-    monkeypatch.setattr(rr, "init", lambda *_, **__: pytest.fail("it would wait"))
+    monkeypatch.setattr(rr, "init", lambda *_, **__: pytest.fail("waits for the writer"))
     abandon(rr.RecordingStream("a", recording_id="a"))
     new_stream("b", "b")
 
 
-FULL = """
+FULL_DISK = """
 import resource, signal, sys
 import numpy as np
 import rerun as rr
@@ -87,28 +86,28 @@ try:
     stream.flush(timeout_sec=1.0)
 except RuntimeError:
     abandon(stream)
-    print("gave up")
+    print("abandoned")
 """
 
 
-def test_a_process_ends_whose_stream_cannot_be_written(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, tmp_path / "run.rrd"], capture_output=True, text=True, timeout=60, check=False
+def test_a_process_exits_although_its_stream_cannot_be_written(tmp_path):
+    process = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, timeout=60, check=False
     )
-    assert (done.returncode, done.stdout) == (0, "gave up\n"), done.stderr
+    assert (process.returncode, process.stdout) == (0, "abandoned\n"), process.stderr
 
 
 PNG = cv2.imencode(".png", np.zeros((6, 8), dtype=np.uint8))[1].tobytes()
 
 
-def test_a_preview_is_of_what_a_camera_saw(tmp_path):
+def test_a_preview_shows_the_images_of_the_cameras(tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="{}", settings={}, provenance={}) as file:
         file.stream.set_time("frame", sequence=0)
-        for place in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
-            file.stream.log(place, rr.EncodedImage(contents=PNG, media_type="image/png"))
+        for entity in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
+            file.stream.log(entity, rr.EncodedImage(contents=PNG, media_type="image/png"))
     assert preview_of(tmp_path / "run.rrd") == (["/world/left/image", "/world/right/image"], False)
 
 
-def test_a_recording_that_was_cut_off_has_none(tmp_path):
+def test_a_truncated_recording_has_no_preview(tmp_path):
     (tmp_path / "run.rrd").write_bytes(b"RRF2")
     assert preview_of(tmp_path / "run.rrd") == ([], False)

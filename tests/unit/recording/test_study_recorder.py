@@ -1,15 +1,14 @@
-"""What a study's recording holds, and when it is published."""
+"""A study's figures, metrics and note are read back; an interrupted one leaves its part."""
 
 import logging
 
 import cv2
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.drawing import draw, picture
+from workbench.recording.study.drawing import picture
 from workbench.recording.study.figures import figure_of, numbers
 from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
@@ -21,11 +20,11 @@ METRICS = {"n_cycles": 93.0, "explained": 0.1 + 0.2}
 
 
 def figures():
-    """One of each kind and of each variant, with numbers that float32 or text would not keep."""
+    """Return figures of every kind and variant with numbers that float32 or text would round."""
     rng = np.random.default_rng(0)
     x = np.cumsum(rng.uniform(0.1, 1.0, 40))
     interrupted = rng.standard_normal(40)
-    interrupted[[0, 7, 8, 9, 11, 39]] = np.nan  # also a single point between two gaps
+    interrupted[[0, 7, 8, 9, 11, 39]] = np.nan  # frame 10 is a single point between two gaps
     return (
         Curves(
             "first page/SNR (left hip)", x, {"ours": rng.standard_normal(40), "with gaps": interrupted}, "s", "°",
@@ -46,9 +45,9 @@ def recorder(path, run_id="study"):
     return RecordingFile(path, run_id=run_id, config_yaml=CONFIG, provenance=PROVENANCE)
 
 
-def record(path, shown):
+def record(path, figures):
     with recorder(path) as recording:
-        record_study(recording, StudyResult(METRICS, tuple(shown), "**Paper B, fig. 1.** What is to be seen."))
+        record_study(recording, StudyResult(METRICS, tuple(figures), "**Paper B, fig. 1.** A caption."))
     return path
 
 
@@ -57,66 +56,60 @@ def recorded(tmp_path_factory):
     return record(tmp_path_factory.mktemp("study") / "new folder" / "run.rrd", figures())
 
 
-def same(first, second):
-    """Whether two fields are equal bit for bit, in the same order."""
+def identical(first, second):
+    """Return whether two fields are bitwise identical and equally ordered."""
     if isinstance(first, np.ndarray):
         return first.shape == second.shape and first.dtype == second.dtype and first.tobytes() == second.tobytes()
     if isinstance(first, dict):
-        return list(first) == list(second) and all(same(first[key], second[key]) for key in first)
+        return list(first) == list(second) and all(identical(first[key], second[key]) for key in first)
     return first == second and type(first) is type(second)
 
 
-def test_figures_come_back_bit_for_bit_and_in_order(recorded):
-    found = read(recorded).figures
-    assert [figure.name for figure in found] == [figure.name for figure in figures()]
-    for given, back in zip(figures(), found, strict=True):
-        assert type(given) is type(back)
-        for field in vars(given):
-            assert same(getattr(given, field), getattr(back, field)), (given.name, field)
+def test_figures_are_read_back_bitwise_and_in_order(recorded):
+    figures_read = read(recorded).figures
+    assert [figure.name for figure in figures_read] == [figure.name for figure in figures()]
+    for written, figure in zip(figures(), figures_read, strict=True):
+        assert type(written) is type(figure)
+        for field in vars(written):
+            assert identical(getattr(written, field), getattr(figure, field)), (written.name, field)
 
 
-def test_properties_metrics_and_note_come_back(recorded):
-    found = read(recorded)
-    assert found.config == CONFIG
-    assert found.status == "complete"
-    assert found.properties["run"]["id"] == "study"
-    assert found.properties["provenance"] == PROVENANCE
-    assert found.properties["metrics"] == METRICS
-    assert found.note == "**Paper B, fig. 1.** What is to be seen."
-    assert found.metric_names == tuple(sorted(METRICS))
-    for name, value in METRICS.items():  # as curves of one point, too
-        assert [list(column) for column in found.metric(name)] == [[0], [value]]
-    assert found.marginals is None
+def test_properties_metrics_and_note_are_read_back(recorded):
+    recording = read(recorded)
+    assert recording.config == CONFIG
+    assert recording.status == "complete"
+    assert recording.properties["run"]["id"] == "study"
+    assert recording.properties["provenance"] == PROVENANCE
+    assert recording.properties["metrics"] == METRICS
+    assert recording.note == "**Paper B, fig. 1.** A caption."
+    assert recording.metric_names == tuple(sorted(METRICS))
+    for name, value in METRICS.items():  # a curve of one point
+        assert [list(column) for column in recording.metric(name)] == [[0], [value]]
+    assert recording.marginals is None
     with pytest.raises(InputError, match="a study, which has no poses"):
-        _ = found.poses
+        _ = recording.poses
 
 
-def fail_in(recording):
+def interrupt(recording):
     with recording:
-        assert read(recording.part).status == "running"  # what a killed process would leave
+        assert read(recording.part).status == "running"  # the state after a kill
         raise KeyboardInterrupt
 
 
-def test_a_study_that_fails_keeps_the_part(tmp_path, caplog):
+def test_an_interrupted_study_leaves_its_part(tmp_path, caplog):
     recording = recorder(tmp_path / "run.rrd")
     with caplog.at_level(logging.WARNING), pytest.raises(KeyboardInterrupt):
-        fail_in(recording)
+        interrupt(recording)
     assert str(recording.part) in caplog.text
     assert not recording.path.exists()
-    found = read(recording.part)
-    assert (found.status, found.config, found.figures, found.note) == ("interrupted", CONFIG, (), None)
+    part = read(recording.part)
+    assert (part.status, part.config, part.figures, part.note) == ("interrupted", CONFIG, (), None)
 
 
-def test_two_figures_of_one_name_are_refused(tmp_path):
-    one = figures()[3]
+def test_two_figures_of_one_name_are_rejected(tmp_path):
+    figure = figures()[3]
     with pytest.raises(ValueError, match="distinct names"):
-        record(tmp_path / "run.rrd", [one, one])
-
-
-def drawn(figure):
-    axes = Figure().add_subplot()
-    draw(axes, figure)
-    return axes
+        record(tmp_path / "run.rrd", [figure, figure])
 
 
 @pytest.mark.parametrize(
@@ -128,18 +121,18 @@ def drawn(figure):
         *(Scatter("f", {"a": xy}, "x", "y") for xy in (np.zeros((0, 2)), np.full((2, 2), np.nan))),
     ],
 )
-def test_a_picture_is_finer_than_the_view_and_always_the_same(figure):
+def test_a_picture_is_deterministic_and_finer_than_the_view(figure):
     png = picture(figure, 300.0, 200.0)
     assert cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).shape == (300, 450, 3)
     assert picture(figure, 300.0, 200.0) == png
 
 
-def test_the_numbers_of_points_come_back_bit_for_bit():
+def test_the_numbers_of_points_are_read_back_bitwise():
     rng = np.random.default_rng(1)
     figure = Scatter("page/s", {"walk": rng.normal(size=(4, 2)), "run": rng.normal(size=(1, 2))}, "α₁", "α₂")
-    again = figure_of(numbers(figure))
-    assert isinstance(again, Scatter)
-    assert (again.name, again.x_name, again.y_name) == (figure.name, "α₁", "α₂")
-    assert list(again.points) == ["walk", "run"]
+    restored = figure_of(numbers(figure))
+    assert isinstance(restored, Scatter)
+    assert (restored.name, restored.x_name, restored.y_name) == (figure.name, "α₁", "α₂")
+    assert list(restored.points) == ["walk", "run"]
     for label, points in figure.points.items():
-        assert again.points[label].tobytes() == points.tobytes()
+        assert restored.points[label].tobytes() == points.tobytes()

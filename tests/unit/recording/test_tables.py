@@ -20,7 +20,7 @@ def run(tmp_path_factory):
     with Recorder(path, BODY, SPACE, run_id="x", config_yaml="seed: 3", provenance={"seed": 3}) as recording:
         for step in steps(N, n_particles=20):
             recording.log(step, errors(step))
-    return read(path.parent)  # the folder of a run
+    return read(path.parent)  # by the run's folder
 
 
 def test_poses_and_joints_are_those_of_the_arrays(run):
@@ -28,12 +28,12 @@ def test_poses_and_joints_are_those_of_the_arrays(run):
     frames, values = run.poses
     np.testing.assert_array_equal(poses["frame"], frames)
     np.testing.assert_array_equal(poses["left_knee_flexion"], values[:, BODY.skeleton.dof("left_knee_flexion")])
-    head = joints["joint"] == "left_ankle"
-    np.testing.assert_array_equal(joints["frame"][head], run.joints.frames)
-    np.testing.assert_array_equal(joints["z"][head], run.joints.positions[:, run.joints.names.index("left_ankle"), 2])
+    ankle = joints["joint"] == "left_ankle"
+    np.testing.assert_array_equal(joints["frame"][ankle], run.joints.frames)
+    np.testing.assert_array_equal(joints["z"][ankle], run.joints.positions[:, run.joints.names.index("left_ankle"), 2])
 
 
-def test_bands_are_the_recorded_curves(run):
+def test_intervals_are_the_recorded_curves(run):
     intervals, table = run.intervals, run.table("intervals")
     k = intervals.names.index("root_x")
     for edge in ("low", "mean", "high", "truth"):
@@ -41,7 +41,7 @@ def test_bands_are_the_recorded_curves(run):
         np.testing.assert_array_equal(getattr(intervals, edge)[:, k], recorded.values[:, 0])
         np.testing.assert_array_equal(table[edge][table["parameter"] == "root_x"], recorded.values[:, 0])
     assert np.all(intervals.low[:, k] <= intervals.high[:, k])
-    assert np.isnan(intervals.truth[:, intervals.names.index("c1")]).all()  # nobody knows a true coefficient
+    assert np.isnan(intervals.truth[:, intervals.names.index("c1")]).all()  # coefficients have no ground truth
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
@@ -54,7 +54,7 @@ def test_data_frames_have_the_same_columns_and_values(run, library):
             np.testing.assert_array_equal(frame[column].to_numpy(), values)
 
 
-def test_a_library_that_is_not_there_and_a_table_that_is_none_are_named(run, monkeypatch):
+def test_a_missing_library_and_an_unknown_table_are_rejected_by_name(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(InputError, match="needs the package polars"):
         data_frame("polars", {"frame": [0]})

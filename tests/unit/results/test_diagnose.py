@@ -1,4 +1,4 @@
-"""What can be changed in a run, read off its configuration, and how the repetitions are ranked and judged."""
+"""The changes of a run that a diagnosis tests, and its conclusion from the repetitions."""
 
 from types import SimpleNamespace
 
@@ -20,51 +20,52 @@ def changes(*overrides):
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=["experiment=custom", *overrides, "paths.data=null"])
-    return {each.name: each for each in changes_of(OmegaConf.to_container(config, resolve=True))}
+    return {change.name: change for change in changes_of(OmegaConf.to_container(config, resolve=True))}
 
 
-def test_one_thing_is_changed_at_a_time():
+def test_every_change_is_of_one_component_or_parameter():
     perturbations = "dataset.perturbations={camera_deg:2.0,start_m:0.0,start_rad:0.0,lengths:0.0,radii:0.0,profile:0.0}"
-    given = ("prior=walking", "likelihood=product", "dataset.occluder=true", "body.scale=1.2", perturbations)
-    found = changes("dataset=synthetic", *given)
-    assert list(found) == [
+    overrides = ("prior=walking", "likelihood=product", "dataset.occluder=true", "body.scale=1.2", perturbations)
+    tested = changes("dataset=synthetic", *overrides)
+    assert list(tested) == [
         "4 times the particles", "without image_motion", "without background", "without appearance", "without edges",
         "prior=smooth", "prior=ar_offsets", "without the occluder", "the true body", "without perturbation clothes_m",
         "without perturbation camera", "without perturbation camera_deg",
     ]  # fmt: skip
-    assert found["without edges"] == Change("without edges", ("likelihood.weights.edges=0.0",))
-    assert found["the true body"] == Change("the true body", ("body.scale=1.0",), whole=True)
-    (word,) = found["without perturbation camera"].overrides
-    sizes = OmegaConf.from_dotlist([word.replace(":", ": ")]).dataset.perturbations
+    assert tested["without edges"] == Change("without edges", ("likelihood.weights.edges=0.0",))
+    assert tested["the true body"] == Change("the true body", ("body.scale=1.0",), whole=True)
+    (override,) = tested["without perturbation camera"].overrides
+    sizes = OmegaConf.from_dotlist([override.replace(":", ": ")]).dataset.perturbations
     assert (sizes.camera, sizes.camera_deg, sizes.clothes_m) == (0.0, 2.0, 0.005)
 
 
-def test_only_what_applies_is_changed():
-    found = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.perturb=false")
-    assert list(found) == ["4 times the particles", "prior=ar_offsets"]
+def test_inapplicable_changes_are_omitted():
+    tested = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.perturb=false")
+    assert list(tested) == ["4 times the particles", "prior=ar_offsets"]
 
 
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
-    alone = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
-    words = conclusion([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
-    assert f"with which 5 of 5 runs keep the track, with only another seed {0 if whole else 4} of 5" in words
-    assert f"(p = {'0.004' if whole else '0.5'}" in words  # 1/C(10, 5), C(9, 4)/C(10, 5)
+    baselines = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
+    text = conclusion([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *baselines])
+    assert f"with which 5 of 5 runs keep the track, with only another seed {0 if whole else 4} of 5" in text
+    assert f"(p = {'0.004' if whole else '0.5'}" in text  # 1/C(10, 5), C(9, 4)/C(10, 5)
 
 
-@pytest.mark.parametrize("kept", [3, 5])
-def test_where_another_seed_does_as_well_there_is_no_cause(kept):
-    assert conclusion([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
+@pytest.mark.parametrize("n_tracked", [3, 5])
+def test_a_change_no_better_than_another_seed_is_no_cause(n_tracked):
+    outcomes = [Outcome(CUE, n_tracked, 5, 0.3, False), Outcome(SAME, n_tracked, 5, 0.5, False)]
+    assert conclusion(outcomes).startswith("no cause")
 
 
-def test_without_a_verdict_a_track_is_judged_in_annotated_frames():
+def test_without_states_annotated_frames_decide_whether_the_track_is_near():
     run = SimpleNamespace(metric=lambda name: (np.array([2, 20, 30, 60]), np.array([1.0, 30.0, 50.0, 1.0])))
-    near = [diagnose._is_near(run, 25, {"mpjpe_px": error}) for error in (19.0, 21.0)]
-    assert near == [True, False]
+    is_near = [diagnose._is_near(run, 25, {"mpjpe_px": error}) for error in (19.0, 21.0)]
+    assert is_near == [True, False]
     assert not diagnose._is_near(run, 45, {"mpjpe_px": 0.0})
 
 
-def test_a_run_with_nothing_to_judge_by_is_refused(monkeypatch):
+def test_a_run_without_truth_and_observations_is_rejected(monkeypatch):
     monkeypatch.setattr(diagnose, "cells", lambda path, contents: {})
     assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"mpjpe_px": None})) == []
     with pytest.raises(InputError, match=r"run\.rrd: expected ground truth, keypoints or annotated frames"):

@@ -1,4 +1,4 @@
-"""Runs as cards: what the catalog serves of them, to whom, and what is said of those left out."""
+"""A gallery serves the runs as cards of a local catalog and reports the omitted ones."""
 
 from importlib.util import find_spec
 
@@ -24,7 +24,7 @@ def root(tmp_path_factory):
 
 
 def dataset_of(served):
-    """What a gallery serves, and the client, without which it says nothing."""
+    """Return the data set that a gallery serves, and the client that it needs."""
     from rerun.catalog import CatalogClient
 
     server, _, dataset = served.url.rpartition("/entry/")
@@ -33,63 +33,66 @@ def dataset_of(served):
 
 
 def rows(served):
-    """The table of the runs that a gallery serves, by their cards' titles."""
+    """Return the table of the served runs, by the titles of their cards."""
     dataset, _client = dataset_of(served)
     table = dataset.segment_table().to_pandas()
     return table.set_index(table["property:card:title"].str[0])
 
 
 @served_by_catalog
-def test_a_card_has_a_title_and_numbers_and_any_key_is_a_column(root):
+def test_a_card_has_a_title_and_metrics_and_all_keys_are_columns(root):
     with gallery(read_runs(root)) as served:
         table = rows(served)
     assert served.left_out == []
-    varied = ("smooth, n_particles=100", "smooth, n_particles=400", "walking, n_particles=100")
-    assert set(table.index) == {f"walk_straight: {each}" for each in varied}
+    labels = ("smooth, n_particles=100", "smooth, n_particles=400", "walking, n_particles=100")
+    assert set(table.index) == {f"walk_straight: {label}" for label in labels}
     row = table.loc["walk_straight: smooth, n_particles=400"]
-    assert row["property:card:mpjpe_abs_mm"] == [10.33]  # of 10.333…, which is a column, too
+    assert row["property:card:mpjpe_abs_mm"] == [10.33]  # 10.333… rounded
     assert row["property:metrics:mpjpe_abs_mm"] == [10.0 + 1 / 3]
     assert row["property:card:status"] == ["complete"]
     assert row["property:card:path"] == [str(root / "1")]
-    assert row["property:card:rank"] == [1.0]  # the newest is the first
-    assert sorted(each[0] for each in table["property:settings:inference_n_particles"]) == [100.0, 100.0, 400.0]
-    assert {each[0] for each in table["property:choices:prior"]} == {"smooth", "walking"}
+    assert row["property:card:rank"] == [1.0]  # the newest run has rank 0
+    assert sorted(value[0] for value in table["property:settings:inference_n_particles"]) == [100.0, 100.0, 400.0]
+    assert {value[0] for value in table["property:choices:prior"]} == {"smooth", "walking"}
 
 
 @served_by_catalog
-def test_nothing_but_this_machine_is_listened_to(root):
-    mine = psutil.Process()
-    before = {each.laddr for each in mine.net_connections() if each.status == psutil.CONN_LISTEN}
+def test_the_catalog_listens_on_this_machine_only(root):
+    def listening():
+        connections = psutil.Process().net_connections()
+        return {connection.laddr for connection in connections if connection.status == psutil.CONN_LISTEN}
+
+    before = listening()
     with gallery(read_runs(root)) as served:
-        during = {each.laddr for each in mine.net_connections() if each.status == psutil.CONN_LISTEN} - before
-        assert [each.ip for each in during] == ["127.0.0.1"]
-        assert f"127.0.0.1:{next(iter(during)).port}/" in served.url
+        (address,) = listening() - before
+        assert address.ip == "127.0.0.1"
+        assert f"127.0.0.1:{address.port}/" in served.url
 
 
 @served_by_catalog
-def test_what_cannot_be_served_is_left_out_in_a_sentence(root, tmp_path):
-    leave_recorded(tmp_path / "thief", "run 1", prior="stolen", day=1)
-    leave(tmp_path / "early", status="failed")
-    leave(tmp_path / "torn")
-    whole = (root / "0" / "run.rrd").read_bytes()
-    (tmp_path / "torn" / "run.rrd").write_bytes(whole[: len(whole) // 2])
+def test_runs_without_a_readable_recording_of_their_own_are_omitted(root, tmp_path):
+    leave_recorded(tmp_path / "duplicate", "run 1", prior="other_prior", day=1)
+    leave(tmp_path / "failed", status="failed")
+    leave(tmp_path / "truncated")
+    content = (root / "0" / "run.rrd").read_bytes()
+    (tmp_path / "truncated" / "run.rrd").write_bytes(content[: len(content) // 2])
     with gallery(read_runs(root, tmp_path)) as served:
         assert served.n_runs == 3
-        assert not any("stolen" in title for title in rows(served).index)
-    with pytest.raises(InputError, match="has no recording"), gallery(read_runs(tmp_path / "early")):
+        assert not any("other_prior" in title for title in rows(served).index)
+    with pytest.raises(InputError, match="has no recording"), gallery(read_runs(tmp_path / "failed")):
         pass
-    told = "\n".join(sorted(served.left_out))
-    assert f"left out: {tmp_path / 'thief'}: it has the same id as {root / '1'}" in told
-    assert f"left out: {tmp_path / 'early'}: it has no recording (failed)" in told
-    assert f"left out: {tmp_path / 'torn' / 'run.rrd'}: expected a whole Rerun recording" in told
+    messages = "\n".join(sorted(served.left_out))
+    assert f"left out: {tmp_path / 'duplicate'}: it has the same id as {root / '1'}" in messages
+    assert f"left out: {tmp_path / 'failed'}: it has no recording (failed)" in messages
+    assert f"left out: {tmp_path / 'truncated' / 'run.rrd'}: expected a whole Rerun recording" in messages
 
 
 @served_by_catalog
-def test_hostile_texts_are_shown_and_do_nothing(tmp_path):
+def test_hostile_texts_become_printable_titles_and_short_columns(tmp_path):
     hostile = "<script>alert(1)</script>\n../../\x1b[31m" + "x" * 10_000
     leave_recorded(tmp_path / "hostile", "../../../etc/passwd", prior=hostile, experiment=hostile,
                    settings={hostile: 1.0, "prior": {"_target_": hostile}, "a": {"b": hostile}, "": 3})  # fmt: skip
-    leave_recorded(tmp_path / "good", "good", day=2)
+    leave_recorded(tmp_path / "valid", "valid", day=2)
     with gallery(read_runs(tmp_path)) as served:
         table = rows(served)
     assert served.n_runs == 2
@@ -97,7 +100,7 @@ def test_hostile_texts_are_shown_and_do_nothing(tmp_path):
     assert max(map(len, table.columns)) < 200
 
 
-def test_without_the_extra_a_sentence_says_what_installs_it(root, monkeypatch):
+def test_a_missing_extra_is_named(root, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"-e '\.\[catalog\]'"), gallery(read_runs(root)):
         pass

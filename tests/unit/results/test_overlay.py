@@ -1,4 +1,4 @@
-"""The video of a recording's images has a frame for each, with the skeleton where it is projected."""
+"""The video of a recording shows every image with the projected skeletons."""
 
 from dataclasses import replace
 
@@ -16,6 +16,7 @@ from workbench.results.pictures import Picture, pictures
 from workbench.utils.errors import InputError
 
 N, FIRST = 6, 10
+pytestmark = pytest.mark.usefixtures("trusted")
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +41,13 @@ def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
     assert not video.read()[0]
     assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
     knees = [BODY.skeleton.joint(f"{side}_knee") for side in ("left", "right")]
-    for image, places in zip(images, estimated, strict=True):
-        for u, v in CAMERA.project(places[knees]).round().astype(int):
+    for image, positions in zip(images, estimated, strict=True):
+        for u, v in CAMERA.project(positions[knees]).round().astype(int):
             blue, _, red = image[v, u].astype(int)
-            assert red > blue + 40  # orange, in a grey image
+            assert red > blue + 40  # orange in a grey image
 
 
-def test_the_truth_is_named_only_where_it_is_drawn(tmp_path, capsys):
+def test_a_video_without_truth_does_not_name_its_colour(tmp_path, capsys):
     with Recorder(tmp_path / "run.rrd", BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
         for step in steps(2, n_particles=20):
             recorder.log(replace(step, frame=replace(step.frame, truth=None)), {})
@@ -54,10 +55,10 @@ def test_the_truth_is_named_only_where_it_is_drawn(tmp_path, capsys):
     assert capsys.readouterr().out.endswith("estimate orange\n")
 
 
-def test_pictures_are_those_of_the_frames_and_camera_asked_for(run):
+def test_pictures_are_those_of_the_chosen_frames_and_camera(run):
     recorded, _ = run
     frames = recorded.poses[0][[3, 1]].tolist()
-    assert [shot.frame for shot in pictures(recorded, frames)] == frames
+    assert [picture.frame for picture in pictures(recorded, frames)] == frames
     assert next(pictures(recorded)).image.shape[:2] == (CAMERA.height, CAMERA.width)
     with pytest.raises(InputError, match="no image of frame -1"):
         list(pictures(recorded, [-1]))
@@ -65,11 +66,11 @@ def test_pictures_are_those_of_the_frames_and_camera_asked_for(run):
         list(pictures(recorded, camera="left"))
 
 
-def test_an_odd_size_is_cut_and_a_line_has_its_colour():
+def test_odd_image_sizes_are_cropped_and_lines_have_their_colour():
     line = np.array([[[1.0, 4.0], [7.0, 4.0]]])
     empty = np.empty((0, 2, 2))
-    shot = Picture(0, np.zeros((9, 11), np.uint8), {"particles": empty, "estimate": line, "truth": empty})
-    image = drawn(shot)
+    picture = Picture(0, np.zeros((9, 11), np.uint8), {"particles": empty, "estimate": line, "truth": empty})
+    image = drawn(picture)
     assert image.shape == (8, 10, 3)
     blue, green, red = image[4, 4].astype(int)
     assert blue < 5 < green < 100 < 200 < red
@@ -88,7 +89,7 @@ def test_a_recording_without_images_has_no_video(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def mp4(tmp_path_factory):
-    """A video whose frame k has the grey level 12 k; the steps show frames from FIRST on."""
+    """A video whose frame k has the grey level 12 k; the steps start at frame FIRST."""
     path = tmp_path_factory.mktemp("videos") / "grey.mp4"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"vp09"), 30.0, (CAMERA.width, CAMERA.height))
     for k in range(FIRST + N):
@@ -97,7 +98,7 @@ def mp4(tmp_path_factory):
     return path
 
 
-def test_a_recording_with_its_video_has_the_images_of_the_video_and_no_others(mp4, tmp_path):
+def test_pictures_of_a_recorded_video_are_its_frames(mp4, tmp_path):
     path, labels = tmp_path / "run.rrd", {"run_id": "run", "config_yaml": "", "provenance": {}}
     with Recorder(path, BODY, SPACE, **labels, video=True, source_video=mp4) as recorder:
         for step in steps(N, n_particles=20):
@@ -105,13 +106,13 @@ def test_a_recording_with_its_video_has_the_images_of_the_video_and_no_others(mp
     recorded = read(path)
     numbers = recorded.poses[0].tolist()
     assert numbers == list(range(FIRST, FIRST + N))
-    for chosen in (numbers, numbers[2:4]):
-        shots = list(pictures(recorded, chosen))
-        assert [shot.frame for shot in shots] == chosen
-        np.testing.assert_allclose([shot.image.mean() for shot in shots], 12.0 * np.array(chosen), atol=6.0)
+    for frames in (numbers, numbers[2:4]):
+        shown = list(pictures(recorded, frames))
+        assert [picture.frame for picture in shown] == frames
+        np.testing.assert_allclose([picture.image.mean() for picture in shown], 12.0 * np.array(frames), atol=6.0)
 
 
-def test_a_video_is_recorded_only_where_there_is_one_that_the_viewer_reads(tmp_path):
+def test_a_dataset_without_a_readable_video_is_rejected(tmp_path):
     labels = {"run_id": "run", "config_yaml": "", "provenance": {}}
     with pytest.raises(InputError, match="expected a dataset of one MP4 video"):
         Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True)

@@ -1,4 +1,4 @@
-"""Conditions on runs, their order, the columns that are listed, and numbers as text."""
+"""Conditions on runs, their order, the columns of a list, and numbers as text."""
 
 import numpy as np
 import pytest
@@ -41,21 +41,21 @@ def runs(tmp_path_factory):
         (["mpjpe_abs_mm<many"], 0),
     ],
 )
-def test_runs_meet_all_conditions(runs, words, n):
+def test_selected_runs_meet_all_conditions(runs, words, n):
     assert len(select(runs, [parse_condition(word) for word in words])) == n
 
 
-def test_a_key_that_no_run_has_is_an_error_that_names_near_ones(runs):
+def test_an_unknown_key_is_rejected_with_similar_ones(runs):
     with pytest.raises(InputError, match=r"n_particle: no run has .* did you mean n_particles"):
         select(runs, [("n_particle", ">", "3")])
     with pytest.raises(InputError, match="log_evidence: no run has"):
-        values_of(runs, "log_evidence")  # which is null in every run
+        values_of(runs, "log_evidence")  # null in every run
     with pytest.raises(InputError, match="expected a regular expression"):
         parse_condition("path~[")
 
 
 @given(st.text(max_size=30))
-def test_any_word_is_a_condition_a_place_or_a_sentence(word):
+def test_any_word_is_a_condition_a_path_or_invalid(word):
     try:
         condition = parse_condition(word)
     except InputError:
@@ -63,19 +63,19 @@ def test_any_word_is_a_condition_a_place_or_a_sentence(word):
     assert condition is None or word == "".join(condition)
 
 
-def test_numbers_are_sorted_by_size_and_the_best_complete_runs_are_first(runs):
+def test_runs_are_sorted_numerically_and_the_best_complete_ones_are_first(runs):
     assert values_of(sort_runs(runs, "-mpjpe_abs_mm"), "mpjpe_abs_mm")[:3] == [400.0, 21.0, 20.0]
     assert values_of(best_first(runs), "mpjpe_abs_mm") == [10.0 + k for k in range(12)]
 
 
-def test_a_listing_leaves_out_what_is_empty(runs):
-    usual = ["path", "started", "status", "experiment", "varied", "seed", "mpjpe_abs_mm", "coverage_90"]
-    assert list(listing(runs, None)) == usual
-    assert list(listing(runs[:1], None)) == [name for name in usual if name != "varied"]
+def test_a_listing_omits_empty_columns(runs):
+    columns = ["path", "started", "status", "experiment", "varied", "seed", "mpjpe_abs_mm", "coverage_90"]
+    assert list(listing(runs, None)) == columns
+    assert list(listing(runs[:1], None)) == [name for name in columns if name != "varied"]
     assert listing(runs, ["varied"])["varied"][0] == "implicit, n_particles=500"
 
 
-def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
+def test_a_sweep_is_a_row_with_its_jobs_and_its_best_metric(runs):
     (row,) = sweeps(runs).to_dict("records")
     assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "mpjpe_abs_mm 10.00")
 
@@ -87,5 +87,5 @@ def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
         (1000.0, "1000"), (11000.4, "11000"), (1.0, "1.000"), (np.nan, "–"), (np.inf, "–"), (1.234e-7, "1.234e-07"),
     ],
 )  # fmt: skip
-def test_four_digits_are_shown(value, expected):
+def test_numbers_have_four_digits(value, expected):
     assert number(value) == expected

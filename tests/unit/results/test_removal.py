@@ -1,4 +1,4 @@
-"""Removing runs touches the runs that were named and nothing else."""
+"""Removing runs deletes the selected runs only."""
 
 import os
 import shutil
@@ -24,19 +24,19 @@ def root(tmp_path):
 
 @pytest.fixture
 def folder(root):
-    """The newer run of the two."""
+    """The newer of the two runs."""
     return root / "sweep" / "1"
 
 
-def test_a_removed_run_is_gone_and_the_others_are_there(root, folder):
+def test_a_removed_run_is_deleted_and_the_others_are_not(root, folder):
     remove(folder, STARTED)
-    remove(folder, STARTED)  # another command has removed it
+    remove(folder, STARTED)  # without effect, as after another command
     assert list(read_runs(root)["path"]) == [str(root / "sweep" / "0")]
     assert os.listdir(root / "sweep") == ["0"]
 
 
-def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root, folder):
-    for k in range(3):  # each in the place of the one before
+def test_removal_restores_the_earlier_run_of_a_folder(root, folder):
+    for k in range(3):  # run k replaces the earlier one
         (folder / "summary.json").unlink()
         leave(root / f"new{k}", seed=10 + k, status="complete" if k < 2 else "failed", day=2)
         os.replace(root / f"new{k}" / "summary.json", folder / "summary.json")
@@ -45,21 +45,21 @@ def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root
             (folder / "run.rrd").write_text(f"run {k}")
             set_aside(folder)
             (folder / "summary.json").write_text("{}")
-    (folder / "run.log").write_text("of the last")
-    for seed, left in ((12, "run 1"), (11, "run 0")):
+    (folder / "run.log").write_text("log of run 2")
+    for seed, earlier in ((12, "run 1"), (11, "run 0")):
         runs = read_runs(folder)
         assert list(runs["seed"]) == [seed]
         check_removable(runs, [root])
         assert consequence(folder).startswith("the earlier run ")
         remove(folder, STARTED)
-        assert (folder / "run.rrd").read_text() == left
+        assert (folder / "run.rrd").read_text() == earlier
         assert not (folder / "run.log").exists()
     assert consequence(folder) == ""
     remove(folder, STARTED)
     assert os.listdir(root / "sweep") == ["0"]
 
 
-def test_what_an_attempt_recorded_is_removed_with_its_run(folder):
+def test_parts_of_earlier_attempts_are_removed_with_their_run(folder):
     (folder / EARLIER).mkdir()
     assert consequence(folder) == ""
     (folder / EARLIER / "1.rrd.part").write_bytes(b"0" * 1000)
@@ -73,7 +73,7 @@ def baseline(root):
     leave(root / "baselines" / "a")
 
 
-def run_at_work(root):
+def running(root):
     leave(root / "busy", status="running")
 
 
@@ -82,28 +82,28 @@ def outside(root):
     (root / "link").symlink_to(root.parent / "outside" / "a")
 
 
-def run_in_a_run(root):
+def nested(root):
     leave(root / "outer")
     leave(root / "outer" / "deep" / "inner")
 
 
 @pytest.mark.parametrize(
-    ("made", "place", "words"),
+    ("make", "path", "text"),
     [
         (baseline, ".", "is a baseline"),
-        (run_at_work, ".", "found a running one"),
+        (running, ".", "found a running one"),
         (outside, "../outside", "inside the folders"),
         (outside, "link", "inside the folders"),
-        (run_in_a_run, "outer", "contains another run"),
+        (nested, "outer", "contains another run"),
     ],
 )
-def test_what_must_not_be_removed_is_refused(root, made, place, words):
-    made(root)
-    with locked(root / "busy") if made is run_at_work else locked(root), pytest.raises(InputError, match=words):
-        check_removable(read_runs(root / place), [root])
+def test_removal_of_other_and_running_runs_is_refused(root, make, path, text):
+    make(root)
+    with locked(root / "busy") if make is running else locked(root), pytest.raises(InputError, match=text):
+        check_removable(read_runs(root / path), [root])
 
 
-def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folder):
+def test_a_folder_with_a_running_or_newer_run_is_not_removed(folder):
     with locked(folder), pytest.raises(InputError, match="uses this folder"):
         remove(folder, STARTED)
     with pytest.raises(InputError, match=r"sweep/1: another run has replaced the listed one"):
@@ -111,18 +111,18 @@ def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folde
     assert (folder / "summary.json").is_file()
 
 
-def test_a_run_may_begin_where_one_is_being_deleted_and_nothing_is_left(root, folder, monkeypatch):
-    (folder.parent / ".removed-0").mkdir()  # by a command that was killed
-    whole = shutil.rmtree
+def test_a_run_can_start_in_a_folder_while_it_is_removed(root, folder, monkeypatch):
+    (folder.parent / ".removed-0").mkdir()  # of a killed command
+    rmtree = shutil.rmtree
 
-    def begun(removed, **options):
+    def start_run(removed, **options):
         assert not folder.exists()
         assert list(read_runs(root)["path"]) == [str(root / "sweep" / "0")]
         leave(folder, seed=7)
         monkeypatch.undo()
-        whole(removed, **options)
+        rmtree(removed, **options)
 
-    monkeypatch.setattr(shutil, "rmtree", begun)
+    monkeypatch.setattr(shutil, "rmtree", start_run)
     remove(folder, STARTED)
     assert sorted(os.listdir(root / "sweep")) == ["0", "1"]
     assert list(read_runs(folder)["seed"]) == [7]

@@ -1,4 +1,4 @@
-"""Every run below a folder is a row of the table; hostile folders hide nothing."""
+"""Every run below a folder is a row of the table, also next to invalid summaries."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ def root(tmp_path):
     return tmp_path
 
 
-def test_runs_are_found_newest_first_with_their_sweep(root):
+def test_runs_are_listed_newest_first_with_their_sweep(root):
     runs = read_runs(root, root / "runs")
     assert len(runs) == 13
     assert runs["path"][0] == str(root / "runs" / "b")
@@ -30,16 +30,16 @@ def test_runs_are_found_newest_first_with_their_sweep(root):
     assert runs["started"][0] == "2026-11-30T15:00:00"
 
 
-def test_a_row_is_flat_and_a_record_nested(root):
+def test_rows_are_flat_and_records_nested(root):
     runs = read_runs(root)
     assert runs["settings.inference.n_particles"][0] == 500
     record = records_of(runs)[0]
-    assert record["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}  # not log_evidence, which is null
+    assert record["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}  # log_evidence is null
     assert (record["choices"]["prior"], record["origin"]["commit"]) == ("implicit", "c" * 40)
     assert record["settings"]["likelihood.weights.edges"] == 0.5
 
 
-def test_python_has_a_data_frame_with_plain_names(root, monkeypatch):
+def test_the_python_interface_returns_a_data_frame_with_short_names(root, monkeypatch):
     runs = wb.runs(root)
     assert list(runs)[: len(FIELDS)] == list(FIELDS)
     assert list(runs["prior"][:2]) == ["implicit", "walking"]
@@ -53,24 +53,25 @@ def test_python_has_a_data_frame_with_plain_names(root, monkeypatch):
     assert list(wb.runs()["path"]) == ["recordings/a"]
 
 
-def test_a_recording_is_a_run_and_one_in_the_folder_of_a_run_is_not_another(tmp_path):
+@pytest.mark.usefixtures("trusted")
+def test_a_recording_without_summary_is_a_run(tmp_path):
     leave_recorded(tmp_path / "a", "a", experiment="arm_twist")
     assert list(read_runs(tmp_path)["path"]) == [str(tmp_path / "a")]
     (tmp_path / "a" / "summary.json").unlink()
-    (tmp_path / "torn.rrd").write_bytes(b"no recording")
-    torn, whole = records_of(read_runs(tmp_path / "a" / "run.rrd", tmp_path / "torn.rrd"))
-    assert (whole["status"], whole["experiment"], whole["metrics"]["mpjpe_abs_mm"]) == ("complete", "arm_twist", 40.0)
-    assert (torn["status"], torn["error"]) == ("unreadable", read_run(tmp_path / "torn.rrd")["error"])
+    (tmp_path / "junk.rrd").write_bytes(b"no recording")
+    junk, valid = records_of(read_runs(tmp_path / "a" / "run.rrd", tmp_path / "junk.rrd"))
+    assert (valid["status"], valid["experiment"], valid["metrics"]["mpjpe_abs_mm"]) == ("complete", "arm_twist", 40.0)
+    assert (junk["status"], junk["error"]) == ("unreadable", read_run(tmp_path / "junk.rrd")["error"])
 
 
-def test_a_run_without_a_process_at_work_was_killed(tmp_path):
+def test_a_running_run_without_a_process_is_killed(tmp_path):
     leave(tmp_path / "a", status="running")
     assert list(read_runs(tmp_path)["status"]) == ["killed"]
     with locked(tmp_path / "a"):
         assert list(read_runs(tmp_path)["status"]) == ["running"]
 
 
-def test_a_run_that_another_command_removes_meanwhile_is_not_there(root, monkeypatch):
+def test_a_run_removed_while_it_is_read_is_omitted(root, monkeypatch):
     folder = root / "runs" / "b"
     monkeypatch.setattr(json, "loads", lambda text: shutil.rmtree(folder))
     assert read_run(folder) is None
@@ -80,17 +81,20 @@ def test_a_run_that_another_command_removes_meanwhile_is_not_there(root, monkeyp
 _LEAVES = st.none() | st.floats() | st.text(max_size=5)
 _KEYS = st.sampled_from(list(summary())) | st.just("\ud800")
 JSON = st.recursive(
-    _LEAVES, lambda of: st.lists(of, max_size=3) | st.dictionaries(_KEYS, of, max_size=6), max_leaves=20
+    _LEAVES, lambda values: st.lists(values, max_size=3) | st.dictionaries(_KEYS, values, max_size=6), max_leaves=20
 )
 
 
-@given(content=st.text(max_size=40) | JSON.map(json.dumps) | JSON.map(lambda part: json.dumps(summary(settings=part))))
-def test_whatever_a_summary_says_the_other_runs_are_found(tmp_path_factory, content):
+SUMMARIES = JSON.map(lambda value: json.dumps(summary(settings=value)))
+
+
+@given(content=st.text(max_size=40) | JSON.map(json.dumps) | SUMMARIES)
+def test_any_content_of_a_summary_leaves_the_other_runs_readable(tmp_path_factory, content):
     root = tmp_path_factory.mktemp("hostile")
-    leave(root / "good")
-    (root / "bad").mkdir()
-    (root / "bad" / "summary.json").write_text(content, encoding="utf-8", errors="surrogatepass")
+    leave(root / "valid")
+    (root / "invalid").mkdir()
+    (root / "invalid" / "summary.json").write_text(content, encoding="utf-8", errors="surrogatepass")
     status = read_runs(root).set_index("path")["status"]
     assert len(status) == 2
-    assert status[str(root / "good")] == "complete"
-    assert status[str(root / "bad")] == "unreadable" or content.startswith("{")
+    assert status[str(root / "valid")] == "complete"
+    assert status[str(root / "invalid")] == "unreadable" or content.startswith("{")

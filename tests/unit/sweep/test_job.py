@@ -1,4 +1,4 @@
-"""One job of a sweep: what an earlier attempt left, what ends it early, and what becomes of the sweep."""
+"""One job of a sweep: earlier attempts, early stopping, reuse of runs, and consequences for the sweep."""
 
 import json
 import math
@@ -24,37 +24,29 @@ SUBMITIT = "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLaunche
 
 @pytest.fixture
 def runs(monkeypatch):
-    """What the runs do instead of tracking, one after another; `runs.found` are the attempts that they could resume."""
-    runs = SimpleNamespace(acts=[], found=[])
+    """Stubs of successive runs; `runs.attempts` lists the earlier parts that each run could resume."""
+    runs = SimpleNamespace(stubs=[], attempts=[])
 
     def run_checked(config, summary, *_):
-        runs.acts.pop(0)(summary)
+        runs.stubs.pop(0)(summary)
 
     def find_resumable(config, attempts):
-        runs.found.append(sorted(each.read_text() for each in attempts))
+        runs.attempts.append(sorted(path.read_text() for path in attempts))
 
     monkeypatch.setattr(run, "run_checked", run_checked)
     monkeypatch.setattr(resume, "find_resumable", find_resumable)
     return runs
 
 
-def act(sweep, number=0, launcher=BASIC, **keys):
-    """Run a job in its folder, as Hydra's launcher does."""
+def launch(sweep, number=0, launcher=BASIC, **keys):
+    """Run a job in its folder like Hydra's launcher."""
     (folder := sweep / str(number)).mkdir(exist_ok=True)
-    said = {
-        "job_ids": None,
-        "resume": None,
-        "reuse": None,
-        "objective": None,
-        "fail_fast": False,
-        "stop_if": None,
-        **keys,
-    }
+    defaults = dict.fromkeys(("job_ids", "resume", "reuse", "objective", "stop_if")) | {"fail_fast": False}
     settings = {
         "runtime": {"output_dir": str(folder), "choices": {"prior": "smooth"}}, "job": {"num": number},
         "overrides": {"task": ["seed=3"]}, "launcher": {"_target_": launcher}, "sweeper": {"direction": "minimize"},
     }  # fmt: skip
-    return run_job(OmegaConf.create({"seed": 3}), OmegaConf.create(said), "walk", OmegaConf.create(settings))
+    return run_job(OmegaConf.create({"seed": 3}), OmegaConf.create(defaults | keys), "walk", OmegaConf.create(settings))
 
 
 def status(sweep, number=0):
@@ -62,76 +54,76 @@ def status(sweep, number=0):
     return summary["status"], summary["error"]
 
 
-def completes(summary):
-    summary.recording.write_text("whole")
+def complete(summary):
+    summary.recording.write_text("complete")
     summary.per_frame["mpjpe_abs_mm"] = [12.0]
 
 
-def fails(summary):
-    summary.recording.with_name("run.rrd.part").write_text("a part")
+def fail(summary):
+    summary.recording.with_name("run.rrd.part").write_text("part")
     raise InputError("nonsense")
 
 
-def is_interrupted(summary):
+def interrupt(summary):
     summary.recording.with_name("run.rrd.part").write_text("ten frames")
     raise Interrupted(15)
 
 
-def test_a_job_that_fails_is_the_worst_and_the_next_one_runs(tmp_path, runs):
-    runs.acts = [fails, completes]
+def test_a_failed_job_has_the_worst_objective_and_the_next_one_runs(tmp_path, runs):
+    runs.stubs = [fail, complete]
     with locked(tmp_path):
-        assert act(tmp_path, 0) == math.inf
-        assert act(tmp_path, 1) == 12.0
+        assert launch(tmp_path, 0) == math.inf
+        assert launch(tmp_path, 1) == 12.0
     assert status(tmp_path, 0) == ("failed", "InputError: nonsense")
     assert status(tmp_path, 1) == ("complete", None)
     assert not is_locked(tmp_path / "0")
 
 
-def test_no_job_begins_after_one_has_failed_where_that_is_asked_for(tmp_path, runs):
-    runs.acts = [fails]
+def test_with_fail_fast_no_job_starts_after_a_failure(tmp_path, runs):
+    runs.stubs = [fail]
     with locked(tmp_path):
-        act(tmp_path, 0, fail_fast=True)
-        assert act(tmp_path, 1, fail_fast=True) == math.inf
+        launch(tmp_path, 0, fail_fast=True)
+        assert launch(tmp_path, 1, fail_fast=True) == math.inf
     assert (tmp_path / FAILED).read_text() == "0"
     assert not (tmp_path / "1" / "summary.json").exists()
 
 
-def test_no_job_begins_once_the_sweep_has_ended_unless_it_is_a_cluster_s(tmp_path, runs):
-    assert act(tmp_path) == math.inf
-    runs.acts = [completes]
-    assert act(tmp_path, launcher=SUBMITIT) == 12.0
+def test_jobs_start_after_the_end_of_the_sweep_only_on_a_cluster(tmp_path, runs):
+    assert launch(tmp_path) == math.inf
+    runs.stubs = [complete]
+    assert launch(tmp_path, launcher=SUBMITIT) == 12.0
 
 
-def test_an_interruption_ends_the_sweep_only_in_its_own_process(tmp_path, runs):
-    runs.acts = [is_interrupted, is_interrupted]
+def test_an_interruption_ends_the_sweep_only_in_the_launchers_process(tmp_path, runs):
+    runs.stubs = [interrupt, interrupt]
     with locked(tmp_path):
         with pytest.raises(Interrupted):
-            act(tmp_path)
-        assert act(tmp_path, launcher=JOBLIB) == math.inf
+            launch(tmp_path)
+        assert launch(tmp_path, launcher=JOBLIB) == math.inf
     assert status(tmp_path) == ("interrupted", "Interrupted: SIGTERM")
 
 
-def test_the_next_attempt_finds_what_all_recorded_until_one_is_complete(tmp_path, runs):
-    """Also without sweep.resume, as when Slurm runs a job again."""
-    runs.acts = [is_interrupted, fails, completes]
+def test_an_attempt_can_resume_all_earlier_ones_until_one_is_complete(tmp_path, runs):
+    """Slurm repeats a job without sweep.resume."""
+    runs.stubs = [interrupt, fail, complete]
     with locked(tmp_path):
         for _ in range(3):
-            act(tmp_path, launcher=JOBLIB)
-    assert runs.found == [[], ["ten frames"], ["a part", "ten frames"]]
+            launch(tmp_path, launcher=JOBLIB)
+    assert runs.attempts == [[], ["ten frames"], ["part", "ten frames"]]
     assert not (tmp_path / "0" / EARLIER).exists()
 
 
-def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
-    runs.acts = [is_interrupted, completes]
+def test_a_run_with_a_stop_condition_starts_from_scratch(tmp_path, runs):
+    runs.stubs = [interrupt, complete]
     with locked(tmp_path):
         for _ in range(2):
-            act(tmp_path, launcher=JOBLIB, stop_if="n_track_losses>0")
-    assert runs.found == []
+            launch(tmp_path, launcher=JOBLIB, stop_if="n_track_losses>0")
+    assert runs.attempts == []
 
 
 @pytest.fixture
 def aside(tmp_path):
-    """A sweep's folder with a complete run that was set aside, and the folders of two jobs."""
+    """A sweep's folder with a complete earlier run in ASIDE, and the folders of two jobs."""
     (aside := tmp_path / ASIDE / "same").mkdir(parents=True)
     (aside / "run.rrd").write_text("recorded")
     (aside / "summary.json").write_text(json.dumps({"status": "complete", "identity": "same"}))
@@ -141,7 +133,7 @@ def aside(tmp_path):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_a_run_removed_meanwhile_is_not_taken_over(aside, monkeypatch, links):
+def test_a_run_removed_during_reuse_is_not_reused(aside, monkeypatch, links):
     def removed(*_):
         shutil.rmtree(aside / ASIDE / "same")
         raise FileNotFoundError(2, "No such file or directory") if links else OSError(95, "Operation not supported")
@@ -151,15 +143,15 @@ def test_a_run_removed_meanwhile_is_not_taken_over(aside, monkeypatch, links):
     assert os.listdir(aside / "0") == []
 
 
-def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatch):
-    whole = shutil.rmtree
+def test_a_run_that_another_sweep_removes_after_the_links_is_reused(aside, monkeypatch):
+    rmtree = shutil.rmtree
 
-    def other(folder, **options):
+    def other_sweep(folder, **options):
         monkeypatch.undo()
-        whole(folder)
+        rmtree(folder)
         shutil.rmtree(folder, **options)
 
-    monkeypatch.setattr(shutil, "rmtree", other)
+    monkeypatch.setattr(shutil, "rmtree", other_sweep)
     assert reuse_run("same", aside / "0", [aside])
     assert (aside / "0" / "run.rrd").read_text() == "recorded"
     assert json.loads((aside / "0" / "summary.json").read_text())["taken_from"] == str(aside / ASIDE / "same")
@@ -179,7 +171,7 @@ def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatc
         ("mpjpe_px>4", {"mpjpe_px": float("nan")}, False),
     ],
 )
-def test_it_compares_a_number_of_the_run(text, metrics, holds):
+def test_a_stop_condition_compares_a_metric(text, metrics, holds):
     assert parse_stop_condition(text)(metrics) is holds
 
 
@@ -187,6 +179,6 @@ def test_it_compares_a_number_of_the_run(text, metrics, holds):
     "text",
     ["n_track_losses", "n_track_losses>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"],
 )
-def test_anything_else_is_a_sentence(text):
+def test_other_stop_conditions_are_rejected(text):
     with pytest.raises(InputError, match=r"sweep\.stop_if"):
         parse_stop_condition(text)

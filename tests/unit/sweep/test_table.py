@@ -16,36 +16,36 @@ from workbench.utils.run_lock import locked
 
 @pytest.fixture
 def progress(tmp_path):
-    found = Progress(Plan(tmp_path, None, ("seed",), (0, 1)), "JoblibLauncher")
-    yield found
-    found.stop()
+    progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)), "JoblibLauncher")
+    yield progress
+    progress.stop()
 
 
-def leave_again(folder, day, **said):
+def replace_summary(folder, day, **fields):
     (folder / "summary.json").unlink()
-    (folder / "summary.json").write_text(json.dumps(summary(day=day, **said)))
+    (folder / "summary.json").write_text(json.dumps(summary(day=day, **fields)))
 
 
-def test_a_job_that_runs_again_after_it_was_interrupted_is_not_interrupted(tmp_path, progress, capsys):
-    """As one does that Slurm has put back into its queue, since its time was up or another needed the node."""
+def test_a_requeued_job_has_the_status_of_its_last_run(tmp_path, progress, capsys):
+    """Slurm requeues a job after its time limit or a preemption."""
     leave(tmp_path / "0", day=1)
     job = leave(tmp_path / "1", day=1, status="interrupted")
     progress.stop()
     assert progress.not_ended() == []
     assert progress.not_complete() == {1: "interrupted by a signal"}
 
-    leave_again(job, 2, status="running")
+    replace_summary(job, 2, status="running")
     progress._watch()
     assert progress.not_ended() == [1]
 
-    leave_again(job, 2)
+    replace_summary(job, 2)
     progress._watch()
     assert close(progress, []) == 0
     rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
     assert rows == [["0", "complete"], ["1", "interrupted"], ["1", "complete"]]
 
 
-def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
+def test_incomplete_jobs_are_killed_never_begun_or_running(tmp_path, progress):
     leave(tmp_path / "0", status="running")
     progress.stop()
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
@@ -54,13 +54,13 @@ def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
     assert remaining_overrides(progress) == [f"sweep.resume='{tmp_path}'", "sweep.job_ids=[1]"]
 
 
-def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_path, capsys):
+def test_jobs_of_an_earlier_sweep_count_once_they_are_reused_or_repeated(tmp_path, capsys):
     leave(tmp_path / "0")
     leave(tmp_path / "1", status="failed")
     progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)))
     assert progress.not_begun() == [0, 1]
     (tmp_path / "0" / "summary.json").touch()
-    assert close(progress, ["-m", "seed=0,1", "hydra.sweep.dir=there"]) == 1
+    assert close(progress, ["-m", "seed=0,1", "hydra.sweep.dir=folder"]) == 1
     out, err = capsys.readouterr()
     assert out.splitlines()[-1].split()[:2] == ["0", "reused"]
     assert err.splitlines()[1:] == [
@@ -83,39 +83,39 @@ def sweep(tmp_path):
     return tmp_path
 
 
-def test_the_jobs_are_those_of_all_combinations(sweep):
-    found = read_plan(sweep)
-    assert found.jobs == (0, 1, 2, 3)
+def test_the_jobs_of_a_plan_are_all_combinations(sweep):
+    plan = read_plan(sweep)
+    assert plan.jobs == (0, 1, 2, 3)
     (sweep / "0" / ".hydra").mkdir()
     (sweep / "0" / ".hydra" / "overrides.yaml").write_text("[dataset.n_frames=5, prior=smooth, seed=0]")
-    assert found.overrides_of(0) == "prior=smooth seed=0"
+    assert plan.overrides_of(0) == "prior=smooth seed=0"
     (sweep / "multirun.yaml").write_text(PLAN.replace("null", "[1, 3]"))
     assert read_plan(sweep).jobs == (1, 3)
 
 
-def test_the_trials_of_a_tuner_are_counted_by_one_of_its_jobs(tmp_path):
+def test_the_number_of_trials_is_read_from_a_job(tmp_path):
     job = tmp_path / "0" / ".hydra"
     job.mkdir(parents=True)
     (job / "hydra.yaml").write_text("hydra: {sweeper: {n_trials: 7, params: {}}, overrides: {task: [seed=1]}}")
     assert read_plan(tmp_path).jobs == tuple(range(7))
 
 
-def frame_likelihoods(sweep, monkeypatch):
-    """Watch for three looks at most; what the command returns, None where it would go on."""
-    left = iter(range(3))
-    monkeypatch.setattr(module, "sleep", lambda _: next(left))
+def watch_briefly(sweep, monkeypatch):
+    """Return the exit code of `watch`, None if it continues after three polls."""
+    polls = iter(range(3))
+    monkeypatch.setattr(module, "sleep", lambda _: next(polls))
     try:
         return watch(sweep)
     except StopIteration:
         return None
 
 
-@pytest.mark.parametrize("at_work", ["", "1"])
-def test_a_sweep_is_followed_as_long_as_its_launcher_or_a_job_is_at_work(sweep, capsys, monkeypatch, at_work):
+@pytest.mark.parametrize("running", ["", "1"], ids=["launcher", "job"])
+def test_a_sweep_is_watched_while_its_launcher_or_a_job_runs(sweep, capsys, monkeypatch, running):
     leave(sweep / "1", status="running")
-    with locked(sweep / at_work):
-        assert frame_likelihoods(sweep, monkeypatch) is None
-    assert frame_likelihoods(sweep, monkeypatch) == 1
+    with locked(sweep / running):
+        assert watch_briefly(sweep, monkeypatch) is None
+    assert watch_briefly(sweep, monkeypatch) == 1
     assert capsys.readouterr().out.splitlines()[-4:] == [
         f"{sweep / '1'}: killed",
         f"{sweep / '2'}: never begun",
@@ -125,7 +125,7 @@ def test_a_sweep_is_followed_as_long_as_its_launcher_or_a_job_is_at_work(sweep, 
 
 
 @pytest.mark.parametrize("plan", ["", "{", "hydra: 3", "hydra: {overrides: {task: ['a=[']}}", "- 1"])
-def test_what_is_no_sweep_is_a_sentence(tmp_path, plan):
+def test_a_folder_without_a_sweep_is_rejected(tmp_path, plan):
     with pytest.raises(InputError, match="expected the folder of a sweep"):
         watch(tmp_path)
     (tmp_path / "multirun.yaml").write_text(plan)
@@ -133,7 +133,7 @@ def test_what_is_no_sweep_is_a_sentence(tmp_path, plan):
         watch(tmp_path)
 
 
-def test_a_sweep_that_is_removed_ends(sweep, monkeypatch):
+def test_watching_ends_when_the_sweep_is_removed(sweep, monkeypatch):
     monkeypatch.setattr(module, "sleep", lambda _: shutil.rmtree(sweep))
     with pytest.raises(InputError, match="was removed"):
         watch(sweep)
