@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import plain_camera
-from workbench.core import frame_cache as frame_cache
+from workbench.core import frame_cache
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
