@@ -115,13 +115,13 @@ def test_initial_annotations_may_include_later_frames(scene):
 
 
 def test_annotations_are_keypoints_except_in_evaluation_frames(scene):
-    dataset = video(scene, scale=0.5, rows="annotations.csv", occluded_weight=0.2)
+    dataset = video(scene, scale=0.5, keypoints="annotations.csv", occluded_weight=0.2)
     keypoints = {frame.index: frame.views[0].keypoints for frame in dataset.frames()}
     assert [index for index, rows in keypoints.items() if rows is not None] == [3, 10]
     assert keypoints[3][ANKLE] == pytest.approx([5.0, 19.75, 0.2])  # (u + ½) / 2 − ½
     assert np.isfinite(keypoints[10]).all(axis=1).sum() == 1
     assert all(frame.truth is None for frame in dataset.frames())
-    dataset = video(scene, rows="annotations.csv", eval_annotations="annotations.csv", eval_frames=[10])
+    dataset = video(scene, keypoints="annotations.csv", eval_annotations="annotations.csv", eval_frames=[10])
     frames = list(dataset.frames())
     assert [frame.index for frame in frames if frame.views[0].keypoints is not None] == [3]
     assert [frame.index for frame in frames if frame.truth is not None] == [10]
