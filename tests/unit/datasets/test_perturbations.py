@@ -20,7 +20,7 @@ SMALL = {"n_frames": 3, "width": 160, "height": 120, "focal_px": 175.0}
 DATASETS = {
     "synthetic": lambda **more: Synthetic(**SMALL, person_px=70.0, **more),
     "points": lambda **more: Points(**SMALL, n_points=100, images=True, initialization="perturbed_truth", **more),
-    "stereo": lambda **more: Stereo(n_frames=2, width=320, height=240, focal_px=350.0, baseline_m=0.4, **more),
+    "stereo": lambda **more: Stereo(**{**SMALL, "n_frames": 2}, baseline_m=0.4, **more),
 }
 
 NONE = dict.fromkeys(DEFAULT_SIZES, 0.0)

@@ -98,14 +98,16 @@ def test_hits_lie_on_the_surfaces_of_the_limbs(pose):
 @settings(max_examples=15, deadline=None)
 @given(poses())
 def test_the_kernel_agrees_with_its_reference(pose):
-    depth, limb = full_image(render.cast(BODY, pose, CAMERA, RAYS), CAMERA)
-    reference = oracle.cast(BODY, pose, CAMERA, RAYS)
-    # A tangential ray hits or misses by rounding: at most two pixels.
-    assert ((limb >= 0) != (reference.limb >= 0)).sum() <= 2
+    camera = CAMERA.scaled(0.5)
+    rays = render.camera_rays(camera, samples=1)
+    depth, limb = full_image(render.cast(BODY, pose, camera, rays), camera)
+    reference = oracle.cast(BODY, pose, camera, rays)
+    # A tangential ray hits or misses by rounding: at most one pixel.
+    assert ((limb >= 0) != (reference.limb >= 0)).sum() <= 1
     both = (limb >= 0) & (reference.limb >= 0)
     depth_errors = np.abs(depth[both] - reference.depth[both]) > 1e-9
-    assert depth_errors.sum() <= 2
-    assert (limb != reference.limb)[both].sum() <= 2
+    assert depth_errors.sum() <= 1
+    assert (limb != reference.limb)[both].sum() <= 1
 
 
 def test_the_silhouette_of_a_cone_is_the_hull_of_its_end_circles():

@@ -175,5 +175,3 @@ def test_keypoints_are_the_true_joints_with_noise_and_gaps():
     assert Synthetic(n_frames=2, width=160, height=120)._key() == Synthetic(
         n_frames=2, width=160, height=120, keypoint_sigma_px=2.0
     )._key()  # fmt: skip
-    with pytest.raises(InputError, match="keypoint_sigma_px"):
-        Synthetic(keypoint_sigma_px=-1.0)
