@@ -156,33 +156,35 @@ def stitched_people(*spans, n_frames=90):
 SMALL, _, TALL = (joints[0] for joints in walkers([((0.0, 0.0), (1.0, 0.0))] * 3, 1))  # 1.65 m and 1.85 m
 
 
-def test_tracks_are_stitched_when_the_person_returns_nearby():
-    assert stitched_people((SMALL, 0, 30), (SMALL + 0.3, 60, 80)) == [0, 0]
-    assert stitched_people((SMALL, 0, 30), (SMALL + np.array([5.0, 0.0, 0.0]), 40, 80)) == [0, 1]
+ASIDE = np.array([0.5, 0.0, 0.0])
 
 
-def test_two_people_who_return_are_distinguished_by_their_limbs():
-    aside = np.array([0.4, 0.0, 0.0])
-    spans = ((SMALL, 0, 30), (TALL + aside, 0, 30), (TALL + 0.5 * aside, 60, 80), (SMALL + 0.5 * aside, 60, 80))
-    assert stitched_people(*spans) == [0, 1, 1, 0]
+@pytest.mark.parametrize(
+    ("spans", "people"),
+    [
+        pytest.param([(SMALL, 0, 30), (SMALL + 0.3, 60, 80)], [0, 0], id="nearby"),
+        pytest.param([(SMALL, 0, 30), (SMALL + 10.0 * ASIDE, 40, 80)], [0, 1], id="distant"),
+        pytest.param(
+            [(SMALL, 0, 30), (TALL + ASIDE, 0, 30), (TALL + 0.5 * ASIDE, 60, 80), (SMALL + 0.5 * ASIDE, 60, 80)],
+            [0, 1, 1, 0], id="two people of different limbs",
+        ),
+        pytest.param([(SMALL, 0, 60), (SMALL + 0.2, 40, 80)], [0, 1], id="at the same time"),
+        pytest.param([(SMALL, 0, 60), (SMALL + 1.0, 20, 21)], [0, None], id="a short track"),
+        pytest.param([(SMALL, 3, 3)], [0], id="only a short track"),
+    ],
+)  # fmt: skip
+def test_tracks_of_one_person_are_stitched(spans, people):
+    assert stitched_people(*spans) == people
 
 
-def test_tracks_at_the_same_time_are_not_stitched():
-    assert stitched_people((SMALL, 0, 60), (SMALL + 0.2, 40, 80)) == [0, 1]
-
-
-def test_short_tracks_are_removed_unless_there_is_no_longer_one():
-    assert stitched_people((SMALL, 0, 60), (SMALL + 1.0, 20, 21)) == [0, None]
-    assert stitched_people((SMALL, 3, 3)) == [0]
-
-
-WALK = (((-0.8, -0.2), (1.6, 0.0)),)
 ALL_JOINTS = np.ones(15, dtype=bool)
 
 
 def detected_walker(names, n_frames=40):
     """Return the views and the detections (V, T, J, 3) of a walker; a single view has no calibration."""
-    detections = shown({name: CAMERAS[name] for name in names}, walkers(WALK, n_frames), np.random.default_rng(0))
+    detections = shown(
+        {name: CAMERAS[name] for name in names}, walkers(CROSSING[:1], n_frames), np.random.default_rng(0)
+    )
     calibrated = len(names) > 1
     views = [
         DetectorView(CAMERAS[name] if calibrated else None, ALL_JOINTS, 1.0 if calibrated else 300.0) for name in names

@@ -1,6 +1,7 @@
-"""Detection of people in every frame, with drawn discs in place of people and their detector in place of a network."""
+"""Detection of people in every frame; discs take the place of people, and a disc detector that of the network."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -60,9 +61,7 @@ def test_the_grid_covers_every_position_in_the_image():
 def test_a_region_maps_its_centre_and_its_upward_direction_to_the_image():
     region = Region(100.0, 50.0, 80.0, 0.5 * np.pi)
     np.testing.assert_allclose(region.to_image @ [128.0, 128.0, 1.0], [100.0, 50.0])
-    np.testing.assert_allclose(
-        region.to_image @ [128.0, 0.0, 1.0], [140.0, 50.0]
-    )  # upwards in the region is to the right in the image
+    np.testing.assert_allclose(region.to_image @ [128.0, 0.0, 1.0], [140.0, 50.0])  # upwards is to the right
 
 
 def test_a_landmark_is_refined_to_the_centre_of_its_heatmap():
@@ -96,136 +95,123 @@ def test_empty_images_have_no_detections():
 
 
 @pytest.fixture
-def video(tmp_path, monkeypatch):
-    """A folder of images with a walking disc; detection uses `network` and chunks of four frames."""
-    folder = tmp_path / "walk"
-    folder.mkdir()
-    for t in range(11):
-        cv2.imwrite(str(folder / f"{t:03d}.png"), image((40.0 + 10.0 * t, 90.0)))
+def options(tmp_path, monkeypatch):
+    """Options of a dataset; `network` detects in chunks of four frames."""
     (tmp_path / "model").write_bytes(b"a model")
     monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: network)
     monkeypatch.setattr(detection_files, "_CHUNK_S", 4.0 / 30.0)
-    return folder
+    camera = plain_camera(WIDTH, HEIGHT, 300.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0), "walk")
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
+    return {
+        "calibration_file": str(tmp_path / "camera.toml"), "keypoints": "detect", "rate_hz": 30.0,
+        "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache"),
+    }  # fmt: skip
 
 
-def contents(folder):
-    return {path.name: path.read_text() for path in sorted(folder.iterdir())}
+def write_images(folder, images):
+    folder.mkdir(exist_ok=True)
+    for t, pixels in enumerate(images):
+        cv2.imwrite(str(folder / f"{t:03d}.png"), pixels)
+    return str(folder)
 
 
-def test_resumed_detections_are_identical(video, tmp_path):
-    complete, resumed = tmp_path / "complete", tmp_path / "resumed"
-    assert detect_video(video, complete, tmp_path / "model") == 11
-    detect_video(video, resumed, tmp_path / "model")
-    for path in sorted(resumed.glob("*.json"))[6:]:
+@pytest.fixture
+def walk(tmp_path):
+    return write_images(tmp_path / "walk", [image((40.0 + 10.0 * t, 90.0)) for t in range(11)])
+
+
+@pytest.fixture
+def detect(walk, options, tmp_path):
+    """Detect the walking disc and write the files to a folder of this name."""
+    return lambda name="out": detect_video(Path(walk), tmp_path / name, Path(options["detector"]))
+
+
+def test_resumed_detections_are_identical(detect, tmp_path):
+    assert detect("complete") == 11
+    detect("resumed")
+    for path in sorted((tmp_path / "resumed").glob("*.json"))[6:]:
         path.unlink()
-    assert detect_video(video, resumed, tmp_path / "model") == 11
-    assert contents(resumed) == contents(complete)
-    frame = json.loads((complete / "walk_000000000003_keypoints.json").read_text())
+    assert detect("resumed") == 11
+    complete, resumed = (
+        {path.name: path.read_text() for path in (tmp_path / name).iterdir()} for name in ("complete", "resumed")
+    )
+    assert resumed == complete
+    frame = json.loads(complete["walk_000000000003_keypoints.json"])
     assert frame["time_s"] == pytest.approx(0.1)
     (person,) = frame["people"]
     assert len(person["pose_keypoints_2d"]) == 3 * N_LANDMARKS
 
 
-def test_detections_of_another_model_are_rejected(video, tmp_path):
-    detect_video(video, tmp_path / "out", tmp_path / "model")
+def test_detections_of_another_model_are_rejected(detect, tmp_path):
+    detect()
     (tmp_path / "model").write_bytes(b"another model")
     with pytest.raises(InputError, match="another video or model"):
-        detect_video(video, tmp_path / "out", tmp_path / "model")
+        detect()
 
 
-def test_a_damaged_detection_file_is_rejected(video, tmp_path):
-    detect_video(video, tmp_path / "out", tmp_path / "model")
-    path = sorted((tmp_path / "out").glob("*.json"))[7]
+def test_a_damaged_detection_file_is_rejected(detect, tmp_path):
+    detect()
+    path, *later = sorted((tmp_path / "out").glob("*.json"))[7:]
     source = json.loads(path.read_text())["source"]
-    for later in sorted((tmp_path / "out").glob("*.json"))[8:]:
-        later.unlink()
+    for file in later:
+        file.unlink()
     path.write_text(json.dumps({"source": source, "people": [{"person_id": [0]}]}))
     with pytest.raises(InputError, match="expected detections"):
-        detect_video(video, tmp_path / "out", tmp_path / "model")
+        detect()
 
 
-@pytest.fixture
-def camera_file(tmp_path):
-    camera = plain_camera(WIDTH, HEIGHT, 300.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0), "walk")
-    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
-    return str(tmp_path / "camera.toml")
-
-
-def test_a_dataset_detects_joints_once(video, camera_file, tmp_path, monkeypatch):
-    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
-    dataset = Video(str(video), camera_file, keypoints="detect", **options)
+def test_a_dataset_detects_joints_once(walk, options, monkeypatch):
+    dataset = Video(walk, **options)
     assert dataset.info.has_keypoints
     keypoints = next(iter(dataset.frames())).views[0].keypoints
     left_hip = [40.0, 90.0] + RADIUS * SHAPE[23]
     np.testing.assert_allclose(keypoints[JOINT_NAMES.index("left_hip"), :2], left_hip, atol=1.0)
     monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: pytest.fail("detects again"))
-    assert Video(str(video), camera_file, keypoints="detect", **options).info.has_keypoints
+    assert Video(walk, **options).info.has_keypoints
 
 
-def test_a_dataset_of_several_views_detects_joints_in_every_video(video, camera_file, tmp_path):
-    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
-    dataset = MultiView({"walk": str(video)}, camera_file, keypoints="detect", **options)
+def test_a_dataset_of_several_views_detects_joints_in_every_video(walk, options):
+    dataset = MultiView({"walk": walk}, **options)
     assert np.isfinite(next(iter(dataset.frames())).views[0].keypoints).any()
     with pytest.raises(InputError, match="expected files by camera or 'detect'"):
-        MultiView({"walk": str(video)}, camera_file, keypoints="found", **options)
+        MultiView({"walk": walk}, **{**options, "keypoints": "unknown"})
 
 
-def test_only_visible_restricts_the_frames_to_detections(video, camera_file, tmp_path):
-    for t in (0, 1, 10):
-        cv2.imwrite(str(video / f"{t:03d}.png"), image())
-    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
-    dataset = Video(str(video), camera_file, keypoints="detect", only_visible=True, **options)
-    assert [frame.index for frame in dataset.frames()] == list(range(2, 10))
-    assert Video(str(video), camera_file, keypoints="detect", **options).info.n_frames == 11
-
-
-def test_the_moving_person_can_be_selected(video, camera_file, tmp_path):
-    for t in range(11):
-        cv2.imwrite(str(video / f"{t:03d}.png"), image((40.0, 50.0), (280.0 - 3.0 * t, 130.0)))
-    options = {"rate_hz": 30.0, "detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache")}
-    dataset = Video(str(video), camera_file, keypoints="detect", person="moving", **options)
+def test_the_moving_person_can_be_selected(tmp_path, options):
+    images = [image((40.0, 50.0), (280.0 - 3.0 * t, 130.0)) for t in range(11)]
+    dataset = Video(write_images(tmp_path / "two", images), person="moving", **options)
     hips = [frame.views[0].keypoints[JOINT_NAMES.index("left_hip")] for frame in dataset.frames()]
     assert hips[-1][0] - hips[0][0] == pytest.approx(-30.0, abs=2.0)
-
-
-@pytest.fixture
-def gap(tmp_path, monkeypatch):
-    """A video without the person in frames 0, 1 and 6 to 25: images, calibration file and dataset options."""
-    (tmp_path / "gap").mkdir()
-    for t in range(34):
-        absent = t < 2 or 6 <= t < 26
-        cv2.imwrite(str(tmp_path / "gap" / f"{t:03d}.png"), image() if absent else image((90.0 + 0.5 * t, 90.0)))
-    (tmp_path / "model").write_bytes(b"a model")
-    monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: network)
-    monkeypatch.setattr(detection_files, "_CHUNK_S", 4.0 / 30.0)
-    camera = plain_camera(WIDTH, HEIGHT, 300.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0), "walk")
-    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
-    options = {"detector": str(tmp_path / "model"), "cache": str(tmp_path / "cache"), "only_visible": True}
-    return str(tmp_path / "gap"), str(tmp_path / "camera.toml"), options
 
 
 PRESENT = [*range(2, 6), *range(26, 34)]
 
 
-def test_frames_of_a_long_gap_are_omitted_and_those_of_a_short_one_are_not(gap):
-    source, camera, options = gap
-    dataset = Video(source, camera, keypoints="detect", rate_hz=30.0, **options)
+@pytest.fixture
+def gap(tmp_path):
+    """A video with the person in the frames PRESENT."""
+    images = [image((90.0 + 0.5 * t, 90.0)) if t in PRESENT else image() for t in range(36)]
+    return write_images(tmp_path / "gap", images)
+
+
+def test_long_gaps_are_omitted_and_short_ones_are_bridged(gap, options):
+    dataset = Video(gap, only_visible=True, **options)
     assert [(frame.index, round(30.0 * frame.time_s)) for frame in dataset.frames()] == [(t, t) for t in PRESENT]
     assert dataset.info.n_frames == len(PRESENT)
-    bridged = Video(source, camera, keypoints="detect", rate_hz=60.0, **options)
+    bridged = Video(gap, only_visible=True, **{**options, "rate_hz": 60.0})
     assert [frame.index for frame in bridged.frames()] == list(range(2, 34))
+    assert Video(gap, **options).info.n_frames == 36
 
 
-def test_frames_between_annotations_are_used(gap, tmp_path):
-    source, camera, options = gap
+def test_frames_between_annotations_are_used(gap, options, tmp_path):
     rows = [f"{frame},left_hip,90,90,1" for frame in (3, 30)]
     (tmp_path / "annotations.csv").write_text("\n".join(["frame,joint,u,v,visible", *rows]))
-    dataset = Video(source, camera, keypoints=str(tmp_path / "annotations.csv"), rate_hz=30.0, **options)
+    dataset = Video(gap, only_visible=True, **{**options, "keypoints": str(tmp_path / "annotations.csv")})
     assert [frame.index for frame in dataset.frames()] == list(range(3, 31))
 
 
-def test_frames_without_the_person_in_any_camera_are_omitted(gap, tmp_path):
-    source, camera, options = gap
-    dataset = MultiView({"walk": source}, camera, keypoints="detect", rate_hz=30.0, **options)
+def test_frames_without_the_person_in_any_camera_are_omitted(gap, options, tmp_path):
+    folder = Path(gap).rename(tmp_path / "walk")
+    dataset = MultiView({"walk": str(folder)}, only_visible=True, **options)
     assert [frame.index for frame in dataset.frames()] == PRESENT
     assert dataset.info.n_frames == len(PRESENT)

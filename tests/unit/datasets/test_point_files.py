@@ -18,7 +18,7 @@ from workbench.datasets.files.point_formats import (
     read_npz,
     read_pcd,
     read_ply,
-)  # fmt: skip
+)
 from workbench.datasets.point_files import PointFiles
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
@@ -26,6 +26,7 @@ from workbench.utils.errors import InputError
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
 clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)
+line_ends = st.sampled_from(["\n", "\r\n"])
 few_examples = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30)
 EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
 
@@ -46,7 +47,7 @@ def ascii_ply(points, more=""):
 
 
 def binary_ply(points, order, extra=()):
-    """Points with other properties before, between and after."""
+    """Return a file of points with other properties before and after the coordinates."""
     kinds = [*[("double", a) for a in "xyz"], *[(kind, f"extra{i}") for i, kind in enumerate(extra)]]
     kinds = kinds[3:4] + kinds[:3] + kinds[4:]
     form = "binary_little_endian" if order == "<" else "binary_big_endian"
@@ -69,7 +70,7 @@ def error_message(read, path):
 
 
 @few_examples
-@given(points=clouds, line=st.sampled_from(["\n", "\r\n"]), faces=st.booleans())
+@given(points=clouds, line=line_ends, faces=st.booleans())
 def test_ascii_ply_is_read_back(tmp_path, points, line, faces):
     more = "element face 1\nproperty list uchar int vertex_indices" if faces else ""
     text = ascii_ply(points, more) + ("3 0 0 0\n" if faces else "")
@@ -85,12 +86,7 @@ def test_binary_ply_is_read_back(tmp_path, points, order, extra):
 
 
 @few_examples
-@given(
-    points=clouds,
-    order=st.permutations(["x", "y", "z", "red"]),
-    bom=st.booleans(),
-    line=st.sampled_from(["\n", "\r\n"]),
-)
+@given(points=clouds, order=st.permutations(["x", "y", "z", "red"]), bom=st.booleans(), line=line_ends)
 def test_csv_is_read_back(tmp_path, points, order, bom, line):
     rows = [",".join("9" if c == "red" else repr(float(row["xyz".index(c)])) for c in order) for row in points]
     text = line.join([", ".join(order), *rows, ""])
@@ -155,10 +151,16 @@ def test_the_error_of_an_invalid_binary_row_names_it(tmp_path):
 
 @pytest.mark.parametrize(
     "arrays",
-    [{"a": np.ones((2, 3)), "b": np.ones((2, 3))}, {"points": np.ones((2, 2))}, {"points": np.ones(3)}, {},
-     {"points": np.array([["a", "b", "c"]])}, {"points": np.ones((2, 3), complex)},
-     {"points": np.array([[None, 1, 2]])}],
-)  # fmt: skip
+    [
+        {"a": np.ones((2, 3)), "b": np.ones((2, 3))},
+        {"points": np.ones((2, 2))},
+        {"points": np.ones(3)},
+        {},
+        {"points": np.array([["a", "b", "c"]])},
+        {"points": np.ones((2, 3), complex)},
+        {"points": np.array([[None, 1, 2]])},
+    ],
+)
 def test_npz_files_of_other_arrays_are_rejected(tmp_path, arrays):
     np.savez(tmp_path / "a.npz", **arrays)  # an array of objects is a pickle
     error_message(read_npz, tmp_path / "a.npz")

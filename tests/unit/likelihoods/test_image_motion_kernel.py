@@ -11,8 +11,7 @@ from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.camera import plain_camera
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
-from workbench.likelihoods.image_motion import kernel as image_motion_kernel
-from workbench.likelihoods.image_motion.kernel import GREY_STEP, packed
+from workbench.likelihoods.image_motion.kernel import GREY_STEP, PARENT_BLOCK, PackedView, packed, view_log_prob
 
 
 def tolerance(likelihood):
@@ -23,7 +22,7 @@ def tolerance(likelihood):
     above 10, where √(Σ r²) = √(20 n/k) σ; 12 limbs have √12 times this error. For the sum of n points, n is 1.
     """
     k = likelihood.effective_pixels / (1 if likelihood.reduction == "sum" else likelihood.n_samples)
-    return 3.0 * np.sqrt(12 * 20 * k / 6) * image_motion_kernel.GREY_STEP / likelihood.sigma
+    return 3.0 * np.sqrt(12 * 20 * k / 6) * GREY_STEP / likelihood.sigma
 
 
 CAMERAS = {
@@ -41,12 +40,8 @@ def scene(camera, n, seed=1):
     now = np.clip(before.astype(float) + noise, 0, 255).astype(np.uint8)
     poses = scenes.people(rng, n)
     poses[0, 0] = 5.0  # behind the first camera, in front of none
-    return (
-        scenes.frame(0, (camera, before)),
-        scenes.frame(1, (camera, now)),
-        poses,
-        poses + 0.01 * rng.standard_normal(),
-    )
+    frames = scenes.frame(0, (camera, before)), scenes.frame(1, (camera, now))
+    return *frames, poses, poses + 0.01 * rng.standard_normal()
 
 
 def reference_and_kernel(likelihood, previous, frame, previous_poses, poses):
@@ -54,10 +49,10 @@ def reference_and_kernel(likelihood, previous, frame, previous_poses, poses):
     for f, p in ((previous, previous_poses), (frame, poses)):
         camera, image = f.views[0].camera, grey_levels(f.views[0], BLUR_PX)
         posed.append(oracle.PosedView(camera, image, forward_oracle(body.skeleton, p)))
-        packed_views.append(image_motion_kernel.PackedView(camera, image_motion_kernel.packed(image), p))
+        packed_views.append(PackedView(camera, packed(image), p))
     constants = likelihood.samples, likelihood.model
     expected = oracle.view_log_prob(body.limbs, *constants, *posed)
-    return expected, image_motion_kernel.view_log_prob(body, *constants, *packed_views)
+    return expected, view_log_prob(body, *constants, *packed_views)
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
@@ -88,14 +83,9 @@ def test_the_kernel_agrees_with_the_reference(camera, reduction, occlusion):
 def test_the_kernel_agrees_with_the_reference_for_other_options(options):
     likelihood = ImageMotion(scenes.PERSON, **options)
     (expected, _), (values, _) = reference_and_kernel(likelihood, *scene(CAMERAS["close and oblique"], 60))
-    # without outliers √(Σ r²) may be √n · 100 grey levels instead of √(20 n/k) σ
-    factor = (
-        100.0 / likelihood.sigma / np.sqrt(20.0 / likelihood.effective_pixels)
-        if likelihood.outlier_fraction == 0.0
-        else 1.0
-    )
-    # a static background is another such term
-    factor *= 2.0 if likelihood.background == "static" else 1.0
+    factor = 2.0 if likelihood.background == "static" else 1.0  # a static background is a second term
+    if likelihood.outlier_fraction == 0.0:  # √(Σ r²) may be √n · 100 grey levels instead of √(20 n/k) σ
+        factor *= 100.0 / likelihood.sigma / np.sqrt(20.0 / likelihood.effective_pixels)
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=factor * tolerance(likelihood))
 
 
@@ -112,12 +102,12 @@ def test_the_kernel_agrees_with_the_reference_for_images_of_two_sizes():
 
 def test_packed_words_contain_a_pixel_and_its_neighbours():
     image = np.random.default_rng(0).uniform(0.0, 255.0, (7, 9)).astype(np.float32)
-    words = image_motion_kernel.packed(image)
+    words = packed(image)
     padded = np.pad(image, ((0, 1), (0, 1)), "edge")
     for shift, rows, columns in ((0, 0, 0), (16, 0, 1), (32, 1, 0), (48, 1, 1)):
-        levels = (words >> np.uint64(shift) & np.uint64(0xFFFF)) * image_motion_kernel.GREY_STEP
+        levels = (words >> np.uint64(shift) & np.uint64(0xFFFF)) * GREY_STEP
         expected = padded[rows : rows + 7, columns : columns + 9]
-        np.testing.assert_allclose(levels, expected, rtol=0.0, atol=0.5001 * image_motion_kernel.GREY_STEP)
+        np.testing.assert_allclose(levels, expected, rtol=0.0, atol=0.5001 * GREY_STEP)
 
 
 def test_the_scenes_include_occlusion_points_outside_and_limbs_without_a_patch():
@@ -143,7 +133,7 @@ def test_the_scenes_include_occlusion_points_outside_and_limbs_without_a_patch()
 @pytest.mark.parametrize("camera", ["front", "cut off"])
 def test_sharing_the_previous_pose_changes_no_bit(camera):
     """Runs of equal previous poses of all lengths cross the borders of blocks."""
-    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.PARENT_BLOCK + 7
+    likelihood, n = ImageMotion(scenes.PERSON), 2 * PARENT_BLOCK + 7
     previous, frame, previous_poses, poses = scene(CAMERAS[camera], n)
     lengths = np.random.default_rng(0).integers(1, 40, n)
     shared = np.repeat(previous_poses, lengths, axis=0)[:n]

@@ -1,5 +1,7 @@
 """Points on and around the limbs against the reference of image motion, and cues that are evaluated jointly."""
 
+from types import SimpleNamespace
+
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
@@ -77,11 +79,11 @@ def test_the_azimuth_of_an_upright_limb(heading):
 def test_contour_samples_on_another_limb_are_not_valid():
     """A wide rod, 80 cm behind, covers the samples on both sides of a thin one, but not the one beyond its end."""
     samples = np.array([[0.5, 0.5], [0.5, 1.5], [0.5, -1.5], [1.5, 0.0]])
-    thin, broad = ((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.05), ((-0.8, 0.0, -0.3), (-0.8, 0.0, 0.3), 0.3)
+    thin, wide = ((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.05), ((-0.8, 0.0, -0.3), (-0.8, 0.0, 0.3), 0.3)
     frames = forward_oracle(scenes.PERSON.skeleton, scenes.root())
     alone, both = (
         limb_points(scenes.rods(*rods), samples, scenes.FRONT, frames, outside=True).valid[0, 0]
-        for rods in ((thin,), (thin, broad))
+        for rods in ((thin,), (thin, wide))
     )
     assert alone.tolist() == [False, True, True, True]
     assert both.tolist() == [False, False, False, True]
@@ -134,17 +136,7 @@ def test_joint_evaluation_agrees_with_separate_evaluation():
         assert evaluation.log_prob[3] == -np.inf
         assert evaluation.notes == expected.notes == (f"{single.name}: 1 of 20 poses were not finite",)
     assert np.ptp(evaluations[2].log_prob[4:]) > 0.0
-
-    class Prepared:
-        def __init__(self, frame_likelihood_of_term):
-            self.seen = frame_likelihood_of_term
-
-        def prepare(self, previous, frame):
-            return self.seen
-
     frame_likelihoods[1] = frame_likelihood("rod", LimbViewLikelihood(scenes.FRONT, second, count), body=rod)
-    terms = {single.name: Prepared(single) for single in frame_likelihoods}
-    evaluation = Product(terms, dict.fromkeys(terms, 1.0)).prepare(None, None).evaluate(poses, poses).log_prob
-    np.testing.assert_array_equal(
-        evaluation, sum(single.evaluate(poses, poses).log_prob for single in frame_likelihoods)
-    )
+    terms = {each.name: SimpleNamespace(prepare=lambda previous, frame, each=each: each) for each in frame_likelihoods}
+    product = Product(terms, dict.fromkeys(terms, 1.0)).prepare(None, None).evaluate(poses, poses).log_prob
+    np.testing.assert_array_equal(product, sum(each.evaluate(poses, poses).log_prob for each in frame_likelihoods))

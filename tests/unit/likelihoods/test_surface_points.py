@@ -45,14 +45,11 @@ def test_the_maximum_is_the_true_pose():
     truth = poses(1)[0]
     surface = person_surface(BODY)
     cloud = points_on(truth, 3000)
-    on_surface = np.abs(residuals(BODY.skeleton, surface, truth, cloud, "distance",
-                            attach(surface, forward(BODY.skeleton, truth[None]), cloud))) < 0.003  # fmt: skip
-    surface_points = cloud[on_surface]
+    parts = attach(surface, forward(BODY.skeleton, truth[None]), cloud)
+    surface_points = cloud[np.abs(residuals(BODY.skeleton, surface, truth, cloud, "distance", parts)) < 0.003]
     assert len(surface_points) > 50
-    perturbed = truth + 0.05 * np.random.default_rng(3).standard_normal((30, 25))
-    log_probs = log_prob(
-        SurfacePoints(BODY), frame(None), frame(surface_points), perturbed, np.concatenate([truth[None], perturbed])
-    )
+    candidates = np.vstack([truth, truth + 0.05 * np.random.default_rng(3).standard_normal((30, 25))])
+    log_probs = log_prob(SurfacePoints(BODY), frame(None), frame(surface_points), candidates, candidates)
     assert log_probs.argmax() == 0
 
 
