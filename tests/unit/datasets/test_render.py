@@ -118,22 +118,17 @@ def test_the_silhouette_of_a_cone_is_the_hull_of_its_end_circles():
     calf_only = Limbs(
         ("calf",), *(getattr(limbs, name)[calf : calf + 1] for name in ("joints", "starts", "ends", "radii", "spheres"))
     )
-    depth, limb = full_image(
-        render.cast(replace(BODY, limbs=calf_only), STANDING, camera, render.camera_rays(camera, 1)), camera
-    )
+    hits = render.cast(replace(BODY, limbs=calf_only), STANDING, camera, render.camera_rays(camera, 1))
+    depth, limb = full_image(hits, camera)
     knee = forward(BODY.skeleton, STANDING[None]).positions[0, BODY.skeleton.joint("left_knee")]
     for part in (0.2, 0.5, 0.8):
         height, radius = knee[2] - part * BODY.shape.calf, rx[0] * (1 - part) + rx[1] * part
         row = round(float(camera.project(np.array([knee[0], knee[1], height]))[1]))
-        width = (limb[row] >= 0).sum()
-        # A circle of radius r at the distance d has the half-width r / sqrt(d² − r²) on the image plane.
         distance = knee[1] + 4.0
-        assert width == pytest.approx(
-            2.0 * 2000.0 * radius / np.sqrt(distance**2 - radius**2), abs=1.5
-        )  # integer pixels
-        assert depth[row].min() == pytest.approx(
-            distance - radius, abs=2e-3
-        )  # rays are up to 1 mm from the nearest point
+        # A circle of radius r at the distance d has the half-width r / sqrt(d² − r²) on the image plane.
+        width_px = 2.0 * 2000.0 * radius / np.sqrt(distance**2 - radius**2)
+        assert (limb[row] >= 0).sum() == pytest.approx(width_px, abs=1.5)
+        assert depth[row].min() == pytest.approx(distance - radius, abs=2e-3)  # rays are up to 1 mm from that point
 
 
 def test_a_body_behind_or_around_the_camera_is_rendered_as_by_the_reference():
@@ -141,7 +136,7 @@ def test_a_body_behind_or_around_the_camera_is_rendered_as_by_the_reference():
     behind[1] = -20.0
     assert render.cast(BODY, behind, CAMERA, RAYS).depth.size == 0
     crossing = STANDING.copy()
-    crossing[:3] = CAMERA.position - [0.0, 0.0, 0.6]  # the camera is inside the body
+    crossing[:3] = CAMERA.position - [0.0, 0.0, 0.6]  # the camera's principal plane intersects the body
     depth, _ = full_image(render.cast(BODY, crossing, CAMERA, RAYS), CAMERA)
     assert np.allclose(depth, oracle.cast(BODY, crossing, CAMERA, RAYS).depth, rtol=0.0, atol=1e-9)
 

@@ -70,17 +70,13 @@ def test_textures_of_the_room_are_projected(dataset, surface):
     spot_texture = np.zeros(getattr(room_of_scene, surface).shape)
     column = spot_texture.shape[1] // 2 + 40
     spot_texture[55:66, column - 5 : column + 6] = 255.0
-    black_room = replace(
-        room_of_scene, **{"wall": np.zeros((500, 1600)), "floor": np.zeros((1200, 1600)), surface: spot_texture}
-    )
-    view = empty_view(black_room, camera)
+    textures = {"wall": np.zeros((500, 1600)), "floor": np.zeros((1200, 1600)), surface: spot_texture}
+    view = empty_view(replace(room_of_scene, **textures), camera)
     rows, columns = np.indices(view.shape)
     centre = [(view * columns).sum() / view.sum(), (view * rows).sum() / view.sum()]
     direction = [0.0, 0.0, 1.0] if surface == "wall" else -room_of_scene.forward
     spot = room_of_scene.origin + 0.4 * room_of_scene.right + 0.6 * np.asarray(direction)
-    assert centre == pytest.approx(
-        camera.project(spot), abs=0.3
-    )  # px; the bias of the centroid by perspective is smaller
+    assert centre == pytest.approx(camera.project(spot), abs=0.3)  # the centroid's bias by perspective is smaller
 
 
 def test_frames_have_both_images_and_points_near_the_surface(dataset):

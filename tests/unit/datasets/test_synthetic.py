@@ -74,8 +74,7 @@ def test_images_are_reproducible_and_depend_on_every_parameter():
     assert np.array_equal(first, images(scene()))
     for change in (
         {"seed": 1}, {"noise_std": 2.0}, {"contrast": 2.0}, {"clutter": 0.5}, {"view_azimuth_deg": 60.0},
-        {"first_frame": 1},
-        {"path": "circle"}, {"person_px": 60.0}, {"rate_hz": 60.0},
+        {"first_frame": 1}, {"path": "circle"}, {"person_px": 60.0}, {"rate_hz": 60.0},
     ):  # fmt: skip
         assert not np.array_equal(first, images(scene(**change))), change
 
@@ -86,10 +85,10 @@ def test_cached_images_are_identical_and_not_rendered_again(tmp_path, monkeypatc
     (file,) = tmp_path.rglob("*.npz")
     assert not list(tmp_path.rglob("*.part"))
 
-    def refuse(*_):
+    def fail(*_):
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(synthetic.render, "render", refuse)
+    monkeypatch.setattr(synthetic.render, "render", fail)
     assert np.array_equal(first, images(scene(cache=str(tmp_path))))
     for change in ({"seed": 1}, {"noise_std": 3.0}, {"first_frame": 1}, {"height": 121}):
         with pytest.raises(AssertionError, match="rendered again"):
@@ -111,10 +110,8 @@ def test_a_damaged_cache_is_rendered_again_with_a_warning(tmp_path, damage):
     if damage == "other":
         np.savez(file, images=first[:1])
     else:
-        damaged = {"cut": content[:middle], "empty": b"", "text": b"images", "flip": None}[damage]
-        file.write_bytes(
-            content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :] if damaged is None else damaged
-        )
+        flipped = content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :]
+        file.write_bytes({"cut": content[:middle], "empty": b"", "text": b"images", "flip": flipped}[damage])
     with pytest.warns(UserWarning, match="damaged"):
         repeated = images(scene(cache=str(tmp_path)))
     assert np.array_equal(first, repeated)
@@ -145,9 +142,9 @@ translation = [0.0, 1.0, {depth}]
     file = tmp_path / "camera.toml"
     file.write_text(template.format(depth=4.0))
     dataset = scene(calibration_file=str(file), noise_std=0.0, clutter=0.0)
-    picture = next(dataset.frames()).views[0].image
-    assert picture.shape == (150, 200)
-    assert (picture != 125).any()
+    image = next(dataset.frames()).views[0].image
+    assert image.shape == (150, 200)
+    assert (image != 125).any()
     file.write_text(template.format(depth=-4.0))
     with pytest.raises(InputError, match="'wide' never sees the person"):
         _ = scene(calibration_file=str(file)).info
@@ -172,6 +169,4 @@ def test_keypoints_are_the_true_joints_with_noise_and_gaps():
     assert detected.mean() == pytest.approx(0.9, abs=0.04)
     assert errors[detected].std() == pytest.approx(2.0, abs=0.15)
     assert np.all(keypoints[detected, 2] == 1.0)
-    assert Synthetic(n_frames=2, width=160, height=120)._key() == Synthetic(
-        n_frames=2, width=160, height=120, keypoint_sigma_px=2.0
-    )._key()  # fmt: skip
+    assert scene()._key() == scene(keypoint_sigma_px=2.0)._key()

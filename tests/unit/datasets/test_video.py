@@ -79,13 +79,8 @@ def test_images_are_read_in_natural_order_with_their_numbers_and_times(scene):
 
 
 def test_annotations_define_the_initial_keypoints_and_the_truth(scene):
-    dataset = video(
-        scene,
-        first_frame=3,
-        initial_annotations="annotations.csv",
-        eval_annotations="annotations.csv",
-        occluded_weight=0.2,
-    )
+    annotations = {"initial_annotations": "annotations.csv", "eval_annotations": "annotations.csv"}
+    dataset = video(scene, first_frame=3, occluded_weight=0.2, **annotations)
     (start,) = dataset.info.initial_annotations.keypoints
     assert np.array_equal(start[NECK], [31.0, 23.0, 1.0])
     assert np.array_equal(start[ANKLE], [10.5, 40.0, 0.2])
@@ -99,19 +94,15 @@ def test_annotations_define_the_initial_keypoints_and_the_truth(scene):
 
 
 def test_initial_annotations_may_include_later_frames(scene):
-    annotations = video(
-        scene, first_frame=3, initial_annotations="annotations.csv", initial_last_frame=10
-    ).info.initial_annotations
-    assert annotations.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
-    assert np.array_equal(annotations.keypoints[1, NECK], [5.0, 6.0, 1.0])
-    assert (
-        len(
-            video(
-                scene, first_frame=3, initial_annotations="annotations.csv", initial_last_frame=9
-            ).info.initial_annotations.times_s
-        )
-        == 1
+    up_to_10, up_to_9 = (
+        video(
+            scene, first_frame=3, initial_annotations="annotations.csv", initial_last_frame=t
+        ).info.initial_annotations
+        for t in (10, 9)
     )
+    assert up_to_10.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
+    assert np.array_equal(up_to_10.keypoints[1, NECK], [5.0, 6.0, 1.0])
+    assert len(up_to_9.times_s) == 1
 
 
 def test_annotations_are_keypoints_except_in_evaluation_frames(scene):

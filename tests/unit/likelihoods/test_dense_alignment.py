@@ -66,13 +66,10 @@ def test_persistent_levels_are_near_the_first_level_or_the_median():
     persistent = _persistent_levels(stack, selected, tolerance)
     for row, column in np.argwhere(selected):
         levels = stack[:, row, column].astype(np.float64)
-        near_first, near_median = (
-            np.abs(levels - reference) < tolerance for reference in (levels[0], np.median(levels))
-        )
+        near_first, near_median = (np.abs(levels - level) < tolerance for level in (levels[0], np.median(levels)))
         first_persists = near_first.sum() >= min(near_median.sum(), ENOUGH_FRAMES)
-        np.testing.assert_allclose(
-            persistent[row, column], levels[near_first if first_persists else near_median].mean(), rtol=1e-12
-        )
+        expected = levels[near_first if first_persists else near_median].mean()
+        np.testing.assert_allclose(persistent[row, column], expected, rtol=1e-12)
     assert (persistent[~selected] == 0.0).all()
 
 
@@ -134,9 +131,8 @@ def test_slopes_are_the_derivatives_of_projected_elements():
     frames = frames_of(pose)
     motion = point_motion(BODY.skeleton, dof_mask(BODY.skeleton), pose, frames)
     elements = project_elements(ELEMENTS, frames, CAMERA)
-    slopes = oracle.slopes(
-        motion, elements.points, oracle.pixel_forces(CAMERA, elements.points, gradients), ELEMENTS.joints
-    )
+    forces = oracle.pixel_forces(CAMERA, elements.points, gradients)
+    slopes = oracle.slopes(motion, elements.points, forces, ELEMENTS.joints)
     for k in range(25):
         step = np.zeros(25)
         step[k] = 1e-6
@@ -168,9 +164,7 @@ def test_the_gradient_is_the_derivative_of_the_loss():
 def test_contour_samples_have_their_distance_from_the_limb():
     pose = walking_pose(1)
     frames = frames_of(pose)
-    on_contour, outside_contour = (
-        contour_samples(BODY.limbs, frames, CAMERA, (distance,))[2] for distance in (0.0, 8.0)
-    )
+    on_contour, outside_contour = (contour_samples(BODY.limbs, frames, CAMERA, (d,))[2] for d in (0.0, 8.0))
     distances = np.linalg.norm(outside_contour - on_contour, axis=1)
     np.testing.assert_allclose(distances, 8.0, atol=0.9)  # less for limbs along the line of sight
     mask = person_mask(BODY, CAMERA, frames, SHAPE)
@@ -303,9 +297,7 @@ def test_the_gradient_points_towards_the_true_pose():
             assert derivatives.gradient @ -offset > 0.0
             assert np.linalg.eigvalsh(derivatives.curvature).min() > -1e-6
         evaluated = frame_likelihood.evaluate(truth[None], (truth + offset)[None]).log_prob
-        np.testing.assert_array_equal(
-            evaluated, [frame_likelihood.derivatives(truth + offset, frame_likelihood.n_levels - 1).log_prob]
-        )
+        np.testing.assert_array_equal(evaluated, [derivatives.log_prob])  # of the finest level
 
 
 def test_a_displaced_limb_increases_the_loss_of_its_joints():

@@ -67,9 +67,8 @@ def test_axes_of_point_motion_are_those_of_the_kinematics(seed):
     motion = point_motion(BODY.skeleton, dof_mask(BODY.skeleton), pose, frames)
     axes = world_axes(BODY.skeleton, pose[None], frames)[0]
     np.testing.assert_allclose(motion.axes, axes, atol=1e-12)
-    np.testing.assert_allclose(
-        motion.moments, np.cross(axes, frames.positions[0][BODY.skeleton.dof_joints]), atol=1e-12
-    )
+    moments = np.cross(axes, frames.positions[0][BODY.skeleton.dof_joints])
+    np.testing.assert_allclose(motion.moments, moments, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["far", "distorted"])
@@ -93,9 +92,8 @@ def test_normal_equations_are_those_of_numpy(loss_scale):
         project_elements(ELEMENTS, frames, FAR).points, ELEMENTS.joints,
         rng.integers(0, 2, n).astype(np.float64), loss_scale,
     )  # fmt: skip
-    for computed, expected in zip(
-        residuals.normal_equations(motion, FAR), oracle.normal(residuals, motion, FAR), strict=True
-    ):
+    pairs = zip(residuals.normal_equations(motion, FAR), oracle.normal(residuals, motion, FAR), strict=True)
+    for computed, expected in pairs:
         np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -141,9 +139,8 @@ def test_smoothing_does_not_depend_on_the_number_of_threads(monkeypatch):
 def test_the_subsampled_view_agrees_with_its_camera():
     image = (255.0 * np.random.default_rng(0).random(SHAPE)).astype(np.float32)
     all_pixels = np.ones(SHAPE, dtype=bool)
-    view_likelihood = ViewLikelihood(
-        CAMERAS["distorted"], (smoothed_image(image, 1.2),), (), all_pixels, all_pixels, image
-    )
+    pyramid = (smoothed_image(image, 1.2),)
+    view_likelihood = ViewLikelihood(CAMERAS["distorted"], pyramid, (), all_pixels, all_pixels, image)
     camera, levels, ratio, free = view_likelihood.subsampled
     point = np.array([0.1, 0.2, 1.1])
     np.testing.assert_allclose(SUBSAMPLING * camera.project(point), view_likelihood.camera.project(point))

@@ -34,16 +34,16 @@ def bar_image(level=180, roll=0.0):
     return np.rint(100 + (level - 100) * np.clip(8.0 - np.abs(across), 0.0, 1.0)).astype(np.uint8)
 
 
-def frame_likelihood(image, pose):
+def responses_to(image, pose):
     points = limb_points(ROD, POINTS, scenes.FRONT, forward(ROD.skeleton, pose))
     return responses(filtered(smoothed(View(scenes.FRONT, image))), points)
 
 
 def test_edge_responses_depend_on_position_and_direction():
-    edges, ridges, valid = frame_likelihood(bar_image(), scenes.root())
+    edges, ridges, valid = responses_to(bar_image(), scenes.root())
     assert valid.all()
-    shifted, _, _ = frame_likelihood(bar_image(), scenes.root((0.0, 0.6, 0.0)))
-    across, _, _ = frame_likelihood(bar_image(), scenes.root(roll=np.pi / 2))
+    shifted, _, _ = responses_to(bar_image(), scenes.root((0.0, 0.6, 0.0)))
+    across, _, _ = responses_to(bar_image(), scenes.root(roll=np.pi / 2))
     assert edges.min() > 0.3
     assert shifted.max() < 1e-6
     assert across[0, 0, [0, -1]].max() < 1e-6  # the ends of a horizontal rod are not at an edge
@@ -52,8 +52,8 @@ def test_edge_responses_depend_on_position_and_direction():
 
 
 def test_a_bar_has_a_ridge_response_along_its_axis():
-    _, parallel, _ = frame_likelihood(bar_image(), scenes.root())
-    _, perpendicular, _ = frame_likelihood(bar_image(), scenes.root(roll=np.pi / 2))
+    _, parallel, _ = responses_to(bar_image(), scenes.root())
+    _, perpendicular, _ = responses_to(bar_image(), scenes.root(roll=np.pi / 2))
     middle = ALONG // 2
     assert parallel.min() > 0.3
     assert perpendicular[0, 0, [middle - 1, middle]].max() < 0.0
@@ -62,11 +62,8 @@ def test_a_bar_has_a_ridge_response_along_its_axis():
 
 @pytest.mark.parametrize("roll", [0.3, -0.8])
 def test_filters_are_steered_to_the_limb(roll):
-    upright, tilted = (
-        frame_likelihood(bar_image(), scenes.root()),
-        frame_likelihood(bar_image(roll=roll), scenes.root(roll=roll)),
-    )
-    misaligned = frame_likelihood(bar_image(roll=roll), scenes.root(roll=-roll))
+    upright, tilted = (responses_to(bar_image(roll=angle), scenes.root(roll=angle)) for angle in (0.0, roll))
+    misaligned = responses_to(bar_image(roll=roll), scenes.root(roll=-roll))
     # the square window of the local contrast contains more of a tilted bar
     np.testing.assert_allclose(tilted[1].mean(), upright[1].mean(), rtol=0.1)
     np.testing.assert_allclose(tilted[0].mean(), upright[0].mean(), rtol=0.1)
@@ -74,10 +71,7 @@ def test_filters_are_steered_to_the_limb(roll):
 
 
 def test_responses_are_normalized_by_the_contrast():
-    faint, strong = (
-        frame_likelihood(bar_image(level=140), scenes.root()),
-        frame_likelihood(bar_image(level=220), scenes.root()),
-    )
+    faint, strong = (responses_to(bar_image(level), scenes.root()) for level in (140, 220))
     # 4 grey levels are added to contrasts of 20 and 60
     np.testing.assert_allclose(strong[0] / faint[0], (1.0 + 4.0 / 20.0) / (1.0 + 4.0 / 60.0), rtol=0.05)
 
@@ -117,10 +111,8 @@ def test_a_box_is_smoothed_as_in_the_full_image(corner):
 def test_a_learned_model_has_its_maximum_at_the_true_position(tmp_path):
     """The model is learned from bars of random contrast, saved and loaded."""
     rng = np.random.default_rng(1)
-    examples = [
-        (ROD, View(scenes.FRONT, bar_image(int(level))), scenes.root()[0]) for level in rng.integers(120, 250, 8)
-    ]
-    model = learn_edge_model(examples, rng)
+    views = [View(scenes.FRONT, bar_image(int(level))) for level in rng.integers(120, 250, 8)]
+    model = learn_edge_model([(ROD, view, scenes.root()[0]) for view in views], rng)
     assert model.on.sum(axis=-1).tolist() == [[8 * 2 * ALONG], [8 * ALONG]]  # both sides; the axis
     save(tmp_path / "edges.h5", model, PROVENANCE)
     loaded = load(EdgeModel, tmp_path / "edges.h5")
@@ -189,10 +181,8 @@ def test_filtering_the_bounding_box_of_the_points_is_sufficient():
     pixels = points.pixels[points.valid]
     assert (left, top) == tuple(np.floor(pixels.min(axis=0)))
     assert (right, bottom) == tuple(np.floor(pixels.max(axis=0)) + 2)
-    box_images, full_images = filtered(images, (left, top, right, bottom)), filtered(images)
-    np.testing.assert_array_equal(
-        *(response_log_ratio(filtered_images, points, table) for filtered_images in (box_images, full_images))
-    )
+    in_box, in_image = (filtered(images, box) for box in ((left, top, right, bottom), None))
+    np.testing.assert_array_equal(*(response_log_ratio(f, points, table) for f in (in_box, in_image)))
     poses[:, 0] = 5.0  # behind the camera
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
     assert not response_log_ratio(filtered(images, bounding_box(points)), points, table).any()

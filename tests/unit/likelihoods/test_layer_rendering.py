@@ -89,12 +89,10 @@ def test_log_ratios_are_differences_of_layers_in_numpy():
     behind = render_layer(FACETS.on_joints(~arm_joints), frames, CAMERA, SHAPE)
     ratios = layer_log_ratios(behind, FACETS.on_joints(arm_joints), frames, CAMERA, image)
     for i in range(len(candidates)):
-        layer = oracle.render_layer(
-            FACETS.on_joints(arm_joints), forward(SKELETON, candidates[i : i + 1]), CAMERA, behind
-        )
-        assert ratios[i] == pytest.approx(
-            oracle.layer_log_ratio(layer, image) - oracle.layer_log_ratio(behind, image), abs=4.0
-        )
+        frame = forward(SKELETON, candidates[i : i + 1])
+        layer = oracle.render_layer(FACETS.on_joints(arm_joints), frame, CAMERA, behind)
+        expected = oracle.layer_log_ratio(layer, image) - oracle.layer_log_ratio(behind, image)
+        assert ratios[i] == pytest.approx(expected, abs=4.0)
     assert np.ptp(ratios) > 20.0
     all_limbs = layer_log_ratios(EMPTY, FACETS, frames, CAMERA, image)
     without_arm = layer_log_ratios(EMPTY, FACETS.on_joints(~arm_joints), frames, CAMERA, image)
@@ -115,9 +113,8 @@ def test_a_limb_has_the_highest_likelihood_in_its_true_pose(limb):
     assert isinstance(frame_likelihood, DenseLikelihood)
     limb_dofs = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(limb)]
     rng, candidates = np.random.default_rng(0), np.repeat(truth[None], 40, axis=0)
-    candidates[1:, limb_dofs] += rng.choice([-1.0, 1.0], (39, len(limb_dofs))) * rng.uniform(
-        0.4, 0.9, (39, len(limb_dofs))
-    )
+    size = (39, len(limb_dofs))
+    candidates[1:, limb_dofs] += rng.choice([-1.0, 1.0], size) * rng.uniform(0.4, 0.9, size)
     ratios = frame_likelihood.compare(candidates, joints_from(limb))
     assert ratios[0] > ratios[1:].max() + 5.0
 
@@ -125,18 +122,15 @@ def test_a_limb_has_the_highest_likelihood_in_its_true_pose(limb):
 def test_omitting_a_visible_arm_decreases_the_likelihood():
     frame_likelihood, truth = third()
     all_joints = np.ones(len(SKELETON.names), dtype=bool)
-    side = max(
-        ("left", "right"), key=lambda side: frame_likelihood.compare(truth[None], joints_from(f"{side}_shoulder"))[0]
-    )
-    without = frame_likelihood.compare(truth[None], ~joints_from(f"{side}_shoulder"))[0]
+    arms = [joints_from(f"{side}_shoulder") for side in ("left", "right")]
+    visible_arm = max(arms, key=lambda arm: frame_likelihood.compare(truth[None], arm)[0])
+    without = frame_likelihood.compare(truth[None], ~visible_arm)[0]
     assert frame_likelihood.compare(truth[None], all_joints)[0] > without + 5.0
 
 
 def test_occluded_pixels_have_no_likelihood():
     frame_likelihood, truth = third()
     (view_likelihood, template), = frame_likelihood.view_likelihoods  # fmt: skip
-    occluded = replace(
-        frame_likelihood,
-        view_likelihoods=((replace(view_likelihood, unoccluded=np.zeros_like(view_likelihood.unoccluded)), template),),
-    )
+    occluded_view = replace(view_likelihood, unoccluded=np.zeros_like(view_likelihood.unoccluded))
+    occluded = replace(frame_likelihood, view_likelihoods=((occluded_view, template),))
     assert occluded.compare(truth[None], joints_from("left_hip"))[0] == 0.0
