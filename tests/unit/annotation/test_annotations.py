@@ -8,29 +8,32 @@ from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 
+def annotations_in(folder, n_frames=9, size=(640, 480)):
+    return Annotations(folder / "annotations.csv", n_frames, size)
+
+
 def test_the_file_has_the_format_of_the_datasets(tmp_path):
-    annotations = Annotations(tmp_path / "annotations.csv", 9, (640, 480))
+    annotations = annotations_in(tmp_path)
     annotations.put((4, "left_knee"), (100.25, 20.0, False))
     annotations.put((2, "neck"), (5.123, 6.0, True))
-    assert (
-        tmp_path / "annotations.csv"
-    ).read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
-    read = read_annotations(tmp_path / "annotations.csv")
+    path = tmp_path / "annotations.csv"
+    assert path.read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
+    read = read_annotations(path)
     np.testing.assert_array_equal(read.frames, [2, 4])
     assert read.at(4)[1].sum() == 0
 
 
 def test_an_existing_file_is_continued(tmp_path):
-    Annotations(tmp_path / "annotations.csv", 9, (640, 480)).put((4, "left_knee"), (100.25, 20.0, False))
-    reopened = Annotations(tmp_path / "annotations.csv", 9, (640, 480))
+    annotations_in(tmp_path).put((4, "left_knee"), (100.25, 20.0, False))
+    reopened = annotations_in(tmp_path)
     assert reopened.values == {(4, "left_knee"): (100.25, 20.0, False)}
     assert reopened.undo() is None  # changes of an earlier session are not undone
     reopened.put((4, "left_knee"), None)
-    assert Annotations(tmp_path / "annotations.csv", 9, (640, 480)).values == {}
+    assert annotations_in(tmp_path).values == {}
 
 
 def test_undo_reverts_the_latest_change(tmp_path):
-    annotations = Annotations(tmp_path / "annotations.csv", 9, (640, 480))
+    annotations = annotations_in(tmp_path)
     annotations.put((1, "neck"), (1.0, 1.0, True))
     annotations.put((1, "neck"), (2.0, 2.0, True))
     annotations.put((1, "neck"), None)
@@ -48,7 +51,7 @@ def test_undo_reverts_the_latest_change(tmp_path):
     ],
 )  # fmt: skip
 def test_a_rejected_change_has_no_effect(tmp_path, change, message):
-    annotations = Annotations(tmp_path / "annotations.csv", 9, (640, 480))
+    annotations = annotations_in(tmp_path)
     with pytest.raises(InputError, match=message):
         annotations.put(*change)
     assert not (tmp_path / "annotations.csv").exists()
@@ -59,7 +62,7 @@ def test_a_rejected_change_has_no_effect(tmp_path, change, message):
 def test_an_annotation_that_cannot_be_written_is_not_added(tmp_path):
     folder = tmp_path / "removed"
     folder.mkdir()
-    annotations = Annotations(folder / "annotations.csv", 9, (640, 480))
+    annotations = annotations_in(folder)
     folder.rmdir()
     with pytest.raises(InputError, match="cannot be written"):
         annotations.put((0, "neck"), (1.0, 1.0, True))
@@ -68,12 +71,12 @@ def test_an_annotation_that_cannot_be_written_is_not_added(tmp_path):
 
 
 def test_a_file_that_does_not_match_the_video_is_rejected(tmp_path):
-    Annotations(tmp_path / "annotations.csv", 9, (640, 480)).put((8, "neck"), (600.0, 1.0, True))
+    annotations_in(tmp_path).put((8, "neck"), (600.0, 1.0, True))
     with pytest.raises(InputError, match="do not match the video"):
-        Annotations(tmp_path / "annotations.csv", 5, (640, 480))
+        annotations_in(tmp_path, n_frames=5)
     with pytest.raises(InputError, match="do not match the video"):
-        Annotations(tmp_path / "annotations.csv", 9, (320, 240))
+        annotations_in(tmp_path, size=(320, 240))
     with pytest.raises(InputError, match="expected a folder"):
-        Annotations(tmp_path / "none" / "annotations.csv", 9, (640, 480))
+        annotations_in(tmp_path / "none")
     with pytest.raises(InputError, match="cannot be read"):
         Annotations(tmp_path, 9, (640, 480))

@@ -97,9 +97,8 @@ def test_the_product_mean_maximizes_the_weighted_sum_of_log_densities(seed):
     product_mean, product_covariance = prior.geometric_product(mean, cov, 0.5)
     minimum = minimize(negative_log_product, product_mean + 0.1, tol=1e-12)
     assert np.abs(minimum.x - product_mean).max() < 1e-4
-    assert (
-        np.linalg.eigvalsh((cov - product_covariance)[2:, 2:]).min() > 0.0
-    )  # the prior reduces the variance of the posture
+    reduction = (cov - product_covariance)[2:, 2:]
+    assert np.linalg.eigvalsh(reduction).min() > 0.0
 
 
 def test_responsibilities_of_a_very_uncertain_posture_are_the_weights():

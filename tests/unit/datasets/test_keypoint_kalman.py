@@ -74,10 +74,9 @@ def test_an_outlier_joint_has_a_constant_density_and_no_influence():
     assert wrist not in outlier_match.rows
     assert len(outlier_match.rows) == 14
     without_wrist.places[wrist] = np.nan
-    assert outlier_match.log_density == pytest.approx(predicted.match(without_wrist).log_density + kalman.LOG_OUTLIER)
-    np.testing.assert_allclose(
-        predicted.updated(outlier_match).mean, predicted.updated(predicted.match(without_wrist)).mean
-    )
+    expected = predicted.match(without_wrist)
+    assert outlier_match.log_density == pytest.approx(expected.log_density + kalman.LOG_OUTLIER)
+    np.testing.assert_allclose(predicted.updated(outlier_match).mean, predicted.updated(expected).mean)
 
 
 @pytest.mark.parametrize("parts", [ARMS, LEGS, (*ARMS, *LEGS)])
@@ -90,9 +89,8 @@ def test_exchanged_sides_are_matched_in_their_correct_order(parts):
     state = initial_state(BODY, np.full(15, 0.02))
     correct, swapped = detection(BODY), detection(BODY[order])
     predicted = PredictedView(state, FRONT)
-    np.testing.assert_allclose(
-        predicted.updated(predicted.match(swapped)).mean, predicted.updated(predicted.match(correct)).mean, atol=0.02
-    )
+    from_swapped, from_correct = (predicted.updated(predicted.match(d)).mean for d in (swapped, correct))
+    np.testing.assert_allclose(from_swapped, from_correct, atol=0.02)
 
 
 def test_triangulation_recovers_the_joints():

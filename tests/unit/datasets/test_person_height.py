@@ -29,8 +29,12 @@ def standing(focal_px=1100.0, height_m=1.5, near_m=4.0, far_m=9.0, sigma_px=0.0,
     return tuple(camera.project(points) + rng.normal(0.0, sigma_px, (12, 2)) for points in (ankles, heads))
 
 
+def calibrate(segments, **measurements):
+    return calibrate_by_height("one", SIZE, FRAMES, *segments, Measurements(HEIGHT_M, **measurements))
+
+
 def test_exact_segments_determine_the_camera():
-    calibration = calibrate_by_height("one", SIZE, FRAMES, *standing(), Measurements(HEIGHT_M))
+    calibration = calibrate(standing())
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.01)
     assert calibration.values["tilt_deg"] == pytest.approx(5.0, abs=0.2)
     assert calibration.values["roll_deg"] == pytest.approx(0.0, abs=0.1)
@@ -61,33 +65,26 @@ def test_errors_agree_with_the_standard_deviations():
     """Squared errors over variances have mean 1 over 4 parameters and 12 draws; the priors reduce it."""
     squared = []
     for seed in range(12):
-        calibration = calibrate_by_height(
-            "one", SIZE, FRAMES, *standing(sigma_px=3.0, seed=seed), Measurements(HEIGHT_M)
-        )
+        calibration = calibrate(standing(sigma_px=3.0, seed=seed))
         true = {"focal_px": 1100.0, "tilt_deg": 5.0, "roll_deg": 0.0, "height_m": 1.5}
         squared += [((calibration.values[key] - value) / calibration.sigma[key]) ** 2 for key, value in true.items()]
     assert 0.3 < np.mean(squared) < 1.7
 
 
 def test_a_constant_distance_does_not_determine_the_focal_length():
-    calibration = calibrate_by_height(
-        "one", SIZE, FRAMES, *standing(near_m=6.0, far_m=6.0, sigma_px=2.0), Measurements(HEIGHT_M)
-    )
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0, sigma_px=2.0))
     assert calibration.focal_information < 0.5
     assert calibration.sigma["focal_px"] > 200.0
 
 
 def test_a_measured_distance_determines_the_focal_length():
-    feet, heads = standing(near_m=6.0, far_m=6.0, sigma_px=2.0)
-    calibration = calibrate_by_height("one", SIZE, FRAMES, feet, heads, Measurements(HEIGHT_M, distance_m=6.1))
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0, sigma_px=2.0), distance_m=6.1)
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.1)
     assert calibration.sigma["focal_px"] < 120.0
 
 
 def test_a_known_focal_length_is_used():
-    calibration = calibrate_by_height(
-        "one", SIZE, FRAMES, *standing(near_m=6.0, far_m=6.0), Measurements(HEIGHT_M, focal_px=1100.0)
-    )
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0), focal_px=1100.0)
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.02)
 
 
@@ -114,17 +111,15 @@ def test_invalid_input_is_an_error():
         Measurements(165.0)
     with pytest.raises(InputError, match="positive distance"):
         Measurements(1.7, distance_m=-1.0)
-    feet, heads = standing()
     with pytest.raises(InputError, match="head above the ankles"):
-        calibrate_by_height("one", SIZE, FRAMES, heads, feet, Measurements(HEIGHT_M))
+        calibrate(standing()[::-1])
 
 
 def test_gait_increases_the_uncertainty_and_the_weight_of_the_prior():
     """Errors due to gait are correlated within a step, so that more frames per step add no information."""
-    feet, heads = standing(near_m=6.0, far_m=6.5, sigma_px=8.0)
+    segments = standing(near_m=6.0, far_m=6.5, sigma_px=8.0)
     no_gait, gait, slow = (
-        calibrate_by_height("one", SIZE, FRAMES, feet, heads, Measurements(HEIGHT_M, gait=gait, step_frames=step))
-        for gait, step in ((0.0, 1.0), (0.05, 1.0), (0.05, 6.0))
+        calibrate(segments, gait=gait, step_frames=step) for gait, step in ((0.0, 1.0), (0.05, 1.0), (0.05, 6.0))
     )
     assert no_gait.sigma["tilt_deg"] < gait.sigma["tilt_deg"] < slow.sigma["tilt_deg"]
     assert abs(slow.values["focal_px"] - SIZE[0]) <= abs(no_gait.values["focal_px"] - SIZE[0])

@@ -94,12 +94,8 @@ def test_annotations_define_the_initial_keypoints_and_the_truth(scene):
 
 
 def test_initial_annotations_may_include_later_frames(scene):
-    up_to_10, up_to_9 = (
-        video(
-            scene, first_frame=3, initial_annotations="annotations.csv", initial_last_frame=t
-        ).info.initial_annotations
-        for t in (10, 9)
-    )
+    options = {"first_frame": 3, "initial_annotations": "annotations.csv"}
+    up_to_10, up_to_9 = (video(scene, initial_last_frame=t, **options).info.initial_annotations for t in (10, 9))
     assert up_to_10.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
     assert np.array_equal(up_to_10.keypoints[1, NECK], [5.0, 6.0, 1.0])
     assert len(up_to_9.times_s) == 1

@@ -56,9 +56,8 @@ def test_alpha_is_zero_for_rotations_in_the_image_plane():
 @pytest.mark.parametrize(("reduction", "n"), [("mean", 1), ("sum", 50)])
 def test_a_uniform_change_gives_the_density_of_equal_residuals(alpha, difference, reduction, n):
     value = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), reduction=reduction)
-    np.testing.assert_allclose(
-        value, np.log(p_limb(alpha, difference, n=n)), atol=n * difference * GREY_ERROR / SIGMA**2
-    )
+    atol = n * difference * GREY_ERROR / SIGMA**2
+    np.testing.assert_allclose(value, np.log(p_limb(alpha, difference, n=n)), atol=atol)
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.8])
@@ -143,11 +142,12 @@ def test_the_patch_of_a_sphere_is_inscribed_in_its_outline():
 
 def test_sample_positions_interpolate_the_corners_of_a_patch():
     person_patches = patches(scenes.PERSON, scenes.root(pitch=0.4, heading=0.6, roll=0.2))
-    np.testing.assert_allclose(
-        person_patches.positions(np.array([[0.0, -1.0], [1.0, 1.0]])), person_patches.corners[:, :, [0, 1], [0, 1]]
+    positions, corners = (
+        person_patches.positions(np.array([[0.0, -1.0], [1.0, 1.0], [0.5, 0.0]])),
+        person_patches.corners,
     )
-    middle = person_patches.positions(np.array([[0.5, 0.0]]))[:, :, 0]
-    np.testing.assert_allclose(middle, person_patches.corners.mean(axis=(2, 3)))
+    np.testing.assert_allclose(positions[:, :, :2], corners[:, :, [0, 1], [0, 1]])
+    np.testing.assert_allclose(positions[:, :, 2], corners.mean(axis=(2, 3)))
 
 
 @pytest.mark.parametrize("shift", [(6, 0), (-4, 0), (0, 5), (3, -3)])

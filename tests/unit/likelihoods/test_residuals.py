@@ -117,13 +117,11 @@ def test_a_product_has_the_observables_of_its_terms():
         KeypointLikelihood(BODY, sigma_px=sigma_px, cameras=[camera.name])
         for sigma_px, camera in zip((2.0, 3.0), CAMERAS, strict=True)
     )
-    assert Product({"a": front, "b": side}, {"a": 1.0, "b": 1.0}).observables == Observables(
-        sigma_px=2.0, cameras=("front", "side")
-    )
+    two = Product({"a": front, "b": side}, {"a": 1.0, "b": 1.0})
+    assert two.observables == Observables(sigma_px=2.0, cameras=("front", "side"))
     terms = {"a": front, "b": KeypointLikelihood(BODY), "c": SurfacePoints(BODY, sigma=0.01)}
-    assert Product(terms, dict.fromkeys(terms, 1.0)).observables == Observables(
-        sigma=0.01, sigma_px=2.0, common_bias_std_m=0.012
-    )
+    three = Product(terms, dict.fromkeys(terms, 1.0))
+    assert three.observables == Observables(sigma=0.01, sigma_px=2.0, common_bias_std_m=0.012)
 
 
 def test_a_term_without_residuals_is_an_error():
