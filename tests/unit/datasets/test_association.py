@@ -125,7 +125,7 @@ def test_the_order_of_people_and_empty_detections_do_not_matter():
         select_target(padded, crossing.cameras, RATE_HZ, 0)
 
 
-def test_people_whose_rays_do_not_intersect_are_an_error():
+def test_rays_that_do_not_intersect_are_an_error():
     single = scene(0, CROSSING[:1], missing=0.0)
     rng = np.random.default_rng(1)
     elevated = [joints + np.array([0.0, 0.0, 1.0]) for joints in walkers(CROSSING[1:])]

@@ -75,12 +75,12 @@ def test_points_do_not_depend_on_rendered_images():
 def test_a_bar_occludes_the_points_behind_it():
     unoccluded, occluded = (scene(outlier_fraction=0.0, occluder_width_m=width) for width in (0.0, 0.12))
     camera, root = occluded.true_camera, occluded.sequence.motion.poses[1, :3]
-    eye = camera.position
-    direction = (root - eye)[:2] / np.linalg.norm((root - eye)[:2])
+    centre = camera.position
+    direction = (root - centre)[:2] / np.linalg.norm((root - centre)[:2])
     for all_points, visible in zip(clouds(unoccluded), clouds(occluded), strict=True):
         assert 20 < len(visible) < len(all_points) == 200
-        side = (visible[:, :2] - eye[:2]) @ [-direction[1], direction[0]]
-        along = (visible[:, :2] - eye[:2]) @ direction
+        side = (visible[:, :2] - centre[:2]) @ [-direction[1], direction[0]]
+        along = (visible[:, :2] - centre[:2]) @ direction
         # the bar of radius 6 cm at 2 m occludes lines of sight within 6 cm of its axis
         assert (np.abs(side / along) * 2.0 > 0.06 * 0.99).all()
     assert len(clouds(scene(outlier_fraction=0.0, occluder_width_m=4.0))[0]) == 0

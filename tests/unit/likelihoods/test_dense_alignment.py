@@ -108,7 +108,7 @@ def test_visible_elements_are_those_that_no_limb_occludes(seed):
     assert np.isin(tested[~hidden], visible).mean() > 0.6  # elements near the outline of an occluding limb are omitted
 
 
-def _is_occluded(eye, point, limb, pose):
+def _is_occluded(centre, point, limb, pose):
     """Return whether the line of sight comes within 0.9 mean radii of another limb's axis."""
     frames, limbs = frames_of(pose), BODY.limbs
     for k in range(len(limbs)):
@@ -118,9 +118,9 @@ def _is_occluded(eye, point, limb, pose):
         start, end = rotation @ limbs.starts[k] + origin, rotation @ limbs.ends[k] + origin
         u = np.linspace(0.0, 1.0, 21)[:, None]
         axis, radii = start + u * (end - start), limbs.radii[k].mean(axis=1)
-        sight = point - eye
-        s = np.clip((axis - eye) @ sight / (sight @ sight), 0.0, 0.97)[:, None]
-        distances = np.linalg.norm(eye + s * sight - axis, axis=1)
+        sight = point - centre
+        s = np.clip((axis - centre) @ sight / (sight @ sight), 0.0, 0.97)[:, None]
+        distances = np.linalg.norm(centre + s * sight - axis, axis=1)
         if (distances < 0.9 * (radii[0] + (radii[1] - radii[0]) * u[:, 0])).any():
             return True
     return False
