@@ -1,6 +1,7 @@
 """Stereo: disparities of shifted images, the projection of the room, and points of a rendered pair."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,6 +20,19 @@ SMALL = {"n_frames": 2, "width": 320, "height": 240, "focal_px": 350.0, "baselin
 @pytest.fixture(scope="module")
 def dataset():
     return Stereo(**SMALL)
+
+
+@pytest.fixture(scope="module")
+def cached(dataset, tmp_path_factory):
+    """The same dataset with a cache of images, made by one thread."""
+    cached = replace(dataset, cache=str(tmp_path_factory.mktemp("cache")))
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        next(cached.frames())
+    finally:
+        cv2.setNumThreads(threads)
+    return cached
 
 
 def texture(seed, shape=(60, 300)):
@@ -99,27 +113,19 @@ def test_the_right_camera_is_shifted_by_the_baseline(dataset):
     assert np.allclose(*rows)
 
 
-def test_points_do_not_depend_on_the_number_of_threads(dataset):
-    first = [frame.points for frame in dataset.frames()]
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        single_threaded = [frame.points for frame in Stereo(**SMALL).frames()]
-    finally:
-        cv2.setNumThreads(threads)
-    assert all(np.array_equal(a, b) for a, b in zip(first, single_threaded, strict=True))
+def test_points_do_not_depend_on_the_number_of_threads(dataset, cached):
+    assert all(np.array_equal(a.points, b.points) for a, b in zip(dataset.frames(), cached.frames(), strict=True))
 
 
-def test_cached_points_are_identical_and_not_rendered_again(dataset, tmp_path, monkeypatch):
-    first = [frame.points for frame in dataset.frames()]
-    cached = replace(dataset, cache=str(tmp_path))
-    assert all(np.array_equal(a, b.points) for a, b in zip(first, cached.frames(), strict=True))
-    assert len(list(tmp_path.rglob("*.npz"))) == 1
+def test_cached_points_are_identical_and_not_rendered_again(dataset, cached, monkeypatch):
+    assert len(list(Path(cached.cache).rglob("*.npz"))) == 1
 
     def fail(*_):
         raise AssertionError("rendered again")
 
     monkeypatch.setattr(stereo_module.render, "render", fail)
+    read = replace(cached)
+    assert all(np.array_equal(a.points, b.points) for a, b in zip(dataset.frames(), read.frames(), strict=True))
     fewer_points = replace(cached, n_points=50, initialization="perturbed_truth")  # neither changes the images
     assert len(next(fewer_points.frames()).points) == 50
     with pytest.raises(AssertionError, match="rendered again"):
