@@ -138,9 +138,7 @@ def test_a_video_file_is_decoded_in_order_with_its_rate(scene):
     path = scene / "video.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, (WIDTH, HEIGHT))
     for number in range(8):
-        noise = np.random.default_rng(number).integers(
-            -10, 11, (HEIGHT, WIDTH, 3)
-        )  # prevents compression to a few bytes
+        noise = np.random.default_rng(number).integers(-10, 11, (HEIGHT, WIDTH, 3))  # increases the size of the file
         writer.write((20 * number + 10 + noise).astype(np.uint8))
     writer.release()
     dataset = video(scene, source="video.avi", first_frame=2, rate_hz=None)

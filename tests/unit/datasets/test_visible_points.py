@@ -107,9 +107,8 @@ def test_fractions_of_points_on_the_ends_and_the_side_are_those_of_the_areas():
 
 
 def test_points_lie_in_front_of_the_camera_and_in_the_image():
-    facing_away = replace(
-        CAMERA, rotation=CAMERA.rotation * [[-1], [1], [-1]], translation=CAMERA.translation * [-1, 1, -1]
-    )
+    rotation, translation = CAMERA.rotation * [[-1], [1], [-1]], CAMERA.translation * [-1, 1, -1]
+    facing_away = replace(CAMERA, rotation=rotation, translation=translation)
     assert len(visible_points(BODY, STANDING, facing_away, 50, np.random.default_rng(0))) == 0
     narrow = replace(CAMERA, width=40, matrix=CAMERA.matrix - [[0, 0, 140], [0, 0, 0], [0, 0, 0]])
     points = visible_points(BODY, STANDING, narrow, 400, np.random.default_rng(0))

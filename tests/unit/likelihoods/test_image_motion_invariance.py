@@ -23,8 +23,8 @@ CAMERAS = tuple(
 def scene(seed, n=40):
     rng = np.random.default_rng(seed)
     frames = [Frame(i, i / 30, tuple(View(c, scenes.texture(rng, 200, 150)) for c in CAMERAS)) for i in range(2)]
-    spread = np.concatenate([np.full(3, 0.05), [0.5, 0.1, 0.1], np.full(19, 0.3)])
-    previous, pose = (spread * rng.standard_normal((n, 25)) for _ in range(2))
+    sigma = np.concatenate([np.full(3, 0.05), [0.5, 0.1, 0.1], np.full(19, 0.3)])
+    previous, pose = (sigma * rng.standard_normal((n, 25)) for _ in range(2))
     return frames[0], frames[1], previous, pose
 
 
@@ -37,26 +37,27 @@ def with_views(frame, views):
 def test_log_likelihoods_of_views_are_added(seed):
     before, now, previous, pose = scene(seed)
     likelihood = ImageMotion(BODY)
-    alone = [
+    separate = [
         scenes.log_prob(likelihood, with_views(before, [a]), with_views(now, [b]), previous, pose)
         for a, b in zip(before.views, now.views, strict=True)
     ]
-    together = scenes.log_prob(likelihood, before, with_views(now, now.views[::-1]), previous, pose)  # in any order
-    np.testing.assert_allclose(together, alone[0] + alone[1], rtol=1e-14)
+    joint = scenes.log_prob(likelihood, before, with_views(now, now.views[::-1]), previous, pose)  # in any order
+    np.testing.assert_allclose(joint, separate[0] + separate[1], rtol=1e-14)
 
 
 @settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.floats(-3.0, 3.0), st.tuples(*[st.floats(-20.0, 20.0)] * 3))
 def test_rigid_motions_of_body_and_cameras_change_nothing(seed, heading, shift):
+    """Rounding by 1e-12 px moves no point across an occluding edge, which would change log p by 1/n."""
     before, now, previous, pose = scene(seed)
     c, s = np.cos(heading), np.sin(heading)
     world_rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def moved_pose(poses):
-        moved_frames = poses.copy()
-        moved_frames[:, :3] = poses[:, :3] @ world_rotation.T + shift
-        moved_frames[:, 3] += heading
-        return moved_frames
+        moved = poses.copy()
+        moved[:, :3] = poses[:, :3] @ world_rotation.T + shift
+        moved[:, 3] += heading
+        return moved
 
     def moved_views(frame):
         for view in frame.views:
