@@ -147,12 +147,10 @@ def test_neck_and_feet_outside_of_the_model_are_ignored_with_a_message(caplog):
     assert caplog.messages == ["edges: the model has no foot and neck; their edges are ignored"]
 
 
-def test_unknown_limbs_and_invalid_weights_are_an_error():
+def test_unknown_limbs_are_an_error():
     model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
     with pytest.raises(InputError, match="no limb 'tail' in the model; expected thigh"):
         model.log_ratio(["left_thigh", "tail"])
-    with pytest.raises(InputError, match="effective_responses must be positive"):
-        Edges(ROD, effective_responses=0.0)
 
 
 @pytest.mark.parametrize("size", [(90, 70), (3, 2), (1, 5)])
