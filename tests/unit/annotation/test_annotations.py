@@ -1,4 +1,4 @@
-"""Annotations are written after every change, read when the file is opened again, and undone one by one."""
+"""Annotations are written after every change, read from an existing file, and undone one by one."""
 
 import numpy as np
 import pytest
@@ -8,27 +8,32 @@ from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
 
-def test_datasets_read_the_annotations(tmp_path):
-    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+def annotations_in(folder, n_frames=9, size=(640, 480)):
+    return Annotations(folder / "annotations.csv", n_frames, size)
+
+
+def test_the_file_has_the_format_of_the_datasets(tmp_path):
+    annotations = annotations_in(tmp_path)
     annotations.put((4, "left_knee"), (100.25, 20.0, False))
     annotations.put((2, "neck"), (5.123, 6.0, True))
-    assert (tmp_path / "m.csv").read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
-    marks = read_annotations(tmp_path / "m.csv")
-    np.testing.assert_array_equal(marks.frames, [2, 4])
-    assert marks.at(4)[1].sum() == 0
+    path = tmp_path / "annotations.csv"
+    assert path.read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
+    read = read_annotations(path)
+    np.testing.assert_array_equal(read.frames, [2, 4])
+    assert read.at(4)[1].sum() == 0
 
 
 def test_an_existing_file_is_continued(tmp_path):
-    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((4, "left_knee"), (100.25, 20.0, False))
-    again = Annotations(tmp_path / "m.csv", 9, (640, 480))
-    assert again.values == {(4, "left_knee"): (100.25, 20.0, False)}
-    assert again.undo() is None  # what was there before is not undone
-    again.put((4, "left_knee"), None)
-    assert Annotations(tmp_path / "m.csv", 9, (640, 480)).values == {}
+    annotations_in(tmp_path).put((4, "left_knee"), (100.25, 20.0, False))
+    reopened = annotations_in(tmp_path)
+    assert reopened.values == {(4, "left_knee"): (100.25, 20.0, False)}
+    assert reopened.undo() is None  # changes of an earlier session are not undone
+    reopened.put((4, "left_knee"), None)
+    assert annotations_in(tmp_path).values == {}
 
 
-def test_changes_are_undone_in_turn(tmp_path):
-    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+def test_undo_reverts_the_latest_change(tmp_path):
+    annotations = annotations_in(tmp_path)
     annotations.put((1, "neck"), (1.0, 1.0, True))
     annotations.put((1, "neck"), (2.0, 2.0, True))
     annotations.put((1, "neck"), None)
@@ -40,24 +45,24 @@ def test_changes_are_undone_in_turn(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"), [
+    ("change", "message"), [
         (((9, "neck"), (1.0, 1.0, True)), "no frame 9"), (((0, "nose"), (1.0, 1.0, True)), "unknown joint 'nose'"),
         (((0, "neck"), (640.0, 1.0, True)), "outside the image of 640×480"),
     ],
 )  # fmt: skip
-def test_a_refused_change_changes_nothing(tmp_path, change, said):
-    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
-    with pytest.raises(InputError, match=said):
+def test_a_rejected_change_has_no_effect(tmp_path, change, message):
+    annotations = annotations_in(tmp_path)
+    with pytest.raises(InputError, match=message):
         annotations.put(*change)
-    assert not (tmp_path / "m.csv").exists()
+    assert not (tmp_path / "annotations.csv").exists()
     assert not annotations.values
     assert annotations.undo() is None
 
 
-def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
-    folder = tmp_path / "gone"
+def test_an_annotation_that_cannot_be_written_is_not_added(tmp_path):
+    folder = tmp_path / "removed"
     folder.mkdir()
-    annotations = Annotations(folder / "m.csv", 9, (640, 480))
+    annotations = annotations_in(folder)
     folder.rmdir()
     with pytest.raises(InputError, match="cannot be written"):
         annotations.put((0, "neck"), (1.0, 1.0, True))
@@ -65,13 +70,13 @@ def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
     assert annotations.undo() is None
 
 
-def test_a_file_of_another_video_is_refused(tmp_path):
-    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((8, "neck"), (600.0, 1.0, True))
+def test_a_file_that_does_not_match_the_video_is_rejected(tmp_path):
+    annotations_in(tmp_path).put((8, "neck"), (600.0, 1.0, True))
     with pytest.raises(InputError, match="do not match the video"):
-        Annotations(tmp_path / "m.csv", 5, (640, 480))
+        annotations_in(tmp_path, n_frames=5)
     with pytest.raises(InputError, match="do not match the video"):
-        Annotations(tmp_path / "m.csv", 9, (320, 240))
+        annotations_in(tmp_path, size=(320, 240))
     with pytest.raises(InputError, match="expected a folder"):
-        Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
+        annotations_in(tmp_path / "none")
     with pytest.raises(InputError, match="cannot be read"):
         Annotations(tmp_path, 9, (640, 480))

@@ -1,4 +1,4 @@
-"""Ranges of parameters: which values they hold, and the sentence for one that is out of range."""
+"""Ranges of parameters: the values that they contain, and the error for a value out of range."""
 
 from types import SimpleNamespace
 
@@ -34,15 +34,15 @@ from workbench.utils.errors import InputError
         (optional(at_least(1)), [None, 1], [0, -1.0]),
     ],
 )
-def test_ranges_hold_their_values_and_never_nan(expected, inside, outside):
+def test_ranges_contain_their_values_and_never_nan(expected, inside, outside):
     assert all(expected.contains(value) for value in inside)
     assert not any(expected.contains(value) for value in [*outside, np.nan])
 
 
 def test_the_first_attribute_out_of_range_is_named():
-    part = SimpleNamespace(k=1.0, sigma=0.0, loss="cauchy")
-    check("part", part, k=POSITIVE)
-    with pytest.raises(InputError, match=r"part: sigma must be positive, found 0\.0"):
-        check("part", part, k=POSITIVE, sigma=POSITIVE, loss=one_of("huber"))
-    with pytest.raises(InputError, match="part: loss must be one of squared, huber, found 'cauchy'"):
-        check("part", part, loss=one_of("squared", "huber"))
+    component = SimpleNamespace(k=1.0, sigma=0.0, loss="cauchy")
+    check("component", component, k=POSITIVE)
+    with pytest.raises(InputError, match=r"component: sigma must be positive, found 0\.0"):
+        check("component", component, k=POSITIVE, sigma=POSITIVE, loss=one_of("huber"))
+    with pytest.raises(InputError, match="component: loss must be one of squared, huber, found 'cauchy'"):
+        check("component", component, loss=one_of("squared", "huber"))

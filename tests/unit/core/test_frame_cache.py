@@ -1,4 +1,4 @@
-"""The frames of a run: decoded once as long as they can be kept, and all of them in any case."""
+"""The cache of decoded frames: one decoding up to the memory limit, and every frame in every iteration."""
 
 from itertools import islice
 
@@ -6,27 +6,26 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import plain_camera
-from workbench.core import frame_cache as clip_module
+from workbench.core import frame_cache
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.utils.errors import InputError
 
 CAMERA = plain_camera(4, 3, 5.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
-BYTES = 12
-"""Of one image."""
+IMAGE_BYTES = 12
 
 
-class Film:
-    """Frames with an image each, and a note of every one that is decoded; the frame `broken` cannot be."""
+class CountingDataset:
+    """Frames with one image; `decoded` lists the decoded frames, and the frame `broken` raises an error."""
 
     def __init__(self, n_frames, broken=None):
-        self.info, self.broken, self.decoded = SequenceInfo("film", n_frames), broken, []
+        self.info, self.broken, self.decoded = SequenceInfo("clip", n_frames), broken, []
 
     def frames(self):
         for index in range(self.info.n_frames):
             if index == self.broken:
-                raise InputError(f"film: frame {index} cannot be decoded")
+                raise InputError(f"clip: frame {index} cannot be decoded")
             self.decoded.append(index)
             yield Frame(index, index / 10.0, (View(CAMERA, np.full((3, 4), index, np.uint8)),))
 
@@ -35,70 +34,70 @@ def indices(frames):
     return [frame.index for frame in frames]
 
 
-def test_every_frame_is_decoded_once_when_it_is_asked_for():
-    film = Film(5)
-    clip = FrameCache(film)
-    assert (len(clip), clip.info, film.decoded) == (5, film.info, [])
-    first = next(iter(clip))
-    assert film.decoded == [0]
-    assert indices(clip) == indices(clip) == list(range(5))
-    assert next(iter(clip)) is first
-    assert film.decoded == list(range(5))
+def test_every_frame_is_decoded_once_on_demand():
+    dataset = CountingDataset(5)
+    cache = FrameCache(dataset)
+    assert (len(cache), cache.info, dataset.decoded) == (5, dataset.info, [])
+    first = next(iter(cache))
+    assert dataset.decoded == [0]
+    assert indices(cache) == indices(cache) == list(range(5))
+    assert next(iter(cache)) is first
+    assert dataset.decoded == list(range(5))
 
 
-def test_several_may_go_through_at_once():
-    film = Film(6)
-    slow, fast = iter(clip := FrameCache(film)), iter(clip)
-    taken = [next(slow).index, next(fast).index, next(fast).index, next(slow).index, next(slow).index]
-    assert taken == [0, 0, 1, 1, 2]
+def test_iterations_may_alternate():
+    dataset = CountingDataset(6)
+    slow, fast = iter(cache := FrameCache(dataset)), iter(cache)
+    order = [next(slow).index, next(fast).index, next(fast).index, next(slow).index, next(slow).index]
+    assert order == [0, 0, 1, 1, 2]
     assert (indices(slow), indices(fast)) == ([3, 4, 5], [2, 3, 4, 5])
-    assert film.decoded == list(range(6))
+    assert dataset.decoded == list(range(6))
 
 
-def test_beyond_the_limit_frames_are_decoded_again_and_that_is_said_once(monkeypatch):
-    said = []
-    monkeypatch.setattr(clip_module.log, "info", lambda sentence, *given: said.append(sentence % given))
-    film = Film(6)
-    clip = FrameCache(film, max_bytes=2 * BYTES + 1)  # of three images the third is the one that goes over it
-    assert indices(clip) == list(range(6))
-    assert film.decoded == list(range(6))  # the first to go beyond opens nothing again
-    assert not said
-    assert indices(clip) == indices(clip) == list(range(6))
-    assert film.decoded == list(range(6)) * 3
-    assert said == ["film: frames after the first 3 are decoded again"]
-    assert indices(islice(clip, 3)) == [0, 1, 2]
-    assert film.decoded == list(range(6)) * 3  # what is kept is not
+def test_frames_beyond_the_memory_are_decoded_again_with_one_message(monkeypatch):
+    messages = []
+    monkeypatch.setattr(frame_cache.log, "info", lambda message, *args: messages.append(message % args))
+    dataset = CountingDataset(6)
+    cache = FrameCache(dataset, max_bytes=2 * IMAGE_BYTES + 1)  # the third image exceeds it
+    assert indices(cache) == list(range(6))
+    assert dataset.decoded == list(range(6))  # the first iteration continues the decoding
+    assert not messages
+    assert indices(cache) == indices(cache) == list(range(6))
+    assert dataset.decoded == list(range(6)) * 3
+    assert messages == ["clip: frames after the first 3 are decoded again"]
+    assert indices(islice(cache, 3)) == [0, 1, 2]
+    assert dataset.decoded == list(range(6)) * 3  # cached frames are not decoded again
 
 
-def test_beyond_the_limit_several_may_go_through_at_once():
-    one, other = iter(clip := FrameCache(Film(6), max_bytes=1)), iter(clip)
-    pairs = [(next(one).index, next(other).index) for _ in range(6)]
+def test_iterations_may_alternate_beyond_the_memory():
+    first, second = iter(cache := FrameCache(CountingDataset(6), max_bytes=1)), iter(cache)
+    pairs = [(next(first).index, next(second).index) for _ in range(6)]
     assert pairs == [(k, k) for k in range(6)]
-    assert next(one, None) is next(other, None) is None
+    assert next(first, None) is next(second, None) is None
 
 
 @pytest.mark.parametrize("max_bytes", [0, 100])
-def test_a_dataset_of_no_frames_has_none(max_bytes):
-    film = Film(0)
-    clip = FrameCache(film, max_bytes)
-    assert (len(clip), list(clip), list(clip)) == (0, [], [])
+def test_a_dataset_without_frames_gives_none(max_bytes):
+    dataset = CountingDataset(0)
+    cache = FrameCache(dataset, max_bytes)
+    assert (len(cache), list(cache), list(cache)) == (0, [], [])
 
 
-@pytest.mark.parametrize("max_bytes", [1, BYTES + 1, 1000])
-def test_everyone_meets_a_frame_that_cannot_be_decoded(max_bytes):
-    clip = FrameCache(Film(6, broken=3), max_bytes)
+@pytest.mark.parametrize("max_bytes", [1, IMAGE_BYTES + 1, 1000])
+def test_every_iteration_raises_the_error_of_a_frame(max_bytes):
+    cache = FrameCache(CountingDataset(6, broken=3), max_bytes)
     for _ in range(3):
         with pytest.raises(InputError, match="frame 3 cannot be decoded"):
-            list(clip)
-        frames = iter(clip)
+            list(cache)
+        frames = iter(cache)
         assert [next(frames).index for _ in range(3)] == [0, 1, 2]
 
 
-def test_what_a_dataset_refuses_to_know_is_refused_at_once():
-    class Unknown:
+def test_an_error_of_the_metadata_is_raised_at_once():
+    class Missing:
         @property
         def info(self):
-            raise InputError("unknown: no such file")
+            raise InputError("clip: no such file")
 
     with pytest.raises(InputError, match="no such file"):
-        FrameCache(Unknown())
+        FrameCache(Missing())

@@ -1,4 +1,4 @@
-"""Prediction, conditioning and smoothing against a joint Gaussian that is conditioned by brute force."""
+"""Prediction, conditioning and smoothing against conditioning of the joint Gaussian of all states."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def model(rng):
 
 
 def joint(model):
-    """Mean and covariance of all states x_1 … x_N and all observations y_1 … y_N, as one linear map of the noises."""
+    """Mean and covariance of all states x_1 … x_N and all observations y_1 … y_N, as a linear map of the noises."""
     f, q, h, r, mean, covariance = model
     n = N_STEPS
     states = np.zeros((n * D, n * D))  # of x_1 and the noises of the steps
@@ -46,12 +46,12 @@ def joint(model):
             states[t * D : (t + 1) * D, s * D : (s + 1) * D] = np.linalg.matrix_power(f, t - s)
     noises = np.kron(np.eye(n), q)
     noises[:D, :D] = covariance
-    of_states = states @ noises @ states.T
+    state_covariance = states @ noises @ states.T
     observe = np.kron(np.eye(n), h)
-    both = np.concatenate([np.eye(n * D), observe])
-    total = both @ of_states @ both.T
-    total[n * D :, n * D :] += np.kron(np.eye(n), r)
-    return both @ states[:, :D] @ mean, total
+    states_and_observations = np.concatenate([np.eye(n * D), observe])
+    covariance_of_all = states_and_observations @ state_covariance @ states_and_observations.T
+    covariance_of_all[n * D :, n * D :] += np.kron(np.eye(n), r)
+    return states_and_observations @ states[:, :D] @ mean, covariance_of_all
 
 
 def filtered_states(model, observations):
@@ -76,40 +76,42 @@ def test_the_kalman_filter_and_smoother_agree_with_the_joint_gaussian(model, rng
     first_y = N_STEPS * D
     for t in range(N_STEPS):
         rows = np.arange(t * D, (t + 1) * D)
-        for results, n_seen in ((predicted, t), (filtered, t + 1), (smoothed, N_STEPS)):
-            seen = np.arange(first_y, first_y + n_seen * K)
-            expected = marginal_given(mean, covariance, rows, seen, observations[:n_seen].ravel())
+        for results, n_observed in ((predicted, t), (filtered, t + 1), (smoothed, N_STEPS)):
+            columns = np.arange(first_y, first_y + n_observed * K)
+            expected = marginal_given(mean, covariance, rows, columns, observations[:n_observed].ravel())
             np.testing.assert_allclose(results[t][0], expected[0], atol=1e-9)
             np.testing.assert_allclose(results[t][1], expected[1], atol=1e-9)
 
 
-def test_several_states_of_one_covariance_are_conditioned_at_once(model, rng):
+def test_states_with_one_covariance_are_conditioned_together_as_alone(model, rng):
     f, q, h, r, _, covariance = model
     means, observations = rng.standard_normal((D, 3)), rng.standard_normal((K, 3))
-    ahead, wider = predict(means, covariance, f, q)
-    cross, innovation = wider @ h.T, h @ wider @ h.T + r
-    found, narrower = condition(ahead, wider, cross, innovation, observations - h @ ahead)
+    predicted, predicted_covariance = predict(means, covariance, f, q)
+    cross, innovation = predicted_covariance @ h.T, h @ predicted_covariance @ h.T + r
+    updated, updated_covariance = condition(
+        predicted, predicted_covariance, cross, innovation, observations - h @ predicted
+    )
     for k in range(3):
-        one = condition(ahead[:, k], wider, cross, innovation, observations[:, k] - h @ ahead[:, k])
-        np.testing.assert_allclose(found[:, k], one[0], rtol=1e-12)
-        np.testing.assert_allclose(narrower, one[1], rtol=1e-12)
+        single = condition(
+            predicted[:, k], predicted_covariance, cross, innovation, observations[:, k] - h @ predicted[:, k]
+        )
+        np.testing.assert_allclose(updated[:, k], single[0], rtol=1e-12)
+        np.testing.assert_allclose(updated_covariance, single[1], rtol=1e-12)
 
 
-def test_a_new_marginal_of_a_block_leaves_the_conditional_of_the_rest(rng):
+def test_a_new_marginal_of_a_block_preserves_the_conditional_of_the_rest(rng):
     mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
     block_mean, block_covariance = rng.standard_normal(n), covariance_of(rng, n)
-    found, spread = condition_block(mean, covariance, block_mean, block_covariance)
-    np.testing.assert_allclose(found[:n], block_mean, atol=1e-9)
-    np.testing.assert_allclose(spread[:n, :n], block_covariance, atol=1e-9)
+    new_mean, new_covariance = condition_block(mean, covariance, block_mean, block_covariance)
+    np.testing.assert_allclose(new_mean[:n], block_mean, atol=1e-9)
+    np.testing.assert_allclose(new_covariance[:n, :n], block_covariance, atol=1e-9)
     block, rest, values = np.arange(n), np.arange(n, D), rng.standard_normal(n)
-    for a, b in zip(
-        marginal_given(found, spread, rest, block, values), marginal_given(mean, covariance, rest, block, values),
-        strict=True,
-    ):  # fmt: skip
+    before = marginal_given(mean, covariance, rest, block, values)
+    for a, b in zip(marginal_given(new_mean, new_covariance, rest, block, values), before, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-8)
 
 
-def test_a_block_that_is_observed_with_noise_is_conditioned_alike_by_both_functions(rng):
+def test_conditioning_a_block_on_a_noisy_observation_agrees_with_condition(rng):
     mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
     noise, observed = covariance_of(rng, n), rng.standard_normal(n)
     cross, block = covariance[:, :n], covariance[:n, :n]
@@ -119,13 +121,12 @@ def test_a_block_that_is_observed_with_noise_is_conditioned_alike_by_both_functi
         np.testing.assert_allclose(a, b, atol=1e-9)
 
 
-def test_smoothing_goes_through_a_prediction_that_is_certain_of_some_columns(rng):
-    """A predicted covariance that is singular says nothing of the columns that it is certain of."""
+def test_smoothing_supports_a_singular_predicted_covariance(rng):
     mean, covariance = rng.standard_normal(2), covariance_of(rng, 2)
     transition = np.array([[1.0, 0.0], [0.0, 0.0]])
     predicted = predict(mean, covariance, transition, np.zeros((2, 2)))
-    later = (predicted[0] + [0.3, 0.0], np.diag([0.05, 0.0]))
-    found = smooth((mean, covariance), transition, predicted, later)
-    expected = condition_block(mean, covariance, later[0][:1], later[1][:1, :1])
-    for a, b in zip(found, expected, strict=True):
+    next_state = (predicted[0] + [0.3, 0.0], np.diag([0.05, 0.0]))
+    smoothed = smooth((mean, covariance), transition, predicted, next_state)
+    expected = condition_block(mean, covariance, next_state[0][:1], next_state[1][:1, :1])
+    for a, b in zip(smoothed, expected, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-8)

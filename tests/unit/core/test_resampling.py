@@ -1,4 +1,4 @@
-"""Systematic resampling without a random number, as particles are shown."""
+"""Systematic resampling with a fixed offset."""
 
 import numpy as np
 from hypothesis import given
@@ -11,14 +11,14 @@ positive = st.floats(1e-3, 1.0)
 
 
 @given(arrays(float, st.integers(1, 60), elements=positive), st.integers(1, 80))
-def test_systematic_copies_are_within_one_of_n_times_the_weight(weights, n):
+def test_numbers_of_copies_are_within_one_of_n_times_the_weight(weights, n):
     weights = weights / weights.sum()
-    chosen = systematic_indices(weights, 0.5, n)
-    assert chosen.shape == (n,)
-    copies = np.bincount(chosen, minlength=len(weights))
-    assert (np.abs(copies - n * weights) < 1.0 + 1e-9).all()  # what defines systematic resampling
+    indices = systematic_indices(weights, 0.5, n)
+    assert indices.shape == (n,)
+    copies = np.bincount(indices, minlength=len(weights))
+    assert (np.abs(copies - n * weights) < 1.0 + 1e-9).all()  # the definition of systematic resampling
 
 
-def test_systematic_never_draws_what_has_no_weight():
+def test_a_weight_of_zero_is_never_drawn():
     weights = np.array([0.0, 0.5, 0.0, 0.5, 0.0])
     assert set(systematic_indices(weights, 0.5, 1000)) == {1, 3}

@@ -1,4 +1,4 @@
-"""The reader of marks: what is written comes back; what is wrong is named with its file and line."""
+"""The reader of annotations: values are read back, and an error names the file and the line."""
 
 import json
 
@@ -14,54 +14,59 @@ from workbench.utils.errors import InputError
 
 HEADER = "frame,joint,u,v,visible\n"
 pixel = st.floats(-5000.0, 5000.0, allow_nan=False)
-marks = st.dictionaries(
-    st.tuples(st.integers(0, 10**6), st.sampled_from(JOINT_NAMES)), st.tuples(pixel, pixel, st.booleans()), min_size=1
+annotated_joints = st.dictionaries(
+    st.tuples(st.integers(0, 10**6), st.sampled_from(JOINT_NAMES)),
+    st.tuples(pixel, pixel, st.booleans()),
+    min_size=1,
+    max_size=10,
 )
 
 
 @pytest.fixture
-def file(tmp_path):
-    return tmp_path / "marks.csv"
+def path(tmp_path):
+    return tmp_path / "annotations.csv"
 
 
-def outcome(file, text):
-    file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(InputError) as caught:
-        read_annotations(file)
-    return str(caught.value)
+def error_message(path, text):
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError) as error:
+        read_annotations(path)
+    return str(error.value)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(marks=marks, columns=st.permutations(COLUMNS), blank=st.booleans(), bom=st.booleans())
-def test_every_mark_comes_back_whatever_the_order(file, marks, columns, blank, bom):
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+@given(annotations=annotated_joints, columns=st.permutations(COLUMNS), blank_lines=st.booleans(), bom=st.booleans())
+def test_annotations_are_read_in_any_order_of_columns(path, annotations, columns, blank_lines, bom):
     rows = [
         {"frame": f, "joint": j, "u": repr(u), "v": repr(v), "visible": int(visible)}
-        for (f, j), (u, v, visible) in marks.items()
+        for (f, j), (u, v, visible) in annotations.items()
     ]
     lines = [",".join(columns), *(",".join(str(row[c]) for c in columns) for row in rows)]
-    file.write_text(("\n\n" if blank else "\r\n").join(lines), encoding="utf-8-sig" if bom else "utf-8", newline="")
-    read = read_annotations(file)
-    assert list(read.frames) == sorted({f for f, _ in marks})
-    assert np.isfinite(read.pixels[..., 0]).sum() == len(marks)
+    path.write_text(
+        ("\n\n" if blank_lines else "\r\n").join(lines), encoding="utf-8-sig" if bom else "utf-8", newline=""
+    )
+    read = read_annotations(path)
+    assert list(read.frames) == sorted({f for f, _ in annotations})
+    assert np.isfinite(read.pixels[..., 0]).sum() == len(annotations)
     assert not read.visible[np.isnan(read.pixels[..., 0])].any()
-    for (frame, joint), (u, v, visible) in marks.items():
-        pixels, seen = read.at(frame)
+    for (frame, joint), (u, v, visible) in annotations.items():
+        pixels, visibility = read.at(frame)
         assert tuple(pixels[JOINT_NAMES.index(joint)]) == (u, v)
-        assert seen[JOINT_NAMES.index(joint)] == visible
+        assert visibility[JOINT_NAMES.index(joint)] == visible
     assert read.at(10**6 + 1) is None
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
 @given(st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda t: (HEADER + t).encode())))
-def test_any_bytes_are_read_or_refused(file, text):
-    file.write_bytes(text)
+def test_arbitrary_bytes_are_read_or_rejected(path, text):
+    path.write_bytes(text)
     message = ""
     try:
-        read = read_annotations(file)
+        read = read_annotations(path)
         assert len(read.frames) > 0
     except InputError as error:
         message = str(error)
-    assert message == "" or str(file) in message
+    assert message == "" or str(path) in message
 
 
 @pytest.mark.parametrize(
@@ -77,15 +82,15 @@ def test_any_bytes_are_read_or_refused(file, text):
         (HEADER + "1,neck,1,2,1\n2,neck,1,2,1\n1,neck,3,4,1\n", 4, "already annotated in line 2"),
     ],
 )
-def test_a_wrong_row_is_named_with_its_line(file, text, line, words):
-    message = outcome(file, text)
-    assert message.startswith(f"{file}:{line}: ")
+def test_the_error_of_an_invalid_row_names_its_line(path, text, line, words):
+    message = error_message(path, text)
+    assert message.startswith(f"{path}:{line}: ")
     assert words in message
 
 
-def test_a_file_without_marks_or_without_text_or_no_file_at_all(file, tmp_path):
-    assert "at least one annotation" in outcome(file, HEADER)
-    assert "text file" in outcome(file, b"\xff\xfe\x00")
+def test_files_without_annotations_are_an_error(path, tmp_path):
+    assert "at least one annotation" in error_message(path, HEADER)
+    assert "text file" in error_message(path, b"\xff\xfe\x00")
     with pytest.raises(InputError, match="no such file"):
         read_annotations(tmp_path / "none.csv")
     with pytest.raises(InputError, match="expected a folder of OpenPose's JSON files, found none"):
@@ -93,7 +98,7 @@ def test_a_file_without_marks_or_without_text_or_no_file_at_all(file, tmp_path):
 
 
 def with_world_landmarks(folder, world):
-    """Files of one BlazePose person, frame by frame, with the world landmarks of `world` (T, 33, 3)."""
+    """Write files of one BlazePose person with world landmarks (T, 33, 3)."""
     folder.mkdir()
     pixels = points("BLAZEPOSE_33", standing(100.0, 50.0))
     for t, landmarks in enumerate(world):
@@ -102,20 +107,20 @@ def with_world_landmarks(folder, world):
     return folder
 
 
-def test_world_landmarks_of_the_target_are_those_of_its_joints(tmp_path):
+def test_world_landmarks_are_converted_to_joints(tmp_path):
     world = np.random.default_rng(0).standard_normal((6, 33, 3))
     annotations = read_annotations(with_world_landmarks(tmp_path / "shots", world))
-    found = annotations.world_landmarks_at(4)
-    np.testing.assert_allclose(found[JOINT_NAMES.index("left_knee")], world[4, 25])
-    np.testing.assert_allclose(found[JOINT_NAMES.index("head_centre")], world[4, 7:9].mean(axis=0))
-    assert np.isnan(found[JOINT_NAMES.index("pelvis")]).all()
+    landmarks = annotations.world_landmarks_at(4)
+    np.testing.assert_allclose(landmarks[JOINT_NAMES.index("left_knee")], world[4, 25])
+    np.testing.assert_allclose(landmarks[JOINT_NAMES.index("head_centre")], world[4, 7:9].mean(axis=0))
+    assert np.isnan(landmarks[JOINT_NAMES.index("pelvis")]).all()
     assert annotations.world_landmarks_at(99) is None
-    part = annotations.select(annotations.frames == 4)
-    np.testing.assert_array_equal(part.world_landmarks_at(4), found)
+    selection = annotations.select(annotations.frames == 4)
+    np.testing.assert_array_equal(selection.world_landmarks_at(4), landmarks)
 
 
 @pytest.mark.parametrize("world", [np.zeros((2, 32, 3)), np.full((2, 33, 3), np.nan)])
-def test_world_landmarks_of_another_number_or_not_finite_are_an_error(tmp_path, world):
+def test_invalid_world_landmarks_are_an_error(tmp_path, world):
     with pytest.raises(InputError, match="world_landmarks"):
         read_annotations(with_world_landmarks(tmp_path / "shots", world))
 

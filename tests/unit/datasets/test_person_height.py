@@ -18,19 +18,23 @@ FRAMES = tuple(range(12))
 
 
 def standing(focal_px=1100.0, height_m=1.5, near_m=4.0, far_m=9.0, sigma_px=0.0, seed=0):
-    """Feet and heads, px, of somebody who stands at 12 places before a camera that looks 5° down."""
-    ahead = height_m / np.tan(np.radians(5.0))
-    camera = plain_camera(*SIZE, focal_px, (0.0, 0.0, height_m), (ahead, 0.0, 0.0))
+    """Return ankles and heads (12, 2), px, of a person standing at 12 positions; the camera is tilted down by 5°."""
+    target_distance = height_m / np.tan(np.radians(5.0))
+    camera = plain_camera(*SIZE, focal_px, (0.0, 0.0, height_m), (target_distance, 0.0, 0.0))
     rng = np.random.default_rng(seed)
-    at = np.column_stack(
+    ankles = np.column_stack(
         [np.linspace(near_m, far_m, 12), rng.uniform(-1.5, 1.5, 12), np.full(12, ANKLE_HEIGHT * HEIGHT_M)]
     )
-    top = at + np.array([0.0, 0.0, (HEAD_HEIGHT - ANKLE_HEIGHT) * HEIGHT_M])
-    return tuple(camera.project(points) + rng.normal(0.0, sigma_px, (12, 2)) for points in (at, top))
+    heads = ankles + np.array([0.0, 0.0, (HEAD_HEIGHT - ANKLE_HEIGHT) * HEIGHT_M])
+    return tuple(camera.project(points) + rng.normal(0.0, sigma_px, (12, 2)) for points in (ankles, heads))
 
 
-def test_exact_segments_outweigh_the_prior():
-    calibration = calibrate_by_height("one", SIZE, FRAMES, *standing(), Measurements(HEIGHT_M))
+def calibrate(segments, **measurements):
+    return calibrate_by_height("one", SIZE, FRAMES, *segments, Measurements(HEIGHT_M, **measurements))
+
+
+def test_exact_segments_determine_the_camera():
+    calibration = calibrate(standing())
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.01)
     assert calibration.values["tilt_deg"] == pytest.approx(5.0, abs=0.2)
     assert calibration.values["roll_deg"] == pytest.approx(0.0, abs=0.1)
@@ -40,91 +44,82 @@ def test_exact_segments_outweigh_the_prior():
     assert calibration.camera.position[2] == pytest.approx(calibration.values["height_m"])
 
 
-def test_a_known_lens_gives_the_pose_and_stays_as_it_is():
-    """Of a lens with distortion, pixels that are not square and a principal point far from the middle."""
-    plain = plain_camera(*SIZE, 1100.0, (0.0, 0.0, 1.5), (1.5 / np.tan(np.radians(5.0)), 0.0, 0.0))
-    ideal = standing(near_m=6.0, far_m=6.0)  # at a constant distance, which does not determine the focal length
+def test_the_pose_of_a_camera_with_known_intrinsics_is_recovered():
+    """The lens has distortion, pixels that are not square and an off-centre principal point."""
+    camera = plain_camera(*SIZE, 1100.0, (0.0, 0.0, 1.5), (1.5 / np.tan(np.radians(5.0)), 0.0, 0.0))
+    ideal = standing(near_m=6.0, far_m=6.0)  # a constant distance does not determine the focal length
     matrix = np.array([[1100.0, 0.0, 700.0], [0.0, 1050.0, 300.0], [0.0, 0.0, 1.0]])
-    lens = replace(plain, matrix=matrix, rotation=np.eye(3), translation=np.zeros(3),
+    lens = replace(camera, matrix=matrix, rotation=np.eye(3), translation=np.zeros(3),
                    distortion=np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))  # fmt: skip
-    rays = [np.concatenate([plain.undistorted(pixels), np.ones((12, 1))], axis=1) for pixels in ideal]
-    feet, heads = (lens.project(each) for each in rays)
+    rays = [np.concatenate([camera.undistorted(pixels), np.ones((12, 1))], axis=1) for pixels in ideal]
+    feet, heads = (lens.project(points) for points in rays)
     calibration = pose_by_height(lens, FRAMES, feet, heads, Measurements(HEIGHT_M))
     np.testing.assert_array_equal(calibration.camera.matrix, matrix)
     np.testing.assert_array_equal(calibration.camera.distortion, lens.distortion)
-    np.testing.assert_allclose(calibration.camera.rotation, plain.rotation, atol=0.01)
-    np.testing.assert_allclose(calibration.camera.position, plain.position, atol=0.03)
+    np.testing.assert_allclose(calibration.camera.rotation, camera.rotation, atol=0.01)
+    np.testing.assert_allclose(calibration.camera.position, camera.position, atol=0.03)
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=1e-5)
 
 
-def test_errors_from_noisy_annotations_agree_with_their_standard_deviations():
-    """Of 4 numbers over 12 draws, squared errors over variances are 1 in the mean; priors and postures make it less."""
+def test_errors_agree_with_the_standard_deviations():
+    """Squared errors over variances have mean 1 over 4 parameters and 12 draws; the priors reduce it."""
     squared = []
     for seed in range(12):
-        calibration = calibrate_by_height(
-            "one", SIZE, FRAMES, *standing(sigma_px=3.0, seed=seed), Measurements(HEIGHT_M)
-        )
+        calibration = calibrate(standing(sigma_px=3.0, seed=seed))
         true = {"focal_px": 1100.0, "tilt_deg": 5.0, "roll_deg": 0.0, "height_m": 1.5}
         squared += [((calibration.values[key] - value) / calibration.sigma[key]) ** 2 for key, value in true.items()]
     assert 0.3 < np.mean(squared) < 1.7
 
 
 def test_a_constant_distance_does_not_determine_the_focal_length():
-    calibration = calibrate_by_height(
-        "one", SIZE, FRAMES, *standing(near_m=6.0, far_m=6.0, sigma_px=2.0), Measurements(HEIGHT_M)
-    )
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0, sigma_px=2.0))
     assert calibration.focal_information < 0.5
     assert calibration.sigma["focal_px"] > 200.0
 
 
-def test_a_measured_distance_determines_it():
-    feet, heads = standing(near_m=6.0, far_m=6.0, sigma_px=2.0)
-    calibration = calibrate_by_height("one", SIZE, FRAMES, feet, heads, Measurements(HEIGHT_M, distance_m=6.1))
+def test_a_measured_distance_determines_the_focal_length():
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0, sigma_px=2.0), distance_m=6.1)
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.1)
     assert calibration.sigma["focal_px"] < 120.0
 
 
-def test_a_given_focal_length_is_used():
-    calibration = calibrate_by_height(
-        "one", SIZE, FRAMES, *standing(near_m=6.0, far_m=6.0), Measurements(HEIGHT_M, focal_px=1100.0)
-    )
+def test_a_known_focal_length_is_used():
+    calibration = calibrate(standing(near_m=6.0, far_m=6.0), focal_px=1100.0)
     assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.02)
 
 
-def marks(frames, joints):
+def annotations(frames, joints):
     pixels = np.full((frames, len(JOINT_NAMES), 2), np.nan)
-    for name, place in joints.items():
-        pixels[:, JOINT_NAMES.index(name)] = place
-    return JointAnnotations("marks.csv", np.arange(frames), pixels, np.isfinite(pixels[..., 0]))
+    for name, pixel in joints.items():
+        pixels[:, JOINT_NAMES.index(name)] = pixel
+    return JointAnnotations("annotations.csv", np.arange(frames), pixels, np.isfinite(pixels[..., 0]))
 
 
-def test_a_segment_runs_from_between_the_ankles_to_the_head():
+def test_a_segment_connects_the_midpoint_of_the_ankles_and_the_head():
     frames, feet, heads = head_foot_segments(
-        marks(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
+        annotations(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
     )
     assert frames == (0, 1, 2)
     np.testing.assert_array_equal(feet[0], [15, 91])
     np.testing.assert_array_equal(heads[0], [14, 5])
 
 
-def test_bad_input_is_one_sentence():
+def test_invalid_input_is_an_error():
     with pytest.raises(InputError, match="found 0"):
-        head_foot_segments(marks(5, {"left_ankle": (10, 90)}))
+        head_foot_segments(annotations(5, {"left_ankle": (10, 90)}))
     with pytest.raises(InputError, match=r"0.5 to 2.5 m"):
         Measurements(165.0)
     with pytest.raises(InputError, match="positive distance"):
         Measurements(1.7, distance_m=-1.0)
-    feet, heads = standing()
     with pytest.raises(InputError, match="head above the ankles"):
-        calibrate_by_height("one", SIZE, FRAMES, heads, feet, Measurements(HEIGHT_M))
+        calibrate(standing()[::-1])
 
 
-def test_a_gait_makes_the_estimate_less_certain_and_closer_to_the_usual_camera():
-    """Its errors are the same within a step, so that more frames of the same steps add nothing."""
-    feet, heads = standing(near_m=6.0, far_m=6.5, sigma_px=8.0)
-    plain, gait, slow = (
-        calibrate_by_height("one", SIZE, FRAMES, feet, heads, Measurements(HEIGHT_M, gait=gait, step_frames=step))
-        for gait, step in ((0.0, 1.0), (0.05, 1.0), (0.05, 6.0))
+def test_gait_increases_the_uncertainty_and_the_weight_of_the_prior():
+    """Errors due to gait are correlated within a step, so that more frames per step add no information."""
+    segments = standing(near_m=6.0, far_m=6.5, sigma_px=8.0)
+    no_gait, gait, slow = (
+        calibrate(segments, gait=gait, step_frames=step) for gait, step in ((0.0, 1.0), (0.05, 1.0), (0.05, 6.0))
     )
-    assert plain.sigma["tilt_deg"] < gait.sigma["tilt_deg"] < slow.sigma["tilt_deg"]
-    assert abs(slow.values["focal_px"] - SIZE[0]) <= abs(plain.values["focal_px"] - SIZE[0])
+    assert no_gait.sigma["tilt_deg"] < gait.sigma["tilt_deg"] < slow.sigma["tilt_deg"]
+    assert abs(slow.values["focal_px"] - SIZE[0]) <= abs(no_gait.values["focal_px"] - SIZE[0])

@@ -1,4 +1,4 @@
-"""Readers of points: what is written comes back; what is damaged is refused in a sentence that names the file."""
+"""Readers of point files: points are read back, and errors name the file and the place."""
 
 import struct
 
@@ -18,7 +18,7 @@ from workbench.datasets.files.point_formats import (
     read_npz,
     read_pcd,
     read_ply,
-)  # fmt: skip
+)
 from workbench.datasets.point_files import PointFiles
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
@@ -26,7 +26,8 @@ from workbench.utils.errors import InputError
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
 clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)
-quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+line_ends = st.sampled_from(["\n", "\r\n"])
+few_examples = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30)
 EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
 
 
@@ -46,7 +47,7 @@ def ascii_ply(points, more=""):
 
 
 def binary_ply(points, order, extra=()):
-    """Points with other properties before, between and after."""
+    """Return a file of points with other properties before and after the coordinates."""
     kinds = [*[("double", a) for a in "xyz"], *[(kind, f"extra{i}") for i, kind in enumerate(extra)]]
     kinds = kinds[3:4] + kinds[:3] + kinds[4:]
     form = "binary_little_endian" if order == "<" else "binary_big_endian"
@@ -59,56 +60,51 @@ def binary_ply(points, order, extra=()):
     return header.encode() + rows
 
 
-def refused(read, file):
-    with pytest.raises(InputError) as caught:
-        read(file)
-    message = str(caught.value)
-    assert str(file) in message
+def error_message(read, path):
+    with pytest.raises(InputError) as error:
+        read(path)
+    message = str(error.value)
+    assert str(path) in message
     assert "\n" not in message
     return message
 
 
-@quick
-@given(points=clouds, line=st.sampled_from(["\n", "\r\n"]), faces=st.booleans())
-def test_ascii_ply_comes_back(tmp_path, points, line, faces):
+@few_examples
+@given(points=clouds, line=line_ends, faces=st.booleans())
+def test_ascii_ply_is_read_back(tmp_path, points, line, faces):
     more = "element face 1\nproperty list uchar int vertex_indices" if faces else ""
     text = ascii_ply(points, more) + ("3 0 0 0\n" if faces else "")
     (tmp_path / "a.ply").write_bytes(text.replace("\n", line).encode())
     assert np.array_equal(read_ply(tmp_path / "a.ply"), points)
 
 
-@quick
+@few_examples
 @given(points=clouds, order=st.sampled_from("<>"), extra=st.lists(st.sampled_from(sorted(EXTRA)), max_size=3))
-def test_binary_ply_comes_back(tmp_path, points, order, extra):
+def test_binary_ply_is_read_back(tmp_path, points, order, extra):
     (tmp_path / "a.ply").write_bytes(binary_ply(points, order, extra))
     assert np.array_equal(read_ply(tmp_path / "a.ply"), points)
 
 
-@quick
-@given(
-    points=clouds,
-    order=st.permutations(["x", "y", "z", "red"]),
-    bom=st.booleans(),
-    line=st.sampled_from(["\n", "\r\n"]),
-)
-def test_csv_comes_back(tmp_path, points, order, bom, line):
+@few_examples
+@given(points=clouds, order=st.permutations(["x", "y", "z", "red"]), bom=st.booleans(), line=line_ends)
+def test_csv_is_read_back(tmp_path, points, order, bom, line):
     rows = [",".join("9" if c == "red" else repr(float(row["xyz".index(c)])) for c in order) for row in points]
     text = line.join([", ".join(order), *rows, ""])
     (tmp_path / "a.csv").write_bytes(text.encode("utf-8-sig" if bom else "utf-8"))
     assert np.array_equal(read_csv(tmp_path / "a.csv"), points)
 
 
-@quick
+@few_examples
 @given(points=clouds, name=st.sampled_from(["points", "cloud"]), kind=st.sampled_from(["f4", "f8", ">f8", "i4"]))
-def test_npz_comes_back(tmp_path, points, name, kind):
+def test_npz_is_read_back(tmp_path, points, name, kind):
     values = points.astype(kind)
     np.savez(tmp_path / "a.npz", **{name: values})
     assert np.array_equal(read_npz(tmp_path / "a.npz"), values.astype(np.float64))
 
 
-@quick
+@few_examples
 @given(frames=st.lists(clouds, min_size=1, max_size=12))
-def test_hdf5_comes_back_in_the_order_of_its_numbers(tmp_path, frames):
+def test_hdf5_frames_are_read_in_the_order_of_their_numbers(tmp_path, frames):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for i, points in enumerate(frames):
             file[f"frames/{i}"] = points
@@ -133,35 +129,41 @@ HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
         ("a.csv", "x,y,z,x\n1,2,3,4\n", ["line 1"]),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(tmp_path, name, text, words):
+def test_the_error_of_an_invalid_line_names_it(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
-    message = refused(read_ply if name.endswith("ply") else read_csv, tmp_path / name)
+    message = error_message(read_ply if name.endswith("ply") else read_csv, tmp_path / name)
     assert all(word in message for word in words), message
 
 
-def test_wrong_rows_of_binary_files_are_named(tmp_path):
+def test_the_error_of_an_invalid_binary_row_names_it(tmp_path):
     points = np.ones((5, 3))
     points[3, 1] = np.inf
     (tmp_path / "a.ply").write_bytes(binary_ply(points, "<"))
-    assert "vertex 4: expected finite x, y, z, found [1.0, inf, 1.0]" in refused(read_ply, tmp_path / "a.ply")
+    assert "vertex 4: expected finite x, y, z, found [1.0, inf, 1.0]" in error_message(read_ply, tmp_path / "a.ply")
     (tmp_path / "b.ply").write_bytes(binary_ply(np.ones((5, 3)), "<")[:-1])
-    assert "5 vertices of 24 bytes, 120, found 119" in refused(read_ply, tmp_path / "b.ply")
+    assert "5 vertices of 24 bytes, 120, found 119" in error_message(read_ply, tmp_path / "b.ply")
     np.savez(tmp_path / "a.npz", points=points)
-    assert "points, row 4" in refused(read_npz, tmp_path / "a.npz")
+    assert "points, row 4" in error_message(read_npz, tmp_path / "a.npz")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["frames/7"] = points
-    assert "/frames/7, row 4" in refused(lambda path: list(read_hdf5(path)), tmp_path / "a.h5")
+    assert "/frames/7, row 4" in error_message(lambda path: list(read_hdf5(path)), tmp_path / "a.h5")
 
 
 @pytest.mark.parametrize(
     "arrays",
-    [{"a": np.ones((2, 3)), "b": np.ones((2, 3))}, {"points": np.ones((2, 2))}, {"points": np.ones(3)}, {},
-     {"points": np.array([["a", "b", "c"]])}, {"points": np.ones((2, 3), complex)},
-     {"points": np.array([[None, 1, 2]])}],
-)  # fmt: skip
-def test_npz_files_of_something_else_are_refused(tmp_path, arrays):
-    np.savez(tmp_path / "a.npz", **arrays)  # an array of objects is a pickle, which is never loaded
-    refused(read_npz, tmp_path / "a.npz")
+    [
+        {"a": np.ones((2, 3)), "b": np.ones((2, 3))},
+        {"points": np.ones((2, 2))},
+        {"points": np.ones(3)},
+        {},
+        {"points": np.array([["a", "b", "c"]])},
+        {"points": np.ones((2, 3), complex)},
+        {"points": np.array([[None, 1, 2]])},
+    ],
+)
+def test_npz_files_of_other_arrays_are_rejected(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", **arrays)  # an array of objects is a pickle
+    error_message(read_npz, tmp_path / "a.npz")
 
 
 def folder_of(tmp_path, frames, unit=1.0):
@@ -170,38 +172,38 @@ def folder_of(tmp_path, frames, unit=1.0):
     return tmp_path
 
 
-def test_a_folder_is_read_in_natural_order_in_its_unit(tmp_path):
+def test_a_folder_is_read_in_natural_order_and_converted_to_metres(tmp_path):
     rng = np.random.default_rng(0)
     points = [rng.standard_normal((4 + i, 3)) for i in range(12)]
     dataset = PointFiles(str(folder_of(tmp_path, points, 0.001)), rate_hz=20.0, unit="mm")
     frames = list(dataset.frames())
-    known = dataset.info
-    assert (known.n_frames, known.name, known.shape) == (12, tmp_path.name, None)
-    assert (known.initial_pose, known.initial_annotations, known.phase_ends) == (None, None, None)
+    info = dataset.info
+    assert (info.n_frames, info.name, info.shape) == (12, tmp_path.name, None)
+    assert (info.initial_pose, info.initial_annotations, info.phase_ends) == (None, None, None)
     for i, (frame, expected) in enumerate(zip(frames, points, strict=True)):
         assert (frame.index, frame.time_s, frame.views, frame.truth) == (i, pytest.approx(i / 20.0), (), None)
         assert np.allclose(frame.points, expected)
 
 
-def test_a_million_points_are_thinned_with_a_sentence(tmp_path):
-    points = np.random.default_rng(0).standard_normal((1_000_000, 3)).astype(np.float32)
-    kind = "".join(f"property float {a}\n" for a in "xyz").strip()
+def test_large_clouds_are_subsampled_with_a_warning(tmp_path):
+    points = np.random.default_rng(0).standard_normal((100_000, 3)).astype(np.float32)
+    properties = "".join(f"property float {a}\n" for a in "xyz").strip()
     for name in ("frame_1.ply", "frame_2.ply"):
         (tmp_path / name).write_bytes(
-            ply_header("binary_little_endian", len(points), [kind]).encode() + points.tobytes()
+            ply_header("binary_little_endian", len(points), [properties]).encode() + points.tobytes()
         )
-    with pytest.warns(UserWarning, match=r"2 of 2 frames have more than max_points=3000 .* frame_1.ply with 1000000"):
+    with pytest.warns(UserWarning, match=r"2 of 2 frames have more than max_points=3000 .* frame_1.ply with 100000"):
         _ = (dataset := PointFiles(str(tmp_path), max_points=3000)).info
     first, second = (frame.points for frame in dataset.frames())
     assert first.shape == (3000, 3)
     assert np.isin(first.astype(np.float32)[:, 0], points[:, 0]).all()
-    assert not np.array_equal(first, second)  # each frame its own
+    assert not np.array_equal(first, second)  # frames are subsampled independently
     with pytest.warns(UserWarning, match="subsampled"):
-        _ = (again := PointFiles(str(tmp_path), max_points=3000)).info
-    assert np.array_equal(first, next(again.frames()).points)
+        _ = (repeated := PointFiles(str(tmp_path), max_points=3000)).info
+    assert np.array_equal(first, next(repeated.frames()).points)
 
 
-def test_the_truth_gives_poses_shape_and_start(tmp_path):
+def test_the_truth_defines_poses_shape_and_initial_pose(tmp_path):
     (motion,) = builtin_motions(1, seed=3)
     write_library(tmp_path / "lib.h5", [motion])
     (tmp_path / "clouds").mkdir()
@@ -209,10 +211,10 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     truth = f"{tmp_path / 'lib.h5'}:{motion.name}"
     dataset = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first_frame=-2, initialization="perturbed_truth")
     for i, frame in enumerate(dataset.frames()):
-        assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
+        assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # knots of the spline at 60 Hz
         assert frame.truth.activity == "walk"
     assert dataset.info.shape == motion.shape
-    # 3 cm and 0.05 rad; a normal number is beyond 5 deviations once in two million
+    # 5 standard deviations of 3 cm and 0.05 rad
     assert 0.0 < np.abs(dataset.info.initial_pose - motion.poses[8]).max() < 0.25
     assert dataset.info.phase_ends[1] > dataset.info.phase_ends[0]
     with pytest.raises(InputError, match="perturbed_truth needs the ground truth"):
@@ -221,20 +223,25 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
         _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first_frame=-100).info
 
 
-def test_some_frames_are_as_they_are_among_all(tmp_path):
+def test_a_range_of_frames_is_identical_to_those_of_the_sequence(tmp_path):
     folder = str(folder_of(tmp_path, [np.full((40, 3), float(i)) + np.arange(40)[:, None] for i in range(5)]))
-    whole, some = (PointFiles(folder, max_points=30, **few) for few in ({}, {"first_frame": 1, "n_frames": 3}))
+    all_frames, selection = (
+        PointFiles(folder, max_points=30, **options) for options in ({}, {"first_frame": 1, "n_frames": 3})
+    )
     with pytest.warns(UserWarning, match="frames have more than max_points=30 points"):
-        whole, some = list(whole.frames()), list(some.frames())
-    assert [(frame.index, frame.time_s) for frame in some] == [(i, i / 14.0) for i in (1, 2, 3)]
-    assert all(np.array_equal(here.points, there.points) for here, there in zip(some, whole[1:], strict=False))
+        all_frames, selection = list(all_frames.frames()), list(selection.frames())
+    assert [(frame.index, frame.time_s) for frame in selection] == [(i, i / 14.0) for i in (1, 2, 3)]
+    assert all(
+        np.array_equal(frame.points, expected.points)
+        for frame, expected in zip(selection, all_frames[1:], strict=False)
+    )
 
 
-def test_the_truth_begins_in_the_frame_that_is_said(tmp_path):
+def test_the_truth_begins_at_its_first_frame(tmp_path):
     folder = str(folder_of(tmp_path, [np.ones((5, 3))] * 6))
-    whole = PointFiles(folder, truth="builtin")
+    all_frames = PointFiles(folder, truth="builtin")
     later = PointFiles(folder, truth="builtin", first_frame=4, truth_first_frame=3)
-    (_, second, *_), (frame, _) = whole.frames(), later.frames()
+    (_, second, *_), (frame, _) = all_frames.frames(), later.frames()
     assert frame.index == 4
     assert np.allclose(frame.truth.pose, second.truth.pose, atol=1e-9)
 
@@ -243,15 +250,15 @@ def test_the_truth_begins_in_the_frame_that_is_said(tmp_path):
     ("files", "words"),
     [([], ["found none"]), (["note.txt"], ["found none"]), (["a.ply", "b.csv"], ["one format", ".csv, .ply"])],
 )
-def test_folders_without_points_are_named(tmp_path, files, words):
+def test_a_folder_without_points_is_an_error(tmp_path, files, words):
     for name in files:
         (tmp_path / name).touch()
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         _ = PointFiles(str(tmp_path)).info
-    assert all(word in str(caught.value) for word in [str(tmp_path), *words])
+    assert all(word in str(error.value) for word in [str(tmp_path), *words])
 
 
-def test_other_sources_are_named(tmp_path):
+def test_sources_without_points_are_an_error(tmp_path):
     with h5py.File(tmp_path / "none.h5", "w") as file:
         file["points"] = np.ones((3, 3))
     with h5py.File(tmp_path / "group.h5", "w") as file:
@@ -295,7 +302,7 @@ POINTS = np.array([[1.5, -2.25, 0.5], [0.25, 4.0, -1.0]])
         ("a.ply", (ascii_ply(np.vstack([POINTS, [np.nan, 1.0, 2.0]]))).encode()),
     ],
 )
-def test_the_same_points_are_read_from_every_format(tmp_path, name, content):
+def test_formats_and_dialects_give_the_same_points(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     assert np.array_equal(READERS[name[1:].lower()](tmp_path / name), POINTS)
 
@@ -313,22 +320,22 @@ def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
         np.savez(tmp_path / "a.npz", rgb=np.ones((2, 3)), **{name: POINTS})
         assert np.array_equal(read_npz(tmp_path / "a.npz"), POINTS)
     (tmp_path / "a.npy").write_bytes(b"no array")
-    refused(read_npy, tmp_path / "a.npy")
+    error_message(read_npy, tmp_path / "a.npy")
     for content in (b"VERSION 0.7\n", pcd(POINTS, True)[:-1], pcd(POINTS, True).replace(b"x y", b"u v"),
                     pcd(POINTS, True).replace(b"WIDTH 2", b"WIDTH two")):  # fmt: skip
         (tmp_path / "a.pcd").write_bytes(content)
-        refused(read_pcd, tmp_path / "a.pcd")
+        error_message(read_pcd, tmp_path / "a.pcd")
 
 
-@quick
+@few_examples
 @given(times=st.lists(st.integers(0, 40_000), min_size=2, max_size=20, unique=True))
-def test_files_are_in_the_order_of_their_times(times):
-    """Sixteenths of a second, printed without trailing zeros."""
+def test_files_are_ordered_by_time(times):
+    """Times are multiples of 1/16 s, written without trailing zeros."""
     names = [f"cloud_{time / 16}.ply" for time in times]
     assert in_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
 
 
-def test_numbers_are_counters_unless_their_decimals_vary():
+def test_decimals_of_constant_length_are_counters():
     names = [f"scan 1.{k}.ply" for k in range(1, 31)]
     assert [name for name, _ in in_order(names[::-1])] == names
     assert in_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
@@ -351,7 +358,7 @@ def test_empty_and_missing_frames_are_gaps(tmp_path, caplog):
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1.0, None), (100.0, None), (1000.0, None), (39.37007874, "inch")])
-def test_the_unit_is_that_of_a_person_or_given(tmp_path, factor, unit):
+def test_the_unit_is_inferred_from_the_size_of_a_person_or_chosen(tmp_path, factor, unit):
     points = np.random.default_rng(0).uniform(-0.9, 0.9, (50, 3))
     np.save(tmp_path / "0.npy", factor * points)
     (frame,) = PointFiles(str(tmp_path), unit=unit).frames()

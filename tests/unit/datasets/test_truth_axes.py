@@ -1,4 +1,4 @@
-"""A truth in other axes than the cameras': rotated where detections show it, and only there."""
+"""Alignment of the ground truth's axes with those of the cameras, by detections."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def scene(n=6):
     poses[:, :3] = np.linspace([-0.4, 0.2, 0.9], [0.5, -0.1, 0.95], n)
     places = joints(person(from_height(1.7)).skeleton, poses)
     noise = np.random.default_rng(1).normal(0.0, 2.0, (len(CAMERAS), n, places.shape[1], 2))
-    return places, [(camera, camera.project(places) + each) for camera, each in zip(CAMERAS, noise, strict=True)]
+    return places, [(camera, camera.project(places) + errors) for camera, errors in zip(CAMERAS, noise, strict=True)]
 
 
 def test_there_are_24_rotations():
@@ -27,7 +27,7 @@ def test_there_are_24_rotations():
 
 
 @pytest.mark.parametrize("k", range(24))
-def test_any_axes_are_recognized(k, caplog):
+def test_every_rotation_of_the_axes_is_recognized(k, caplog):
     places, detections = scene()
     detections[0][1][2] = np.nan
     places[1, 4] = np.nan
@@ -35,8 +35,8 @@ def test_any_axes_are_recognized(k, caplog):
     assert ("set truth_up and truth_forward" in caplog.text) == (k > 0)
 
 
-def test_a_truth_that_fits_no_better_stays():
+def test_a_truth_without_a_better_rotation_is_unchanged():
     places, detections = scene()
     elsewhere = places + np.array([30.0, 0.0, 0.0])
-    for given in ([], [(camera, np.full_like(pixels, np.nan)) for camera, pixels in detections], detections):
-        assert in_axes_of_cameras("truth.trc", elsewhere, given) is elsewhere
+    for observed in ([], [(camera, np.full_like(pixels, np.nan)) for camera, pixels in detections], detections):
+        assert in_axes_of_cameras("truth.trc", elsewhere, observed) is elsewhere

@@ -1,4 +1,4 @@
-"""What must not change the image-motion likelihood, or must change it in a known way."""
+"""Invariances of the image-motion likelihood."""
 
 from dataclasses import replace
 
@@ -23,8 +23,8 @@ CAMERAS = tuple(
 def scene(seed, n=40):
     rng = np.random.default_rng(seed)
     frames = [Frame(i, i / 30, tuple(View(c, scenes.texture(rng, 200, 150)) for c in CAMERAS)) for i in range(2)]
-    spread = np.concatenate([np.full(3, 0.05), [0.5, 0.1, 0.1], np.full(19, 0.3)])
-    previous, pose = (spread * rng.standard_normal((n, 25)) for _ in range(2))
+    sigma = np.concatenate([np.full(3, 0.05), [0.5, 0.1, 0.1], np.full(19, 0.3)])
+    previous, pose = (sigma * rng.standard_normal((n, 25)) for _ in range(2))
     return frames[0], frames[1], previous, pose
 
 
@@ -34,54 +34,51 @@ def with_views(frame, views):
 
 @settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32 - 1))
-def test_views_add_up(seed):
+def test_log_likelihoods_of_views_are_added(seed):
     before, now, previous, pose = scene(seed)
     likelihood = ImageMotion(BODY)
-    alone = [
+    separate = [
         scenes.log_prob(likelihood, with_views(before, [a]), with_views(now, [b]), previous, pose)
         for a, b in zip(before.views, now.views, strict=True)
     ]
-    together = scenes.log_prob(
-        likelihood, before, with_views(now, now.views[::-1]), previous, pose
-    )  # in whatever order
-    np.testing.assert_allclose(together, alone[0] + alone[1], rtol=1e-14)
+    joint = scenes.log_prob(likelihood, before, with_views(now, now.views[::-1]), previous, pose)  # in any order
+    np.testing.assert_allclose(joint, separate[0] + separate[1], rtol=1e-14)
 
 
 @settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.floats(-3.0, 3.0), st.tuples(*[st.floats(-20.0, 20.0)] * 3))
-def test_moving_the_world_with_its_cameras_changes_nothing(seed, heading, shift):
-    """A turn of body and cameras about the world's z axis and a shift: only rounding may differ.
-
-    A point that rounding pushes over an edge would change log p by about 1/n; no such point turns up at 1e-12 px.
-    """
+def test_rigid_motions_of_body_and_cameras_change_nothing(seed, heading, shift):
+    """Rounding by 1e-12 px moves no point across an occluding edge, which would change log p by 1/n."""
     before, now, previous, pose = scene(seed)
     c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    world_rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def moved_pose(poses):
         moved = poses.copy()
-        moved[:, :3] = poses[:, :3] @ turn.T + shift
+        moved[:, :3] = poses[:, :3] @ world_rotation.T + shift
         moved[:, 3] += heading
         return moved
 
     def moved_views(frame):
         for view in frame.views:
-            rotation = view.camera.rotation @ turn.T
+            rotation = view.camera.rotation @ world_rotation.T
             camera = replace(view.camera, rotation=rotation, translation=view.camera.translation - rotation @ shift)
             yield replace(view, camera=camera)
 
     likelihood = ImageMotion(BODY)
     expected = scenes.log_prob(likelihood, before, now, previous, pose)
-    moved = [with_views(frame, moved_views(frame)) for frame in (before, now)]
-    found = scenes.log_prob(likelihood, moved[0], moved[1], moved_pose(previous), moved_pose(pose))
-    # float32 grey levels: δ = 1e-4 in a residual r of up to 5 σ moves log p by r δ / σ² per limb, 24 limbs
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=24 * 5 * 1e-4 / likelihood.sigma)
+    moved_frames = [with_views(frame, moved_views(frame)) for frame in (before, now)]
+    moved_log_prob = scenes.log_prob(
+        likelihood, moved_frames[0], moved_frames[1], moved_pose(previous), moved_pose(pose)
+    )
+    # float32 grey levels: an error δ = 1e-4 of a residual r up to 5 σ changes log p by r δ / σ² per limb, 24 limbs
+    np.testing.assert_allclose(moved_log_prob, expected, rtol=0.0, atol=24 * 5 * 1e-4 / likelihood.sigma)
 
 
 @settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
-def test_only_differences_of_grey_levels_count(seed, offset):
-    """Brightening both frames alike changes nothing (nothing saturates: textures stay well inside 0..255)."""
+def test_the_same_offset_of_both_images_changes_nothing(seed, offset):
+    """Grey levels are scaled by 0.5 so that none saturates."""
     before, now, previous, pose = scene(seed)
 
     def scaled(frame, plus):
@@ -97,7 +94,7 @@ def test_only_differences_of_grey_levels_count(seed, offset):
 
 @settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**32 - 1))
-def test_equal_colours_are_grey(seed):
+def test_an_image_of_three_equal_channels_is_its_grey_image(seed):
     before, now, previous, pose = scene(seed)
 
     def coloured(frame):

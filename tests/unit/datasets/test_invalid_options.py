@@ -1,4 +1,4 @@
-"""Every wrong key of a dataset is refused in one sentence that names it, before anything is rendered."""
+"""Invalid options of datasets are errors that name the option, before any frame is made."""
 
 import numpy as np
 import pytest
@@ -10,14 +10,14 @@ from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.utils.errors import InputError
 
-pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # of a camera that stands further off
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # the camera's distance is increased
 NAN, INF = float("nan"), float("inf")
 KEYS = [
     *[(Points, key, value) for key, value in (
         ("n_frames", 1), ("first_frame", -1), ("n_points", 0), ("sigma_m", -0.1), ("sigma_m", NAN),
         ("outlier_fraction", 1.0), ("outlier_fraction", -0.1), ("n_clutter_points", -1), ("occluder_width_m", -1.0),
         ("distance_m", 0.5), ("rate_hz", 0.0), ("view_azimuth_deg", INF),
-        ("focal_px", 0.0), ("seed", -1), ("initialization", "soon"), ("motion", "nobody"), ("motion", 3502),
+        ("focal_px", 0.0), ("seed", -1), ("initialization", "soon"), ("motion", "unknown"), ("motion", 3502),
     )],
     *[(Stereo, key, value) for key, value in (
         ("baseline_m", 0.0), ("baseline_m", 3.0), ("rate_hz", -1.0), ("n_points", 0), ("noise_std", NAN),
@@ -35,7 +35,7 @@ KEYS = [
         ("initialization", "soon"),
     )],
 ]  # fmt: skip
-TOGETHER = [
+COMBINATIONS = [
     (Points, {"n_frames": 5000}, "lasts 60.0"),
     (Points, {"motion": "builtin_arm", "initialization": "perturbed_truth"}, "no gait cycle"),
     (Points, {"motion": []}, "at least one motion"),
@@ -52,22 +52,22 @@ TOGETHER = [
 ]
 
 
-def refusal(dataset, keys, folder):
+def error_message(dataset, keys, folder):
     if dataset is PointFiles:
         np.savez(folder / "frame_0.npz", points=np.ones((2, 3)))
         keys = {"source": str(folder), **keys}
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         _ = dataset(**keys).info
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+    assert "\n" not in str(error.value)
+    return str(error.value)
 
 
 @pytest.mark.parametrize(("dataset", "key", "value"), KEYS)
-def test_a_key_out_of_its_range_is_named_with_what_was_found(dataset, key, value, tmp_path):
-    message = refusal(dataset, {key: value}, tmp_path)
+def test_the_error_of_an_option_out_of_range_names_it(dataset, key, value, tmp_path):
+    message = error_message(dataset, {key: value}, tmp_path)
     assert key in message
 
 
-@pytest.mark.parametrize(("dataset", "keys", "words"), TOGETHER)
-def test_keys_that_do_not_go_together_are_named(dataset, keys, words, tmp_path):
-    assert words in refusal(dataset, keys, tmp_path)
+@pytest.mark.parametrize(("dataset", "keys", "words"), COMBINATIONS)
+def test_the_error_of_inconsistent_options_describes_them(dataset, keys, words, tmp_path):
+    assert words in error_message(dataset, keys, tmp_path)
