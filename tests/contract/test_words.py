@@ -1,4 +1,4 @@
-"""Names and text of the package use the field's words, not those that were retired."""
+"""Names and text use the field's words, not the retired ones."""
 
 import ast
 import io
