@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from kinds_of_recordings import leave_kinds
+from kinds_of_recordings import write_kinds
 from rerun.chunk import RrdReader
 
 from workbench.results.gallery import gallery
@@ -19,7 +19,7 @@ BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 
 @pytest.fixture(scope="module")
 def fresh(tmp_path_factory):
-    return leave_kinds(tmp_path_factory.mktemp("kinds"))
+    return write_kinds(tmp_path_factory.mktemp("kinds"))
 
 
 def test_a_component_has_one_type_and_is_logged_in_one_way(fresh):

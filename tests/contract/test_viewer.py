@@ -8,7 +8,7 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 from headless import settled, state_of, view_problems, viewer
-from kinds_of_recordings import leave_kinds
+from kinds_of_recordings import write_kinds
 
 from workbench.results.gallery import gallery
 from workbench.results.table import read_runs
@@ -25,7 +25,7 @@ def client():
 
 @pytest.fixture(scope="module")
 def fresh(tmp_path_factory):
-    return leave_kinds(tmp_path_factory.mktemp("kinds"))
+    return write_kinds(tmp_path_factory.mktemp("kinds"))
 
 
 @pytest.mark.parametrize("path", BASELINES, ids=lambda path: path.stem)

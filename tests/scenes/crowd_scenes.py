@@ -47,7 +47,7 @@ def walkers(ways, n_frames=30, rate_hz=RATE_HZ):
     return found
 
 
-def shown(cameras, places, rng, sigma_px=3.0):
+def projections(cameras, places, rng, sigma_px=3.0):
     """What cameras show of people's joints (T, J, 3): (T, J, 3) by camera and person, [u, v, confidence], NaN outside
     of the image, and for the pelvis and the neck, which no detector finds."""
     found = {}
@@ -144,7 +144,7 @@ def copies(cameras, own, motions, rate_hz):
     return found
 
 
-def whose(scene, followed):
+def identities(scene, followed):
     """Whom a followed person shows, (V, T), -1 for none, and who is shown in frames and views, (T, V, K)."""
     n_people = 1 + max(int(order.max()) for those in scene.owners.values() for order in those if len(order))
     names, n_frames = list(scene.cameras), len(followed.frames)

@@ -22,7 +22,7 @@ def tracked():
     return likelihood, frames
 
 
-def third():
+def third_frame():
     """Its look at the third frame, and the true pose there."""
     likelihood, frames = tracked()
     return likelihood.prepare(frames[1], frames[2]), frames[2].truth.pose

@@ -27,12 +27,12 @@ def walk(n_frames=12, heading=0.0, rate_hz=1.1, phase=0.3):
     return times, phases, decoder.poses(decoder.states(np.array([0.5, -0.5]), phases, roots))
 
 
-def keypoints(poses, sigma_px=0.0, missed=0.0, seed=0):
+def keypoints(poses, sigma_px=0.0, missing=0.0, seed=0):
     """(T, 15, 3) of poses (T, 25), with noise and without some."""
     rng = np.random.default_rng(seed)
     pixels = CAMERA.project(joints(BODY.skeleton, poses))
     found = np.concatenate([pixels + sigma_px * rng.standard_normal(pixels.shape), np.ones((*pixels.shape[:2], 1))], 2)
-    found[rng.random(found.shape[:2]) < missed] = np.nan
+    found[rng.random(found.shape[:2]) < missing] = np.nan
     return found
 
 

@@ -11,7 +11,7 @@ from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 
-def leave_kinds(folder):
+def write_kinds(folder):
     """Leave recordings of images, of a synthesis, which has neither images nor truth, and of a study; the folder."""
     run = list(steps(3, n_particles=20))
     _leave(folder / "images.rrd", "images", run, sigma=0.1)

@@ -31,7 +31,7 @@ WALKER = Skeleton(
 EVERY_JOINT = np.arange(len(_JOINTS))
 
 
-class Knowing:
+class PriorStub:
     """What least squares asks of a prior: its powers."""
 
     def __init__(self, **capabilities):

@@ -69,6 +69,6 @@ def notes(likelihood, previous, frame, previous_pose, pose):
     return frame_likelihood.notes + frame_likelihood.evaluate(previous_pose, pose).notes
 
 
-def begun(likelihood, frame, pose):
+def after_first_frame(likelihood, frame, pose):
     """The likelihood after the first frame of a run, where a pose (P,) was expected."""
     return likelihood.prepare(None, frame).update(pose)

@@ -61,7 +61,7 @@ class DrawnOnly(LinearPrior):
     capabilities = PriorCapabilities()
 
 
-class LookOf:
+class MemorylessFrameLikelihood:
     """What a likelihood without a memory sees of a frame: nothing but which one it is."""
 
     notes, diagnostics = (), {}
@@ -80,7 +80,7 @@ class Memoryless:
     """A likelihood by its `log_prob(previous, frame, previous_pose, pose)` alone."""
 
     def prepare(self, previous, frame):
-        return LookOf(self, previous, frame)
+        return MemorylessFrameLikelihood(self, previous, frame)
 
 
 class Position(Memoryless):

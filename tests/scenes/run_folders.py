@@ -19,15 +19,15 @@ def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1,
     }  # fmt: skip
 
 
-def leave(folder, **said):
+def write_run(folder, **said):
     """Leave a run's folder without a recording, and return it."""
     folder.mkdir(parents=True)
     (folder / "summary.json").write_text(json.dumps(summary(**said)))
     return folder
 
 
-def leave_sweep(folder, priors=("smooth", "walking"), ns=(100, 400), seeds=(0, 1, 2)):
+def write_sweep(folder, priors=("smooth", "walking"), ns=(100, 400), seeds=(0, 1, 2)):
     """Leave the jobs of a sweep; the k-th is off by 10 + k mm."""
     for k, (prior, n, seed) in enumerate(product(priors, ns, seeds)):
-        leave(folder / str(k), prior=prior, n=n, seed=seed, error=10.0 + k, day=1 + k)
+        write_run(folder / str(k), prior=prior, n=n, seed=seed, error=10.0 + k, day=1 + k)
     return folder

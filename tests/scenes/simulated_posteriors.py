@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 from keypoint_scenes import BODY, CAMERA
-from least_squares_scenes import Knowing, SineModel
+from least_squares_scenes import PriorStub, SineModel
 from linear_gaussian import streams
 from scipy.stats import chisquare
 
@@ -96,7 +96,7 @@ def fitted(frames_per_style, n_frames, n_replicates, seed=0, correlation=0.0, **
         states = walk_of_a_fit(n_frames, frames_per_style, rng)
         truth, ends = decoder.poses(states), (states[0, 2], states[-1, 2])
         problem = MotionFit(frames_per_style, ends, **options)  # phases to begin the search with
-        fit = LeastSquares(BODY, NORMAL, Knowing(motion=SineModel()), problem=problem)
+        fit = LeastSquares(BODY, NORMAL, PriorStub(motion=SineModel()), problem=problem)
         seen = simulated_frames(truth, REFERENCE_RATE_HZ, np.inf, rng, correlation)
         steps = fit.run(seen, truth[0], streams([seed, replicate, 1]))
         found.append(ranked(steps, truth, moving))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from run_folders import leave, summary
+from run_folders import summary, write_run
 
 from workbench.recording.write.file import RecordingFile
 
@@ -26,8 +26,8 @@ def record(path, run_id="a run", experiment="walk_straight", **said):
     return path
 
 
-def leave_recorded(folder, run_id, **said):
+def write_recorded_run(folder, run_id, **said):
     """Leave a run's folder with a recording, and return it."""
-    leave(folder, **{name: value for name, value in said.items() if name != "origin"})
+    write_run(folder, **{name: value for name, value in said.items() if name != "origin"})
     record(folder / "run.rrd", run_id, **said)
     return folder

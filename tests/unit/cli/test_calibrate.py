@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from observed_walkers import camera_arc, observed_joints
 from rendered_boards import COLUMNS, ROWS, board_poses, lens, rendered
-from seen_walkers import around, seen_by
 
 from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
@@ -91,9 +91,9 @@ def test_bad_words_are_one_sentence(films, tmp_path, monkeypatch, capsys, words,
 
 @pytest.fixture
 def folder(tmp_path):
-    (camera,) = around(1)
+    (camera,) = camera_arc(1)
     write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
-    marks = seen_by([camera]).keypoints[0]
+    marks = observed_joints([camera]).keypoints[0]
     (tmp_path / "film").mkdir()
     rows = ["frame,joint,u,v,visible"]
     for t in range(3):

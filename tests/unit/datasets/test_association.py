@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from crowd_scenes import CAMERAS, RATE_HZ, crowd, shown, walkers, whose
+from crowd_scenes import CAMERAS, RATE_HZ, crowd, identities, projections, walkers
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
@@ -24,7 +24,7 @@ CROSSING = (((-0.8, -0.2), (1.6, 0.0)), ((0.8, 0.2), (-1.6, 0.0)))
 
 def scene(seed, ways=CROSSING, cameras=CAMERAS, n_frames=30, **given):
     rng = np.random.default_rng(seed)
-    return crowd(cameras, shown(cameras, walkers(ways, n_frames), rng), rng, **given)
+    return crowd(cameras, projections(cameras, walkers(ways, n_frames), rng), rng, **given)
 
 
 def first_row(made, name, who):
@@ -43,7 +43,7 @@ def test_two_who_cross_are_told_apart(seed):
     made = scene(seed)
     for who in range(2):
         found = followed(made, who)
-        owner, there = whose(made, found)
+        owner, there = identities(made, found)
         assert set(owner.ravel().tolist()) <= {-1, who}  # no frame of two people, none of the other one
         shown_twice = there[:, :, who].sum(axis=1) >= 2
         assert (owner == who).any(axis=0)[shown_twice].mean() >= 0.95
@@ -69,7 +69,7 @@ def test_who_leaves_and_comes_back_is_the_same(caplog):
             made.people[name] = People(name, "COCO_17", made.people[name].frames, tuple(rows))
     with caplog.at_level(logging.INFO):
         found = followed(made, 1)
-    owner, _ = whose(made, found)
+    owner, _ = identities(made, found)
     assert set(owner.ravel().tolist()) == {-1, 1}
     seen = (owner == 1).any(axis=0)
     assert seen[:14].all()
@@ -81,7 +81,7 @@ def test_who_leaves_and_comes_back_is_the_same(caplog):
 
 def test_exchanged_sides_are_put_right_and_counted(caplog):
     rng = np.random.default_rng(3)
-    right = shown(CAMERAS, walkers(CROSSING[:1], 40), rng)
+    right = projections(CAMERAS, walkers(CROSSING[:1], 40), rng)
     made = crowd(CAMERAS, right, rng, missing=0.0, lost_joints=0.0, swapped=0.15)
     n_swapped = sum(int(parts.sum()) for parts_of in made.swapped.values() for parts in parts_of)
     assert n_swapped > 10
@@ -128,7 +128,7 @@ def test_people_whose_rays_do_not_meet_are_refused():
     made = scene(0, CROSSING[:1], missing=0.0)
     rng = np.random.default_rng(1)
     upstairs = [one + np.array([0.0, 0.0, 1.0]) for one in walkers(CROSSING[1:])]
-    other = crowd(CAMERAS, shown(CAMERAS, upstairs, rng), rng, missing=0.0)
+    other = crowd(CAMERAS, projections(CAMERAS, upstairs, rng), rng, missing=0.0)
     apart = {"front": made.people["front"], "left": other.people["left"]}
     with pytest.raises(InputError, match="front, left: expected a person in two cameras at once"):
         select_target(apart, made.cameras, RATE_HZ)
@@ -183,7 +183,7 @@ ALL = np.ones(15, dtype=bool)
 
 def seen(names, n_frames=40, seed=0):
     """Eyes and (V, T, J, 3) of a walker."""
-    found = shown({name: CAMERAS[name] for name in names}, walkers(WALK, n_frames), np.random.default_rng(seed))
+    found = projections({name: CAMERAS[name] for name in names}, walkers(WALK, n_frames), np.random.default_rng(seed))
     eyes = [
         DetectorView(CAMERAS[name] if len(names) > 1 else None, ALL, 1.0 if len(names) > 1 else 300.0) for name in names
     ]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dense_walker import third, tracked, walker
+from dense_walker import third_frame, tracked, walker
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
@@ -275,7 +275,7 @@ def test_an_arm_that_reaches_out_does_not_pass():
 
 
 def test_the_truth_is_likelier_than_what_is_beside_it():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     rng = np.random.default_rng(0)
     off = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
     heights = frame_likelihood.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
@@ -283,7 +283,7 @@ def test_the_truth_is_likelier_than_what_is_beside_it():
 
 
 def test_its_slope_points_back_to_the_truth():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     assert isinstance(frame_likelihood, DifferentiableLikelihood)
     assert frame_likelihood.informative
     for seed in range(5):
@@ -299,7 +299,7 @@ def test_its_slope_points_back_to_the_truth():
 
 
 def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone():
-    (frame_likelihood, truth), skeleton = third(), BODY.skeleton
+    (frame_likelihood, truth), skeleton = third_frame(), BODY.skeleton
     off = truth.copy()
     off[skeleton.dof("left_shoulder_flexion")] += 0.8
     fits, misses = frame_likelihood.mean_loss(truth), frame_likelihood.mean_loss(off)

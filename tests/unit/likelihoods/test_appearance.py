@@ -34,7 +34,7 @@ def view(level, index=0):
 
 @pytest.mark.parametrize("difference", [0, 10, 100])
 def test_a_flat_limb_that_changes_its_level(difference):
-    likelihood = scenes.begun(
+    likelihood = scenes.after_first_frame(
         Appearance(ROD, effective_pixels=2.0, sigma=SIGMA, outlier_fraction=EPSILON), view(100), scenes.root()[0]
     )
     found = scenes.log_prob(likelihood, view(100), view(100 + difference, 1), scenes.root(), scenes.root())
@@ -71,7 +71,7 @@ def test_cells_go_around_the_limb():
 def test_a_side_is_learned_when_it_is_seen():
     """A body that turns half around shows its other side: not known, so worth nothing, until it is learned, too."""
     front, back = scenes.root(), scenes.root(heading=np.pi)
-    likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, outlier_fraction=EPSILON), view(100), front[0])
+    likelihood = scenes.after_first_frame(Appearance(ROD, sigma=SIGMA, outlier_fraction=EPSILON), view(100), front[0])
     assert scenes.log_prob(likelihood, view(100), view(100, 1), back, back)[0] == 0.0
     likelihood = likelihood.prepare(view(100), view(200, 1)).update(back[0])
     both = np.concatenate([front, back])
@@ -102,7 +102,7 @@ def test_an_outlier_hardly_changes_the_template_and_what_is_not_seen_not_at_all(
 def test_a_hidden_limb_teaches_nothing():
     """A rod 50 cm behind a broader one."""
     body = scenes.rods(((-0.5, 0.0, -0.2), (-0.5, 0.0, 0.2), 0.05), ((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.3))
-    n = scenes.begun(Appearance(body), view(100), scenes.root()[0]).state.by_camera["front"].n
+    n = scenes.after_first_frame(Appearance(body), view(100), scenes.root()[0]).state.by_camera["front"].n
     assert not n[0].any()
     assert n[1].any()
 
@@ -113,7 +113,7 @@ def test_the_texture_is_best_explained_where_it_went():
     now = image.copy()
     now[90:150, 150:180] = image[90:150, 145:175]
     first = scenes.frame(0, (scenes.FRONT, image))
-    likelihood = scenes.begun(Appearance(ROD), first, scenes.root()[0])
+    likelihood = scenes.after_first_frame(Appearance(ROD), first, scenes.root()[0])
     shifts = np.arange(-8, 9)
     poses = np.repeat(scenes.root(), len(shifts), axis=0)
     poses[:, 1] = shifts / 75.0
@@ -122,7 +122,7 @@ def test_the_texture_is_best_explained_where_it_went():
 
 
 def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_once():
-    once = scenes.begun(Appearance(ROD), view(100), scenes.root()[0])
+    once = scenes.after_first_frame(Appearance(ROD), view(100), scenes.root()[0])
     assert once.prepare(view(100), view(150, 1)).notes == ()
     twice = once.prepare(view(100), view(150, 1)).update(np.full(25, np.nan))
     assert twice.state.by_camera == once.state.by_camera

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dense_walker import third
+from dense_walker import third_frame
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
@@ -112,7 +112,7 @@ def test_log_ratios_are_the_same_on_any_number_of_threads(monkeypatch):
 
 @pytest.mark.parametrize("limb", ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])
 def test_a_limb_is_likelier_where_it_is_than_elsewhere(limb):
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     assert isinstance(frame_likelihood, DenseLikelihood)
     own = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(limb)]
     rng, tried = np.random.default_rng(0), np.repeat(truth[None], 40, axis=0)
@@ -122,7 +122,7 @@ def test_a_limb_is_likelier_where_it_is_than_elsewhere(limb):
 
 
 def test_an_arm_that_is_seen_cannot_hide_for_nothing():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     everything = np.ones(len(SKELETON.names), dtype=bool)
     side = max(
         ("left", "right"), key=lambda side: frame_likelihood.compare(truth[None], carried(f"{side}_shoulder"))[0]
@@ -132,7 +132,7 @@ def test_an_arm_that_is_seen_cannot_hide_for_nothing():
 
 
 def test_what_passes_before_the_person_says_nothing():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     (sight, known), = frame_likelihood.view_likelihoods  # fmt: skip
     hidden = replace(
         frame_likelihood, view_likelihoods=((replace(sight, unoccluded=np.zeros_like(sight.unoccluded)), known),)

@@ -43,7 +43,7 @@ def test_a_term_without_weight_is_never_asked():
     product = Product({"off": Fixed(np.nan, np.nan, np.nan, np.nan), "a": Fixed(0, 1, 2, 3)}, {"a": 1.0, "off": 0.0})
     np.testing.assert_array_equal(evaluate(product).log_prob, [0.0, 1.0, 2.0, 3.0])
     assert set(evaluate(product).diagnostics) == {"found", "variance_fraction_a"}
-    after = scenes.begun(product, FRAME, POSES[0])
+    after = scenes.after_first_frame(product, FRAME, POSES[0])
     assert {name: term.updated for name, term in after.terms.items()} == {"off": 0, "a": 1}
     assert list(after.terms) == ["off", "a"]
 
@@ -72,7 +72,7 @@ def test_every_term_is_told_what_was_found_and_speaks():
     assert first.notes == ("careful of the frame",)
     assert evaluate(product).notes == ("careful",)
     assert evaluate(product).diagnostics == {"found": 3.0, "variance_fraction_a": 1.0, "variance_fraction_b": 0.0}
-    twice = scenes.begun(first.update(POSES[0]), FRAME, POSES[0])
+    twice = scenes.after_first_frame(first.update(POSES[0]), FRAME, POSES[0])
     assert twice.terms["a"].updated == 2
     assert terms["a"].updated == 0
 

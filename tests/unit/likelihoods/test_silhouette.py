@@ -55,7 +55,7 @@ def test_a_rod_gets_the_mean_ratio_of_what_it_covers():
     """k r(80) where all it covers changed, k r(0) on the background, and the even mixture where half of it did."""
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
-    likelihood = scenes.begun(
+    likelihood = scenes.after_first_frame(
         Silhouette(ROD, still, effective_pixels=2.0, dilation_px=0.0), frames[0], scenes.root()[0]
     )
     poses = np.concatenate([scenes.root((0.0, y, 0.0)) for y in (0.8, -0.8, 0.0)])

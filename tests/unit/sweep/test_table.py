@@ -5,7 +5,7 @@ import os
 import shutil
 
 import pytest
-from run_folders import leave, summary
+from run_folders import summary, write_run
 
 from workbench.sweep import table as module
 from workbench.sweep.plan import Plan, read_plan
@@ -28,8 +28,8 @@ def leave_again(folder, day, **said):
 
 def test_a_job_that_runs_again_after_it_was_interrupted_is_not_interrupted(tmp_path, progress, capsys):
     """As one does that Slurm has put back into its queue, since its time was up or another needed the node."""
-    leave(tmp_path / "0", day=1)
-    job = leave(tmp_path / "1", day=1, status="interrupted")
+    write_run(tmp_path / "0", day=1)
+    job = write_run(tmp_path / "1", day=1, status="interrupted")
     progress.stop()
     assert progress.not_ended() == []
     assert progress.not_complete() == {1: "interrupted by a signal"}
@@ -46,7 +46,7 @@ def test_a_job_that_runs_again_after_it_was_interrupted_is_not_interrupted(tmp_p
 
 
 def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
-    leave(tmp_path / "0", status="running")
+    write_run(tmp_path / "0", status="running")
     progress.stop()
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
     with locked(tmp_path / "0"):
@@ -55,8 +55,8 @@ def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
 
 
 def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_path, capsys):
-    leave(tmp_path / "0")
-    leave(tmp_path / "1", status="failed")
+    write_run(tmp_path / "0")
+    write_run(tmp_path / "1", status="failed")
     progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)))
     assert progress.not_begun() == [0, 1]
     (tmp_path / "0" / "summary.json").touch()
@@ -79,7 +79,7 @@ sweep: {job_ids: null}
 def sweep(tmp_path):
     (tmp_path / "multirun.yaml").write_text(PLAN)
     os.utime(tmp_path / "multirun.yaml", (1e9, 1e9))
-    leave(tmp_path / "0", seed=0)
+    write_run(tmp_path / "0", seed=0)
     return tmp_path
 
 
@@ -112,7 +112,7 @@ def frame_likelihoods(sweep, monkeypatch):
 
 @pytest.mark.parametrize("at_work", ["", "1"])
 def test_a_sweep_is_followed_as_long_as_its_launcher_or_a_job_is_at_work(sweep, capsys, monkeypatch, at_work):
-    leave(sweep / "1", status="running")
+    write_run(sweep / "1", status="running")
     with locked(sweep / at_work):
         assert frame_likelihoods(sweep, monkeypatch) is None
     assert frame_likelihoods(sweep, monkeypatch) == 1
