@@ -38,7 +38,7 @@ def test_a_right_calibration_fits(n):
 
 def test_cameras_that_are_exchanged_disagree():
     cameras = camera_arc(3)
-    seen = observed_joints(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
+    seen = observed_joints(cameras, true_cameras=(cameras[1], cameras[0], cameras[2]))
     assert "the videos of c0 and c1 are exchanged" in wrong(seen)
     assert check_calibration(seen, None).level == "not usable"
 
