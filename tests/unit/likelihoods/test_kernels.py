@@ -104,7 +104,7 @@ def test_values_and_slopes_between_pixels_are_those_of_scipy():
     shown = smoothed_image((255.0 * rng.random((50, 70))).astype(np.float32), 1.2)
     pixels = np.column_stack([rng.uniform(2.0, 66.9, 300), rng.uniform(2.0, 46.9, 300)])
     pixels[:20] = np.rint(pixels[:20])
-    for found, expected in zip(interpolate(shown, pixels), oracle.picture_at(shown, pixels), strict=True):
+    for found, expected in zip(interpolate(shown, pixels), oracle.interpolated(shown, pixels), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -122,7 +122,7 @@ def test_a_scene_is_compared_and_learned_as_in_numpy(threads, monkeypatch):
     expected = oracle.background_log_ratio(scene, image, 0.05)
     np.testing.assert_allclose(scene.log_ratio(image, 0.05), expected, rtol=1e-5, atol=1e-5)
     covered, before = rng.random(scene.level.shape) < 0.001, scene.level.copy()
-    found, learned = scene.updated(image, covered), oracle.scene_seen(scene, image, covered)
+    found, learned = scene.updated(image, covered), oracle.updated_background(scene, image, covered)
     np.testing.assert_array_equal(found.n, learned.n)
     np.testing.assert_allclose(found.level, learned.level, rtol=1e-12)
     assert (found.n > scene.n).any()
