@@ -13,13 +13,6 @@ from workbench.experiment.config.requirements import assumptions, first_conflict
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 
 
-@pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
-@pytest.mark.slow
-def test_an_experiment_lists_the_assumptions_of_its_components(experiment):
-    config = composed(f"experiment={experiment}")
-    assert set(config.assumptions) == set(assumptions(config))
-
-
 @pytest.mark.parametrize(
     ("overrides", "added", "removed"),
     [
@@ -44,11 +37,14 @@ def test_the_assumptions_of_a_run_follow_its_components(overrides, added, remove
     assert set(assumptions(composed(*overrides))) == (unchanged | added) - removed
 
 
-def test_the_table_of_the_documents_lists_the_assumptions():
+def test_experiments_and_the_table_of_the_documents_list_the_assumptions_of_the_components():
+    configs = {name: composed(f"experiment={name}") for name in TRACKING if name != "custom"}
+    derived = {name: set(assumptions(config)) for name, config in configs.items()}
+    assert {name: set(config.assumptions) for name, config in configs.items()} == derived
     text = EXPERIMENTS.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \|(?:[^|]+\|){1,2}?([^|]+)\| (?:required|optional|–) \|$", text, re.MULTILINE)
     listed = {name: set(re.findall(r"\w+", words)) for name, words in rows if name in TRACKING}
-    assert listed == {name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"}
+    assert listed == derived
     assert {name for name, _ in rows} == set(options("experiment")) - {"custom"}
     (section,) = re.findall(r"^## Assumptions\n(.+?)^## ", text, re.DOTALL | re.MULTILINE)
     assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == list(ORDER)

@@ -1,7 +1,6 @@
 """A copy of an experiment in a user's folder composes to the same configuration, and errors name its file."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -94,25 +93,17 @@ def test_an_experiment_with_the_name_of_an_existing_one_is_rejected(folder):
 
 
 @pytest.mark.slow
-def test_a_copy_runs_as_a_single_run_and_in_a_launchers_workers(folder, tmp_path, cache):
+def test_a_copy_runs_as_a_single_run_and_in_a_launchers_workers(folder, tmp_path, cache, monkeypatch):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     original = options_module.folder(options_module.OURS) / "experiment" / "walk_circle.yaml"
     (folder / "experiment" / "mine.yaml").write_text(original.read_text(encoding="utf-8"), encoding="utf-8")
-    sweep = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
-    for overrides in (["hydra.run.dir=single"], sweep):
-        command = [
-            sys.executable,
-            "-m",
-            "workbench",
-            "run",
-            f"--config-dir={folder}",
-            "experiment=mine",
-            *SMALL,
-            *overrides,
-        ]
-        environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
+    arguments = ["run", f"--config-dir={folder}", "experiment=mine", *SMALL]
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    assert main([*arguments, f"hydra.run.dir={tmp_path / 'single'}"]) == 0
+    workers = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
+    command = [sys.executable, "-m", "workbench", *arguments, "-m", "seed=0,1", *workers]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
     summaries = [json.loads((tmp_path / run / SUMMARY).read_text()) for run in ("single", "sweep/0", "sweep/1")]
     assert [summary["experiment"] for summary in summaries] == ["mine"] * 3
     for metric in ("mpjpe_abs_mm", "mpjpe_px"):

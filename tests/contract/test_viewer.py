@@ -56,8 +56,9 @@ def test_a_view_without_a_camera_reports_a_problem(client, tmp_path):
 def test_a_gallery_opens_without_warnings(fresh):
     with gallery(read_runs(fresh)) as served, viewer(served.url) as client:
         deadline = time.monotonic() + 20.0
-        while len((state := settled(client)).recordings) < served.n_runs and time.monotonic() < deadline:
-            time.sleep(0.5)  # until every recording is loaded
+        while len(client.get_state().recordings) < served.n_runs and time.monotonic() < deadline:
+            time.sleep(0.2)  # until every recording is loaded
+        state = settled(client)
         messages = [log.message for log in client.get_logs() if log.level != "INFO"]
     assert state.location.startswith(served.url.partition("/entry/")[0])
     assert len(state.recordings) == served.n_runs == 3

@@ -24,7 +24,7 @@ def viewer(*paths):
     with socket.socket() as free:
         free.bind((LOOPBACK, 0))
         port = str(free.getsockname()[1])
-    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "1200x800", *paths]
+    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "800x600", *paths]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as process:
         try:
