@@ -149,8 +149,6 @@ def walk_of_a_fit(n_frames, frames_per_style, rng):
         if k < 5:
             trajectories[2:, k] += np.cumsum(np.cumsum(deviation * rng.standard_normal(n_frames - 2)))
         else:  # pitch and roll
-            precision = (
-                bends.T @ bends / deviation**2 + np.eye(n_frames) / UPRIGHT_SIGMA_RAD**2
-            )
+            precision = bends.T @ bends / deviation**2 + np.eye(n_frames) / UPRIGHT_SIGMA_RAD**2
             trajectories[:, k] = np.linalg.solve(np.linalg.cholesky(precision).T, rng.standard_normal(n_frames))
     return np.hstack([alpha, trajectories])
