@@ -60,7 +60,7 @@ def test_limits_apply_to_metrics_and_to_values_of_several_setups():
         within("missing", "coverage", 0.0)(SOURCE, first)
 
 
-def test_the_fraction_of_runs_whose_twist_concentrates_about_the_truth():
+def test_the_concentrating_fraction_counts_narrow_and_covering_twists():
     width = np.concatenate([np.full(20, 150.0), np.full(30, 30.0)])
     concentrated = run(twist_width_deg=width, twist_covered=np.ones(50))
     biased = run(twist_width_deg=width, twist_covered=np.arange(50) < 29)

@@ -84,7 +84,7 @@ def test_numbers_out_of_range_are_rejected_with_their_key(place, value):
         {"inference.n_paths": 1_000_000, "dataset.n_frames": 1_000_000}, {"inference.n_particles": 10**9},
     ],
 )  # fmt: skip
-def test_keys_whose_product_exceeds_the_memory_are_rejected(keys, monkeypatch):
+def test_products_of_keys_above_the_memory_are_rejected(keys, monkeypatch):
     monkeypatch.setattr("workbench.utils.input_limits._memory_bytes", lambda: 24_000_000_000)
     config = {}
     for key, value in keys.items():
