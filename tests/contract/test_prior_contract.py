@@ -108,7 +108,7 @@ def generator(seed):
 
 
 @pytest.mark.parametrize("n", [1, 2, 37])
-def test_shapes_and_finite_numbers(prior, n):
+def test_states_and_poses_have_their_shape_and_are_finite(prior, n):
     for state in run(prior, walk().poses[0], n, seed=0):
         poses = prior.pose(state)
         for array, width in ((state, len(prior.space)), (poses, P)):

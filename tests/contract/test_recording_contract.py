@@ -392,7 +392,7 @@ def test_the_file_does_not_wait_for_an_unresponsive_viewer(run, tmp_path, monkey
 
 
 def wait_for(condition, seconds=30.0):
-    """Wait wait_for the condition holds; an unreadable file counts as False."""
+    """Wait until the condition holds; an unreadable file counts as False."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         with suppress(InputError):

@@ -21,9 +21,9 @@ TEXT = {
     *("told", "tell", "tells", "telling", "whoever", "nobody", "somebody", "anybody", "beside", "anew", "lent", "leap"),
     *("leapt", "leaps", "doubt", "stranger", "strangers", "departures", "lacking", "mendable", "judged"),
 }
-"""Words that stand in no identifier, docstring or comment."""
+"""Words that no identifier, docstring or comment contains."""
 NAMES = TEXT | {"apart", "kept", "missed", "whose"}
-"""Words that stand in no identifier."""
+"""Words that no identifier contains."""
 
 
 def words(name: str) -> list[str]:

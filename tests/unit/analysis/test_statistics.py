@@ -92,7 +92,7 @@ def test_the_computed_numbers_of_pairs_and_seeds_have_the_required_power():
 
 
 @pytest.mark.slow
-def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
+def test_a_table_resumes_after_an_interruption(tmp_path, monkeypatch):
     runs_made = []
 
     def run_of(config, experiment):

@@ -176,7 +176,7 @@ def test_keys_have_the_objects_current_values():
 
 def test_a_key_that_the_object_does_not_store_is_listed():
     assert object_config(PartlyStored(stored=3.0)) == {
-        "_target_": f"{__name__}.Forgetful", "stored": 3.0, "not_stored": ["unstored"],
+        "_target_": f"{__name__}.PartlyStored", "stored": 3.0, "not_stored": ["unstored"],
     }  # fmt: skip
 
 

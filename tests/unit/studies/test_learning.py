@@ -42,7 +42,7 @@ def test_explained_variance_is_that_of_the_eigenvalues(learned, cycles):
     assert learned.metrics["n_cycles"] == len(cycles)
 
 
-def test_an_eigencurve_deviates_by_two_standard_deviations(learned, cycles):
+def test_an_eigencurve_deviates_from_the_mean_by_two_standard_deviations(learned, cycles):
     """The first component's curves differ from the mean by twice the standard deviation of the cycles along it."""
     scaled = (cycles / np.where(np.arange(cycles.shape[2]) == 0, 30.0, 1.0)).reshape(len(cycles), -1)
     values, vectors = np.linalg.eigh(np.cov(scaled, rowvar=False))

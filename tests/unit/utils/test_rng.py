@@ -19,7 +19,7 @@ def test_a_stream_depends_on_seed_purpose_and_indices():
 
 @pytest.fixture
 def generators_made(monkeypatch):
-    """Every generator generators while a test runs, with its first state."""
+    """Return a list of the generators made during a test, with their initial states."""
     generators = []
     default_rng = np.random.default_rng
 
