@@ -257,12 +257,12 @@ def _scale(surface: Surface, i: int, local: FloatArray) -> tuple[FloatArray, Flo
     n, n_slope = np.sum((local / half**2) ** 2, axis=1), 2.0 * local / half**4
     m = np.sum(local**2, axis=1)
 
-    inside = np.maximum(0.0, 1.0 - d)  # near² = top / descends
-    top, descends = d + inside**2, n + (inside / half.min()) ** 2
-    near = np.sqrt(top / descends)
-    top_slope = (1.0 - 2.0 * inside)[:, None] * d_slope
-    below_slope = n_slope - (2.0 * inside / half.min() ** 2)[:, None] * d_slope
-    near_slope = (top_slope - (near**2)[:, None] * below_slope) / (2.0 * near * descends)[:, None]
+    inside = np.maximum(0.0, 1.0 - d)  # near² = numerator / denominator
+    numerator, denominator = d + inside**2, n + (inside / half.min()) ** 2
+    near = np.sqrt(numerator / denominator)
+    numerator_slope = (1.0 - 2.0 * inside)[:, None] * d_slope
+    denominator_slope = n_slope - (2.0 * inside / half.min() ** 2)[:, None] * d_slope
+    near_slope = (numerator_slope - (near**2)[:, None] * denominator_slope) / (2.0 * near * denominator)[:, None]
 
     radius = np.sqrt(np.maximum(d, 1.0))  # used only outside
     far = np.sqrt(m) / radius

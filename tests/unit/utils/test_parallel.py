@@ -17,6 +17,8 @@ from workbench.utils.parallel import parallel_for
 from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
+two_threads = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="numba has one thread only")
+
 
 @pytest.fixture(autouse=True)
 def _two_threads():
@@ -38,6 +40,7 @@ def test_every_item_is_covered_once_by_parts_that_start_at_multiples_of_the_step
     assert (counts == 1).all()
 
 
+@two_threads
 def test_an_error_is_raised_after_all_parts_have_ended():
     running = set()
 
@@ -73,6 +76,7 @@ def test_a_caller_does_not_wait_for_busy_helpers():
     assert (counts == 2).all()
 
 
+@two_threads
 def test_an_interruption_during_thread_start_leaves_no_unlisted_thread(monkeypatch):
     """At its end, Python would wait forever for a thread that the pool started but did not list."""
 
