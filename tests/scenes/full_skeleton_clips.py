@@ -26,7 +26,7 @@ TRAVELLER = {
 }  # fmt: skip
 
 
-def clip(joints, rotations, places=None, name="test"):
+def clip(joints, rotations, places=None, name="made"):
     """Return a clip of joints {name: (parent, offset)}, rotations (F, K, 3, 3) and offsets over time (F, K, 3)."""
     names = tuple(joints)
     parents = np.array([-1 if parent is None else names.index(parent) for parent, _ in joints.values()])

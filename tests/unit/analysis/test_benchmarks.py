@@ -21,8 +21,8 @@ MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
     "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
-    "fit_time_against_length": lambda: scaling.fit_time((20, 30)),
-    "fit_memory_against_length": lambda: scaling.fit_memory((20, 30)),
+    "fit_time_against_length": lambda: scaling.fit_time((6, 9)),
+    "fit_memory_against_length": lambda: scaling.fit_memory((6, 9)),
 }
 
 

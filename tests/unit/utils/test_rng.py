@@ -18,7 +18,7 @@ def test_a_stream_depends_on_seed_purpose_and_indices():
 
 
 @pytest.fixture
-def generators_made(monkeypatch):
+def made_generators(monkeypatch):
     """Return a list of the generators made during a test, with their initial states."""
     generators = []
     default_rng = np.random.default_rng
@@ -44,7 +44,7 @@ def generators_made(monkeypatch):
     ],
     ids=" ".join,
 )
-def test_no_two_streams_of_a_run_are_equal(overrides, generators, tmp_path):
+def test_no_two_streams_of_a_run_are_equal(overrides, made_generators, tmp_path):
     prepare_hydra()
     settings = ["paths.data=null", "seed=5", f"paths.cache={tmp_path}", "dataset.n_frames=2"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
@@ -53,6 +53,6 @@ def test_no_two_streams_of_a_run_are_equal(overrides, generators, tmp_path):
         config.inference.n_particles = 20
     for _ in track(assemble(config), seed=5):
         pass
-    used = [first for rng, first in generators if str(rng.bit_generator.state) != first]
+    used = [first for rng, first in made_generators if str(rng.bit_generator.state) != first]
     assert len(used) > 3
     assert len(set(used)) == len(used)
