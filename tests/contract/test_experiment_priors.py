@@ -1,27 +1,12 @@
 """An experiment accepts any prior, likelihood and inference, and sets only keys of its own choices."""
 
 import pytest
-from hydra import compose, initialize_config_module
+from compositions import composed
 from omegaconf import OmegaConf
 
 from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import options
-from workbench.experiment.config.schema import prepare_hydra
 from workbench.motion.formats.names import performer
-
-TRACKING = sorted(name for name, option in options("experiment").items() if "_study" not in option.text)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def hydra_is_ready():
-    prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        yield
-
-
-def composed(*overrides):
-    return compose("config", overrides=[*overrides, "paths.data=somewhere"])
-
 
 IF_CHOSEN = [
     (experiment, place, keys)

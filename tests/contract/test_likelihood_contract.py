@@ -33,7 +33,7 @@ RIGHT = plain_camera(160, 120, 150.0, (3.0, 2.0, 1.0), (0.0, 0.0, 0.0), name="ri
 CONF = Path(__file__).parents[2] / "conf" / "likelihood"
 
 
-def wall_clip():
+def clip():
     """Return a clip of two cameras that face grey walls."""
     views = tuple(View(c, np.full((c.height, c.width), 128, np.uint8)) for c in (LEFT, RIGHT))
     return of_frames([Frame(i, i / 30, views) for i in range(3)])
@@ -49,11 +49,7 @@ def edges():
 
 
 def product():
-    terms = {
-        "image_motion": ImageMotion(BODY),
-        "appearance": Appearance(BODY),
-        "silhouette": Silhouette(BODY, wall_clip()),
-    }
+    terms = {"image_motion": ImageMotion(BODY), "appearance": Appearance(BODY), "silhouette": Silhouette(BODY, clip())}
     return Product(terms, {"image_motion": 0.5, "appearance": 1.0, "silhouette": 0.5})
 
 
@@ -62,13 +58,13 @@ BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "image_motion": lambda: ImageMotion(BODY),
     "image_motion, limb occlusion": lambda: ImageMotion(BODY, occlusion="limb", reduction="sum"),
     "image_motion, static background": lambda: ImageMotion(BODY, background="static"),
-    "background": lambda: Background(BODY, wall_clip()),
+    "background": lambda: Background(BODY, clip()),
     "appearance": lambda: Appearance(BODY),
     "edges": edges,
-    "silhouette": lambda: Silhouette(BODY, wall_clip()),
+    "silhouette": lambda: Silhouette(BODY, clip()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
-    "dense_alignment": lambda: DenseAlignment(BODY, wall_clip()),
+    "dense_alignment": lambda: DenseAlignment(BODY, clip()),
     "product": product,
 }
 
@@ -254,9 +250,8 @@ def test_a_camera_missing_in_one_frame_is_noted():
     expected, frame_likelihood = likelihood.prepare(*only_left), likelihood.prepare(only_left[0], now)
     assert expected.notes == ()
     assert frame_likelihood.notes == ("image motion: camera right is missing in frame 0 or 1",)
-    np.testing.assert_array_equal(
-        *(one.evaluate(poses(3), poses(3, 2)).log_prob for one in (frame_likelihood, expected))
-    )
+    results = [each.evaluate(poses(3), poses(3, 2)).log_prob for each in (frame_likelihood, expected)]
+    np.testing.assert_array_equal(*results)
 
 
 def test_images_of_two_sizes_are_compared_unless_the_background_is_static():
@@ -271,7 +266,7 @@ def test_images_of_two_sizes_are_compared_unless_the_background_is_static():
 def test_a_camera_missing_in_the_clip_is_rejected(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
     with pytest.raises(InputError, match="camera another is not in the sequence"):
-        make(BODY, wall_clip()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
+        make(BODY, clip()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
 
 
 @pytest.mark.parametrize("shape", [(120, 161), (120, 160, 4), (120, 160, 1), (160, 120), None])

@@ -52,10 +52,8 @@ def changes(value, path="", defaults=None):
 
 def class_defaults(target):
     """Return the defaults of a component's keys, without defaults that are components."""
-    defaults = {name: default for name, (_, default) in config_keys(import_target(target)).items()}
-    return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in defaults.items() if plain(value)
-    }
+    keys = {name: default for name, (_, default) in config_keys(import_target(target)).items()}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in keys.items() if plain(value)}
 
 
 def plain(value):

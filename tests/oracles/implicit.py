@@ -116,12 +116,7 @@ def search_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: f
 
 
 def log_mixture(
-    tree: KdTree,
-    probe: FloatArray,
-    beta: float,
-    epsilon: float,
-    displacements: WindowDisplacements,
-    whitened: FloatArray,
+    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, windows: WindowDisplacements, white: FloatArray
 ) -> FloatArray:
     """Compute the log terms log p(i | c) N(d; d_i, Σ) of the density, for one probe and one displacement d.
 
@@ -135,9 +130,9 @@ def log_mixture(
         Temperature.
     epsilon : float
         The fraction of the probability mass that the search may omit.
-    displacements : WindowDisplacements
+    windows : WindowDisplacements
         The displacements (n, K) of the windows over their standard deviations.
-    whitened : (K,) array
+    white : (K,) array
         The displacement, in the same order and units.
 
     Returns
@@ -147,10 +142,10 @@ def log_mixture(
     """
     distribution, _ = search_distribution(tree, probe, beta, epsilon)
     entries = np.flatnonzero(distribution)
-    errors = displacements.whitened[entries] - whitened
-    noisy = len(displacements.std)
-    terms = np.full(len(displacements.whitened), -np.inf)
+    errors = windows.whitened[entries] - white
+    noisy = len(windows.std)
+    terms = np.full(len(windows.whitened), -np.inf)
     terms[entries] = np.log(distribution[entries]) - 0.5 * (errors[:, :noisy] ** 2).sum(axis=1)
-    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * displacements.std).sum()
+    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * windows.std).sum()
     terms[entries[(np.abs(errors[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
     return terms

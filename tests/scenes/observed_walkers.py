@@ -37,8 +37,7 @@ def observed_joints(cameras, true_cameras=None, sigma_px=2.0, points=None):
     """Return keypoints (V, F, J, 3) attributed to `cameras` and projected by `true_cameras`, by default the same."""
     points, rng = walker_joints() if points is None else points, np.random.default_rng(5)
     keypoints = np.stack([camera.project(points) for camera in true_cameras or cameras])
-    keypoints = np.concatenate(
-        [keypoints + rng.normal(0.0, sigma_px, keypoints.shape), np.ones_like(keypoints[..., :1])], axis=-1
-    )
+    keypoints = keypoints + rng.normal(0.0, sigma_px, keypoints.shape)
+    keypoints = np.concatenate([keypoints, np.ones_like(keypoints[..., :1])], axis=-1)
     images = tuple(np.full((camera.height, camera.width), 90, np.uint8) for camera in cameras)
     return ObservedJoints(tuple(cameras), keypoints, np.ones(len(cameras), bool), 0, images)

@@ -19,7 +19,7 @@ TEST_PEOPLE = {"02", "05", "06", "07", "08", "16", "bandai-2"}
 
 
 @pytest.fixture(scope="module")
-def held_out():
+def lists():
     return OmegaConf.to_container(composed("experiment=held_out_subjects").clips.held_out)
 
 
@@ -46,30 +46,22 @@ def test_validation_and_test_clips_share_no_performer_and_no_style():
     assert len(tested + tuned) > len(set(tested + tuned)) >= 30  # some clips are in several lists
 
 
-def test_split_activity_and_first_frame_are_those_listed(held_out):
-    assert clips_of(held_out) == clips_of(held_out, "validation") + clips_of(held_out, "test")
-    for split, activities in held_out.items():
+def test_split_activity_and_first_frame_are_those_listed(lists):
+    assert clips_of(lists) == clips_of(lists, "validation") + clips_of(lists, "test")
+    for split, activities in lists.items():
         for activity, clips in activities.items():
             for clip, frame in clips.items():
-                values = (
-                    split_of(held_out, clip),
-                    activity_of(held_out, clip),
-                    first_frame(held_out, f"folder/{clip}.bvh"),
-                )
+                values = split_of(lists, clip), activity_of(lists, clip), first_frame(lists, f"folder/{clip}.bvh")
                 assert values == (split, activity, frame)
-    assert (split_of(held_out, "35_02"), activity_of(held_out, "35_02"), first_frame(held_out, "35_02")) == (
-        None,
-        None,
-        0,
-    )
+    assert (split_of(lists, "35_02"), activity_of(lists, "35_02"), first_frame(lists, "35_02")) == (None, None, 0)
     with pytest.raises(InputError, match="expected one of validation, test or null, found 'best'"):
-        clips_of(held_out, "best")
+        clips_of(lists, "best")
 
 
 @pytest.mark.slow
-def test_view_and_occlusion_are_drawn_for_every_clip_and_seed(held_out):
+def test_view_and_occlusion_are_drawn_for_every_clip_and_seed(lists):
     drawn = Counter()
-    for clip in clips_of(held_out, "test")[::5]:
+    for clip in clips_of(lists, "test")[::5]:
         for seed in range(3):
             config = run(clip, seed)
             assert config.protocol.split == "test"
@@ -92,9 +84,9 @@ def test_the_excluded_people_may_depend_on_the_clip(value, excluded):
     assert list(config.prior.exclude) == excluded
 
 
-def test_a_sweep_runs_the_clips_of_the_chosen_split(held_out):
+def test_a_sweep_runs_the_clips_of_the_chosen_split(lists):
     from hydra import compose, initialize_config_module
 
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", ["experiment=held_out_subjects", "clips.split=test", "paths.data=D"], True)
-    assert config.hydra.sweeper.params["dataset.motion"] == ",".join(f"'{clip}'" for clip in clips_of(held_out, "test"))
+    assert config.hydra.sweeper.params["dataset.motion"] == ",".join(f"'{clip}'" for clip in clips_of(lists, "test"))
