@@ -37,6 +37,7 @@ def test_the_assumptions_of_a_run_follow_its_components(overrides, added, remove
     assert set(assumptions(composed(*overrides))) == (unchanged | added) - removed
 
 
+@pytest.mark.slow
 def test_experiments_and_the_table_of_the_documents_list_the_assumptions_of_the_components():
     configs = {name: composed(f"experiment={name}") for name in TRACKING if name != "custom"}
     derived = {name: set(assumptions(config)) for name, config in configs.items()}

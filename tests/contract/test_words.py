@@ -54,6 +54,8 @@ def texts(source: str, tree: ast.AST) -> Iterator[str]:
 def retired(path: Path) -> set[str]:
     """Return the retired words in the text and in the names of a Python file."""
     source = path.read_text(encoding="utf-8")
+    if NAMES.isdisjoint(words(f"{path.stem} {source}")):
+        return set()  # most files: parsing is slow
     tree = ast.parse(source)
     names = {name for name in {*identifiers(tree), path.stem} if NAMES.intersection(words(name))}
     return names | {word for text in texts(source, tree) for word in re.findall("[a-z]+", text.lower())} & TEXT
