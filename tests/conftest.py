@@ -1,4 +1,4 @@
-"""What several tests need."""
+"""Fixtures and settings of all tests."""
 
 import gc
 import os
@@ -10,56 +10,53 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-import workbench  # noqa: F401 (before NumPy, as a command does: which BLAS is taken is settled when that is loaded)
+import workbench  # noqa: F401 (before NumPy, as in a command, because NumPy's import selects the BLAS kernels)
 
-# Keep byte code whatever the environment says: each worker, and each process that a test starts, would compile it anew.
+# Write byte code regardless of the environment; otherwise every worker and subprocess would compile all modules.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# Time is measured in benchmarks, not in tests; and whether a change lands is no matter of luck: the same examples every
-# time. pytest --hypothesis-profile=anew tries others.
-settings.register_profile("same", deadline=None, derandomize=True)
-settings.register_profile("anew", deadline=None)
-settings.load_profile("same")
+# Hypothesis uses the same examples in every run and no deadline; pytest --hypothesis-profile=random tries others.
+settings.register_profile("fixed", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None)
+settings.load_profile("fixed")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--data", metavar="DIR", help="the real recordings ($WORKBENCH_DATA)")
-    parser.addoption("--require-data", action="store_true", help="a test without the real recordings it needs fails")
+    parser.addoption("--data", metavar="DIR", help="folder of the real recordings ($WORKBENCH_DATA)")
+    parser.addoption("--require-data", action="store_true", help="fail tests without their real recordings")
 
 
 def pytest_collection_finish():
-    """Leave what is there before the first test, thousands of tests among it, out of what Python's collector looks
-    through again and again, which took a tenth of the time."""
+    """Exclude the collected tests from Python's garbage collection, which would take a tenth of the time."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
-def usual_signals():
-    """As in a terminal, also where signals are ignored, as by nohup and by jobs in the background."""
+def default_signals():
+    """Restore the handlers of a terminal, because nohup and background jobs ignore signals."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread():
-    """As in a run: results do not depend on the number of threads, and small products are not slowed by many."""
+    """Use one BLAS thread, as in a run."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 
 
 @pytest.fixture
 def trusted(monkeypatch):
-    """Read files of the tests' own making without the sandbox, whose start takes half a second."""
+    """Read the tests' own files without the sandbox, which takes half a second to start."""
     monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
     monkeypatch.setattr("workbench.utils.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
 
 
 @pytest.fixture(scope="session")
 def cache(tmp_path_factory) -> Path:
-    """A folder for learned models and rendered scenes, of all tests of a session, so that each is made once; a test
-    that looks at what is made has one of its own."""
+    """Return the session's cache folder for learned models and rendered scenes; tests of caching use another folder."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache"
     folder.mkdir(exist_ok=True)
@@ -68,11 +65,11 @@ def cache(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def data(pytestconfig) -> Path:
-    """The folder with the real recordings; where there is none, the test is skipped, or fails by --require-data."""
-    place = pytestconfig.getoption("--data") or os.environ.get("WORKBENCH_DATA")
-    if place and (Path(place) / "cmu" / "index.csv").is_file():
-        return Path(place).resolve()
-    sentence = f"no real recordings: expected --data DIR or $WORKBENCH_DATA with cmu/index.csv, found {place}"
+    """Return the folder of the real recordings; without it, skip the test, or fail it with --require-data."""
+    folder = pytestconfig.getoption("--data") or os.environ.get("WORKBENCH_DATA")
+    if folder and (Path(folder) / "cmu" / "index.csv").is_file():
+        return Path(folder).resolve()
+    message = f"no real recordings: expected --data DIR or $WORKBENCH_DATA with cmu/index.csv, found {folder}"
     if pytestconfig.getoption("--require-data"):
-        pytest.fail(sentence)
-    pytest.skip(sentence)
+        pytest.fail(message)
+    pytest.skip(message)

@@ -1,4 +1,4 @@
-"""What every experiment is given is listed in its file and in the documents, and is what its parts take."""
+"""The assumptions in an experiment's file and in the documents are those of its components."""
 
 import re
 from pathlib import Path
@@ -13,15 +13,8 @@ from workbench.experiment.config.requirements import assumptions, first_conflict
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 
 
-@pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
-@pytest.mark.slow
-def test_an_experiment_lists_what_its_parts_take(experiment):
-    config = composed(f"experiment={experiment}")
-    assert set(config.assumptions) == set(assumptions(config))
-
-
 @pytest.mark.parametrize(
-    ("overrides", "more", "less"),
+    ("overrides", "added", "removed"),
     [
         (["experiment=walk_straight", "paper=literal"], {"fixed_torso_orientation"}, set()),
         (["experiment=walk_straight", "likelihood=product"], {"static_background"}, set()),
@@ -39,28 +32,32 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
     ],
 )
 @pytest.mark.slow
-def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
-    before = set(assumptions(composed(overrides[0])))
-    assert set(assumptions(composed(*overrides))) == (before | more) - less
+def test_the_assumptions_of_a_run_follow_its_components(overrides, added, removed):
+    unchanged = set(assumptions(composed(overrides[0])))
+    assert set(assumptions(composed(*overrides))) == (unchanged | added) - removed
 
 
-def test_the_table_of_the_documents_says_what_is_given():
+@pytest.mark.slow
+def test_experiments_and_the_table_of_the_documents_list_the_assumptions_of_the_components():
+    configs = {name: composed(f"experiment={name}") for name in TRACKING if name != "custom"}
+    derived = {name: set(assumptions(config)) for name, config in configs.items()}
+    assert {name: set(config.assumptions) for name, config in configs.items()} == derived
     text = EXPERIMENTS.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \|(?:[^|]+\|){1,2}?([^|]+)\| (?:required|optional|–) \|$", text, re.MULTILINE)
     listed = {name: set(re.findall(r"\w+", words)) for name, words in rows if name in TRACKING}
-    assert listed == {name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"}
+    assert listed == derived
     assert {name for name, _ in rows} == set(options("experiment")) - {"custom"}
-    (explained,) = re.findall(r"^## Assumptions\n(.+?)^## ", text, re.DOTALL | re.MULTILINE)
-    assert re.findall(r"^\| `(\w+)` \|", explained, re.MULTILINE) == list(ORDER)
+    (section,) = re.findall(r"^## Assumptions\n(.+?)^## ", text, re.DOTALL | re.MULTILINE)
+    assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == list(ORDER)
 
 
 @pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])
-def test_restarts_from_joints_are_refused_where_the_likelihood_weighs_these(likelihood):
+def test_reinitialization_from_joints_is_rejected_with_a_likelihood_of_the_same_joints(likelihood):
     chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=reinitializing", likelihood]
     names = {"inference": "reinitializing", "likelihood": "keypoints"}
-    refused = first_conflict(composed(*chosen), names)
+    conflict = first_conflict(composed(*chosen), names)
     if likelihood == "likelihood=keypoints":
-        start = "config: inference=reinitializing starts from 2-D joints"
-        assert refused == f"{start}, which likelihood=keypoints would use a second time"
+        reason = "starts from 2-D joints, which likelihood=keypoints would use a second time"
+        assert conflict == f"config: inference=reinitializing {reason}"
     else:
-        assert refused is None
+        assert conflict is None

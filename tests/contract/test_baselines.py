@@ -1,4 +1,4 @@
-"""The recordings kept to check against: small, whole, safe to run, and each made by a line of recordings/README.md."""
+"""The baselines are small and complete, run on any machine, and are listed in recordings/README.md."""
 
 import re
 from pathlib import Path
@@ -21,22 +21,22 @@ def baselines():
 
 
 @pytest.mark.slow
-def test_each_is_made_by_a_line_of_the_readme(baselines):
+def test_the_readme_lists_every_baseline_with_its_experiment(baselines):
     lines = re.findall(r"^baseline (\w+) (\w+)", (RECORDINGS / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert dict(lines) == {name: run.provenance["experiment"] for name, run in baselines.items()}
 
 
-def test_they_are_small(baselines):
+def test_the_baselines_are_small(baselines):
     sizes = [run.path.stat().st_size for run in baselines.values()]
     assert max(sizes) <= 1.5e6
     assert sum(sizes) <= 6e6
 
 
-def test_they_are_complete_and_may_be_run_by_anybody(baselines):
+def test_the_baselines_are_complete_and_run_with_the_users_own_folders(baselines):
     prepare_hydra()
     own = current_defaults(["paths.data=null", "paths.cache=/some/cache"])
     for run in baselines.values():
         assert run.status == "complete"
-        assert run.settings["paths"] == {"data": None, "cache": "~/.cache/workbench"}  # nobody's own folder
+        assert run.settings["paths"] == {"data": None, "cache": "~/.cache/workbench"}  # of no particular machine
         assert runnable_config(run, [], own).paths.cache == "/some/cache"
         assert "default" in tolerances(run, own)

@@ -1,4 +1,4 @@
-"""Links of the documents lead somewhere, commands name existing options, and every page is reached."""
+"""Links, commands and paths in the documents refer to what exists, and every page is reachable."""
 
 import re
 from pathlib import Path
@@ -26,44 +26,44 @@ def prose(page):
 
 
 def commands(page):
-    """Every command line of the workbench in a shell block, continued lines joined."""
+    """Yield the workbench's command lines in shell blocks, with continued lines joined."""
     for block in re.findall(r"```sh\n(.+?)```", page.read_text(encoding="utf-8"), re.DOTALL):
         yield from (line for line in block.replace("\\\n", " ").splitlines() if "workbench" in line)
 
 
 def anchors(page):
-    """What a heading is called in a link: as GitHub and MyST make it."""
+    """Return the anchors of a page's headings as GitHub and MyST form them."""
     titles = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def is_there(page, link):
-    """Whether a link of a page leads to a file, and a heading of it where it names one."""
+def target_exists(page, link):
+    """Return whether a link's file exists, and its heading if the link names one."""
     target, _, anchor = link.partition("#")
     file = (page.parent / target).resolve() if target else page
-    if file.parent.name == "_generated" and file.name in GENERATED:  # made when the pages are
+    if file.parent.name == "_generated" and file.name in GENERATED:  # written when the pages are built
         return True
     return file.exists() and (not anchor or anchor in anchors(file))
 
 
 @pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_link_leads_somewhere(page):
+def test_every_link_has_a_target(page):
     links = re.findall(r"\]\(([^)\s]+)\)|\{download\}`[^<]*<([^>]+)>`", prose(page))
-    here = [link for found in links for link in found if link and not link.startswith(("http:", "https:"))]
-    assert [link for link in here if not is_there(page, link)] == []
+    local = [link for groups in links for link in groups if link and not link.startswith(("http:", "https:"))]
+    assert [link for link in local if not target_exists(page, link)] == []
     assert all(link.startswith("https:") or link.startswith("http://mocap.cs.cmu.edu")
-               for found in links for link in found if link.startswith("http"))  # fmt: skip
+               for groups in links for link in groups if link.startswith("http"))  # fmt: skip
 
 
 @pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_choose_what_there_is(page):
-    own = {"prior": {"still"}, "likelihood": {"upright"}, "dataset": {"nodding"}}  # of the package my_components
-    mine = {"experiment": {"mine"}}  # of a folder given by --config-dir
+def test_commands_choose_existing_options(page):
+    package = {"prior": {"still"}, "likelihood": {"upright"}, "dataset": {"nodding"}}  # of the package my_components
+    folder = {"experiment": {"mine"}}  # of a folder given by --config-dir
     for line in commands(page):
         for group, chosen in re.findall(r"\b(experiment|paper|" + "|".join(GROUPS) + r")=([\w,]+)", line):
-            known = set(options(group)) | (own.get(group, set()) if "my_components" in line else set())
-            known |= mine.get(group, set()) if "--config-dir" in line else set()
-            assert set(chosen.split(",")) <= known, line
+            names = set(options(group)) | (package.get(group, set()) if "my_components" in line else set())
+            names |= folder.get(group, set()) if "--config-dir" in line else set()
+            assert set(chosen.split(",")) <= names, line
 
 
 @pytest.mark.parametrize("page", ["glossary.md", "architecture.md", "security.md"])
@@ -82,26 +82,26 @@ def test_keys_and_options_of_the_formats_exist(monkeypatch, capsys):
     assert set(re.findall(r"--[a-z][\w-]*", text)) <= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
 
 
-def test_every_format_is_in_the_formats():
+def test_every_format_is_documented():
     text = (DOCS / "formats.md").read_text(encoding="utf-8")
     suffixes = {*motion_export.SUFFIXES, *point_formats.READERS, *camera_formats.SUFFIXES, ".h5", ".toml", ".mp4"}
     assert {suffix for suffix in suffixes if f"`{suffix}`" not in text} == set()
     assert {layout for layout in LAYOUTS if layout not in text} == set()
 
 
-def test_every_page_is_reached_from_the_first():
+def test_every_page_is_reachable_from_the_index():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
-    assert re.search(r"^\*$", index, re.MULTILINE)  # all that lies beside it
+    assert re.search(r"^\*$", index, re.MULTILINE)  # every page in the same folder
     assert re.search(r"^howto/\*$", index, re.MULTILINE)
     for page in WRITTEN:
         if page.is_relative_to(DOCS) and page.parent not in (DOCS, DOCS / "howto"):
             assert str(page.relative_to(DOCS).with_suffix("")) in index, page
 
 
-KEPT = [path for path in sorted(DOCS.rglob("*.png")) if "_generated" not in path.parts]
+PICTURES = [path for path in sorted(DOCS.rglob("*.png")) if "_generated" not in path.parts]
 
 
-@pytest.mark.parametrize("picture", KEPT + sorted((ROOT / "analysis").rglob("*.png")), ids=str)
+@pytest.mark.parametrize("picture", PICTURES + sorted((ROOT / "analysis").rglob("*.png")), ids=str)
 def test_pictures_are_small_and_shown(picture):
     assert picture.stat().st_size <= 300_000
     assert any(picture.name in prose(page) for page in WRITTEN)

@@ -1,4 +1,4 @@
-"""Recordings of earlier formats are read, compared, listed, reported and shown with today's names."""
+"""Recordings of earlier formats are read, compared, listed, reported and shown with the current names."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ RECORDINGS = [*TRACKED.items(), *STUDIES.items()]
 
 
 @pytest.mark.parametrize(("version", "path"), RECORDINGS, ids=lambda value: str(getattr(value, "stem", value)))
-def test_all_names_are_todays(version, path):
+def test_recordings_of_earlier_formats_have_the_current_names(version, path):
     run = read(path)
     assert (run.format, run.status) == (version, "complete")
     for names in (run.metrics, run.result, run.properties.get("cost", {})):
@@ -44,11 +44,11 @@ def test_all_names_are_todays(version, path):
     assert renamed(run.settings) == run.settings
     assert {"given", "figures"}.isdisjoint({*run.settings, *run.settings.get("check", {}), *run.provenance})
     paths = {chunk.entity_path for chunk in read_chunks(path, EVERYTHING)}
-    assert {entity_path(each) for each in paths} == paths
+    assert {entity_path(path) for path in paths} == paths
 
 
 @pytest.mark.parametrize("path", TRACKED.values(), ids=TRACKED)
-def test_metrics_have_the_values_that_were_recorded(path):
+def test_metrics_keep_their_recorded_values(path):
     run = read(path)
     assert {"mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "mpjpe_px_max_weight", "ess"} <= run.metrics.keys()
     frames, errors = run.metric("mpjpe_abs_mm")
@@ -58,8 +58,8 @@ def test_metrics_have_the_values_that_were_recorded(path):
 
 
 @pytest.mark.parametrize(("version", "path"), RECORDINGS, ids=lambda value: str(getattr(value, "stem", value)))
-def test_a_check_compares_with_a_recording_of_todays_format(version, path, tmp_path):
-    """The other recording is the same one with today's names and format."""
+def test_a_recording_is_identical_to_its_copy_in_the_current_format(version, path, tmp_path):
+    """`workbench check` compares the recording with a copy that has the current names and format."""
     old, new = read(path), tmp_path / "new.rrd"
     write_renamed(path, new)
     assert read(new).format == FORMAT
@@ -67,37 +67,37 @@ def test_a_check_compares_with_a_recording_of_todays_format(version, path, tmp_p
     check = check_two("x", old, read(new), Request([], own, tmp_path))
     assert check.passed
     assert len(check.findings) > 3
-    assert {each.agreement for each in check.findings} == {Agreement.IDENTICAL}
+    assert {finding.agreement for finding in check.findings} == {Agreement.IDENTICAL}
     prepare_hydra()
     if version == 2:
         assert runnable_config(old, [], own).paths.cache == "/some/cache"
 
 
 def write_renamed(path, new):
-    """Write a recording with the paths, properties and format of today."""
+    """Write a copy of a recording with the current paths, properties and format."""
     import rerun as rr
 
     from workbench.recording.read.chunks import recording_of, static_values
     from workbench.recording.write.file import arrow, new_stream
 
-    chunks = [each for each in read_chunks(path, EVERYTHING) if not each.entity_path.startswith("/__properties/")]
-    kept = [each for each in read_chunks(path, ["/__properties/**"]) if each.entity_path.endswith("/marginals")]
+    chunks = [chunk for chunk in read_chunks(path, EVERYTHING) if not chunk.entity_path.startswith("/__properties/")]
+    marginals = [chunk for chunk in read_chunks(path, ["/__properties/**"]) if chunk.entity_path.endswith("/marginals")]
     stream = new_stream(*recording_of(path), send_properties=False)
     stream.set_sinks(rr.FileSink(new))
-    stream.send_chunks([*chunks, *kept])
+    stream.send_chunks([*chunks, *marginals])
     run = read(path)
     for name, values in run.properties.items():
         if name not in ("config", "marginals"):
             stream.send_property(name, arrow(values | ({"format": FORMAT} if name == "run" else {})))
     config = json.dumps(run.settings)
     stream.send_property("config", rr.TextDocument(config, media_type="text/plain"))
-    assert static_values(kept).keys() <= {"__properties/marginals"}
+    assert static_values(marginals).keys() <= {"__properties/marginals"}
     stream.flush()
     stream.disconnect()
 
 
 @pytest.mark.slow
-def test_they_are_listed_compared_and_reported(tmp_path, capsys):
+def test_recordings_of_earlier_formats_are_listed_and_reported(tmp_path, capsys):
     for version, path in TRACKED.items():
         shutil.copy(path, tmp_path / f"format_{version}.rrd")
     runs = read_runs(tmp_path)
@@ -109,23 +109,23 @@ def test_they_are_listed_compared_and_reported(tmp_path, capsys):
     assert "absolute MPJPE" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
 
 
-def test_they_are_shown_side_by_side(tmp_path):
+def test_recordings_of_earlier_formats_are_shown_side_by_side(tmp_path):
     write_side_by_side(tmp_path / "both.rrd", *map(read, TRACKED.values()))
     paths = {chunk.entity_path for chunk in RrdReader(tmp_path / "both.rrd").stream().to_chunks()}
     assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm"} <= paths
 
 
-def test_a_verdict_without_a_level_gets_that_of_its_kind():
+def test_a_verdict_without_a_level_gets_the_level_of_its_kind():
     levels = {"tracked": "not evaluated", "lost": "not usable", "height mismatch": "doubtful"}
     for kind, level in levels.items():
         assert with_level({"verdict": {"kind": kind}})["verdict"] == {"level": level, "kind": kind}
         assert renamed_summary({"format": FORMAT, "verdict": {"kind": kind}})["verdict"]["level"] == level
-    today = {"verdict": {"level": "trustworthy", "kind": "lost"}, "metrics": {}}
-    assert with_level(today) == today
+    current = {"verdict": {"level": "trustworthy", "kind": "lost"}, "metrics": {}}
+    assert with_level(current) == current
     assert with_level({"metrics": {}}) == {"metrics": {}}
 
 
-def test_a_summary_of_an_earlier_format_has_todays_fields():
+def test_a_summary_of_an_earlier_format_gets_the_current_fields():
     recorded = {
         "status": "complete", "counted": {"a": 1}, "left_out": {}, "anew": "x", "given": ["start"],
         "metrics": {"error_px": 1.0, "held": 1.0, "frames": 3.0, "doubt_arms_mm": 2.0, "compiling_s": 1.0},
@@ -141,7 +141,7 @@ def test_a_summary_of_an_earlier_format_has_todays_fields():
 
 
 @pytest.mark.parametrize("table", ["_METRICS", "_PATHS", "_VERDICTS", "_SUMMARY", "_SETTINGS", "_PROPERTIES"])
-def test_no_new_name_is_an_old_one(table):
+def test_no_current_name_is_an_earlier_one(table):
     names = getattr(migrations, table)
     assert names.keys().isdisjoint(names.values())
     assert len({*names.values()}) == len(names)

@@ -1,4 +1,4 @@
-"""The layout holds: arrows between rooms point down, only some rooms know Rerun and Hydra, and all are installed."""
+"""Imports between packages follow the layers, and every package is installed."""
 
 import runpy
 import subprocess
@@ -9,20 +9,20 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def test_imports_keep_the_layout():
-    """In a process of its own, since import-linter disables all loggers."""
+def test_imports_follow_the_layers():
+    """In a subprocess, because import-linter disables all loggers."""
     lint = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(cache_dir=None))"
     done = subprocess.run([sys.executable, "-c", lint], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
-def test_every_room_is_installed():
-    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
-    rooms = {".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "workbench").rglob("__init__.py")}
-    assert set(told) == rooms | {"workbench.conf"}
+def test_every_package_is_installed():
+    installed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    packages = {".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "workbench").rglob("__init__.py")}
+    assert set(installed) == packages | {"workbench.conf"}
 
 
-def test_the_picture_of_the_packages_shows_their_imports():
+def test_the_import_graph_in_the_documents_is_current():
     drawing = runpy.run_path(str(ROOT / ".docs" / "import_graph.py"))
     assert drawing["PICTURE"].read_text(encoding="utf-8") == drawing["picture"](), "run python .docs/import_graph.py"
     graph = {"a": {"b", "c"}, "b": {"c"}, "c": set()}

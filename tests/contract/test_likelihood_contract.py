@@ -1,4 +1,4 @@
-"""What every likelihood promises, each of `conf/likelihood`: (N,) log likelihoods, and nothing that mutates."""
+"""The contract of every likelihood in `conf/likelihood`: (N,) log likelihoods and no mutation of inputs or state."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame, View
-from workbench.core.likelihood import Likelihood
+from workbench.core.likelihood import FrameLikelihood, Likelihood
 from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
 from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges
@@ -33,8 +33,8 @@ RIGHT = plain_camera(160, 120, 150.0, (3.0, 2.0, 1.0), (0.0, 0.0, 0.0), name="ri
 CONF = Path(__file__).parents[2] / "conf" / "likelihood"
 
 
-def walls():
-    """A clip of two cameras that see grey walls."""
+def clip():
+    """Return a clip of two cameras that face grey walls."""
     views = tuple(View(c, np.full((c.height, c.width), 128, np.uint8)) for c in (LEFT, RIGHT))
     return of_frames([Frame(i, i / 30, views) for i in range(3)])
 
@@ -43,46 +43,48 @@ def edges():
     likelihood, rng = Edges(BODY), np.random.default_rng(0)
     counts = rng.integers(1, 100, (2, 2, 7, BINS)).astype(float)
     parts = ("torso", "head", "upper_arm", "forearm", "hand", "thigh", "calf")
-    model = EdgeModel(parts, counts[0], counts[1])  # instead of that of rendered people
+    model = EdgeModel(parts, counts[0], counts[1])  # replaces the model of rendered people
     likelihood.__dict__["log_ratio"] = model.log_ratio(BODY.limbs.names)
     return likelihood
 
 
 def product():
-    terms = {"image_motion": ImageMotion(BODY), "appearance": Appearance(BODY), "silhouette": Silhouette(BODY, walls())}
+    terms = {"image_motion": ImageMotion(BODY), "appearance": Appearance(BODY), "silhouette": Silhouette(BODY, clip())}
     return Product(terms, {"image_motion": 0.5, "appearance": 1.0, "silhouette": 0.5})
 
 
 BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "uniform": Uniform,
     "image_motion": lambda: ImageMotion(BODY),
-    "image_motion, limbs hide": lambda: ImageMotion(BODY, occlusion="limb", reduction="sum"),
-    "image_motion, still": lambda: ImageMotion(BODY, background="static"),
-    "background": lambda: Background(BODY, walls()),
+    "image_motion, limb occlusion": lambda: ImageMotion(BODY, occlusion="limb", reduction="sum"),
+    "image_motion, static background": lambda: ImageMotion(BODY, background="static"),
+    "background": lambda: Background(BODY, clip()),
     "appearance": lambda: Appearance(BODY),
     "edges": edges,
-    "silhouette": lambda: Silhouette(BODY, walls()),
+    "silhouette": lambda: Silhouette(BODY, clip()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
-    "dense_alignment": lambda: DenseAlignment(BODY, walls()),
+    "dense_alignment": lambda: DenseAlignment(BODY, clip()),
     "product": product,
 }
 
 
 @dataclass(frozen=True)
 class Case:
-    """A likelihood, three frames that show it all it can look at, and how it names itself in notes."""
+    """A likelihood, three frames with every kind of observation, and the likelihood's name in notes."""
 
     likelihood: Likelihood
     frames: tuple[Frame, Frame, Frame]
     name: str
 
-    def begun(self) -> Likelihood:
-        """After the first frame."""
+    def after_first_frame(self) -> Likelihood:
         return self.likelihood.prepare(None, self.frames[0]).update(np.zeros(25))
 
+    def frame_likelihood(self) -> FrameLikelihood:
+        return self.after_first_frame().prepare(*self.frames[:2])
 
-REMEMBER_THE_PERSON = ("dense_alignment", "appearance", "silhouette", "product")
+
+WITH_APPEARANCE_MODEL = ("dense_alignment", "appearance", "silhouette", "product")
 
 
 @pytest.fixture(params=BUILDERS)
@@ -92,14 +94,14 @@ def case(request):
 
 
 def frames(rng, *cameras, n=2):
-    """Frames of noise, in which joints and points lie about the pose of zeros."""
+    """Return frames of noise whose joints and points lie near the zero pose."""
     return tuple(Frame(i, i / 30, tuple(_view(rng, c) for c in cameras), points=_points(rng)) for i in range(n))
 
 
 def _view(rng, camera):
     pixels = camera.project(joints(BODY.skeleton, np.zeros((1, 25)))[0])
-    marks = np.column_stack([pixels + rng.standard_normal(pixels.shape), rng.uniform(0.1, 1.0, len(pixels))])
-    return View(camera, rng.integers(0, 256, (camera.height, camera.width)).astype(np.uint8), marks)
+    keypoints = np.column_stack([pixels + rng.standard_normal(pixels.shape), rng.uniform(0.1, 1.0, len(pixels))])
+    return View(camera, rng.integers(0, 256, (camera.height, camera.width)).astype(np.uint8), keypoints)
 
 
 def _points(rng):
@@ -115,71 +117,72 @@ def test_every_option_is_covered():
 
 
 @pytest.mark.parametrize("n", [0, 1, 33])
-def test_one_finite_number_per_particle(case, n):
-    found = case.begun().prepare(*case.frames[:2]).evaluate(poses(n), poses(n, 2)).log_prob
-    assert found.shape == (n,)
-    assert found.dtype == np.float64
-    assert np.isfinite(found).all()
-    assert n < 2 or np.ptp(found) > 0.0 or case.name == "uniform"
+def test_every_particle_has_one_finite_log_likelihood(case, n):
+    frame_likelihood = case.frame_likelihood()
+    log_prob = frame_likelihood.evaluate(poses(n), poses(n, 2)).log_prob
+    assert log_prob.shape == (n,)
+    assert log_prob.dtype == np.float64
+    assert np.isfinite(log_prob).all()
+    assert n < 2 or np.ptp(log_prob) > 0.0 or case.name == "uniform"
 
 
-def test_a_particle_does_not_see_the_others(case):
-    frame_likelihood, order = case.begun().prepare(*case.frames[:2]), np.random.default_rng(3).permutation(50)[:31]
+def test_a_log_likelihood_does_not_depend_on_the_other_particles(case):
+    frame_likelihood, order = case.frame_likelihood(), np.random.default_rng(3).permutation(50)[:31]
     previous, pose = poses(50), poses(50, 2)
-    everyone, some = frame_likelihood.evaluate(previous, pose), frame_likelihood.evaluate(previous[order], pose[order])
-    np.testing.assert_array_equal(some.log_prob, everyone.log_prob[order])
+    expected = frame_likelihood.evaluate(previous, pose).log_prob[order]
+    np.testing.assert_array_equal(frame_likelihood.evaluate(previous[order], pose[order]).log_prob, expected)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_pose_that_is_not_finite_is_impossible_is_told_and_hurts_nobody_else(case, bad):
-    frame_likelihood, previous, pose = case.begun().prepare(*case.frames[:2]), poses(40), poses(40, 2)
-    whole = frame_likelihood.evaluate(previous, pose)
-    assert not any("not finite" in note for note in (*frame_likelihood.notes, *whole.notes))
-    spoilt = pose.copy()
-    spoilt[17, 24] = bad
-    found = frame_likelihood.evaluate(previous, spoilt)
-    expected = whole.log_prob.copy()
+def test_a_pose_that_is_not_finite_has_probability_zero_and_is_noted_once(case, bad):
+    frame_likelihood, previous, pose = case.frame_likelihood(), poses(40), poses(40, 2)
+    finite = frame_likelihood.evaluate(previous, pose)
+    assert not any("not finite" in note for note in (*frame_likelihood.notes, *finite.notes))
+    spoiled = pose.copy()
+    spoiled[17, 24] = bad
+    evaluation = frame_likelihood.evaluate(previous, spoiled)
+    expected = finite.log_prob.copy()
     expected[17] = -np.inf
-    np.testing.assert_array_equal(found.log_prob, expected)
-    named = "image motion" if case.name == "product" else case.name
-    assert f"{named}: 1 of 40 poses were not finite" in found.notes
+    np.testing.assert_array_equal(evaluation.log_prob, expected)
+    name = "image motion" if case.name == "product" else case.name
+    assert f"{name}: 1 of 40 poses were not finite" in evaluation.notes
     assert not any(
         "not finite" in note for note in (*frame_likelihood.notes, *frame_likelihood.evaluate(previous, pose).notes)
-    )  # told once
+    )
 
 
-def test_the_same_question_has_the_same_answer(case):
-    likelihood, previous, pose = case.begun(), poses(50), poses(50, 2)
-    asked = previous.copy(), pose.copy()
+def test_equal_inputs_give_equal_outputs_and_stay_unchanged(case):
+    likelihood, previous, pose = case.after_first_frame(), poses(50), poses(50, 2)
+    inputs = previous.copy(), pose.copy()
     frame_likelihood = likelihood.prepare(*case.frames[:2])
     first = frame_likelihood.evaluate(previous, pose)
-    for again in (frame_likelihood, likelihood.prepare(*case.frames[:2])):
-        found = again.evaluate(previous, pose)
-        np.testing.assert_array_equal(found.log_prob, first.log_prob)
-        assert (found.notes, found.diagnostics) == (first.notes, first.diagnostics)
-        assert (again.notes, again.diagnostics) == (frame_likelihood.notes, frame_likelihood.diagnostics)
-    np.testing.assert_array_equal([previous, pose], asked)  # and the question is left as it was
+    for repeated in (frame_likelihood, likelihood.prepare(*case.frames[:2])):
+        evaluation = repeated.evaluate(previous, pose)
+        np.testing.assert_array_equal(evaluation.log_prob, first.log_prob)
+        assert (evaluation.notes, evaluation.diagnostics) == (first.notes, first.diagnostics)
+        assert (repeated.notes, repeated.diagnostics) == (frame_likelihood.notes, frame_likelihood.diagnostics)
+    np.testing.assert_array_equal([previous, pose], inputs)
 
 
-def test_what_is_remembered_changes_the_next_likelihood_alone(case):
-    """A run that goes on leaves no trace: neither in the likelihood as it was built, nor in the looks taken."""
-    begun, previous, pose = case.begun(), poses(20), poses(20, 2)
-    frame_likelihood, built = begun.prepare(*case.frames[:2]), case.likelihood.prepare(*case.frames[:2])
-    before, anew = frame_likelihood.evaluate(previous, pose), built.evaluate(previous, pose)
-    for expected in (pose[0], np.full(25, np.nan), pose[1]):
-        going_on = frame_likelihood.update(expected).prepare(*case.frames[1:]).update(expected)
-        assert going_on.prepare(*case.frames[:2]).evaluate(previous, pose).log_prob.shape == (20,)
-    for again, kept in ((frame_likelihood, before), (begun.prepare(*case.frames[:2]), before)):
-        np.testing.assert_array_equal(again.evaluate(previous, pose).log_prob, kept.log_prob)
-    found = case.likelihood.prepare(*case.frames[:2])
-    np.testing.assert_array_equal(found.evaluate(previous, pose).log_prob, anew.log_prob)
-    assert found.notes == built.notes
+def test_an_update_changes_only_the_returned_likelihood(case):
+    """Updates change neither the original likelihood nor frame likelihoods prepared earlier."""
+    updated, previous, pose = case.after_first_frame(), poses(20), poses(20, 2)
+    frame_likelihood, original = updated.prepare(*case.frames[:2]), case.likelihood.prepare(*case.frames[:2])
+    expected, expected_original = (one.evaluate(previous, pose).log_prob for one in (frame_likelihood, original))
+    for mean in (pose[0], np.full(25, np.nan), pose[1]):
+        later = frame_likelihood.update(mean).prepare(*case.frames[1:]).update(mean)
+        assert later.prepare(*case.frames[:2]).evaluate(previous, pose).log_prob.shape == (20,)
+    for repeated in (frame_likelihood, updated.prepare(*case.frames[:2])):
+        np.testing.assert_array_equal(repeated.evaluate(previous, pose).log_prob, expected)
+    repeated = case.likelihood.prepare(*case.frames[:2])
+    np.testing.assert_array_equal(repeated.evaluate(previous, pose).log_prob, expected_original)
+    assert repeated.notes == original.notes
 
 
-@pytest.mark.parametrize("case", sorted(set(BUILDERS) - set(REMEMBER_THE_PERSON)), indirect=True)
-def test_frames_may_be_looked_at_out_of_order(case):
-    """What is kept of the frame just seen is used for that very frame: an earlier pair has its own images."""
-    later = case.begun().prepare(*case.frames[:2]).update(np.zeros(25)).prepare(*case.frames[1:]).update(np.zeros(25))
+@pytest.mark.parametrize("case", sorted(set(BUILDERS) - set(WITH_APPEARANCE_MODEL)), indirect=True)
+def test_frames_may_be_evaluated_out_of_order(case):
+    """Cached images of the last frame are not used for another pair of frames."""
+    later = case.frame_likelihood().update(np.zeros(25)).prepare(*case.frames[1:]).update(np.zeros(25))
     for pair in (case.frames[:2], case.frames[1:], (case.frames[2], case.frames[0])):
         expected = case.likelihood.prepare(*pair).evaluate(poses(20), poses(20, 2))
         np.testing.assert_array_equal(
@@ -187,44 +190,43 @@ def test_frames_may_be_looked_at_out_of_order(case):
         )
 
 
-def test_diagnostics_have_the_same_names_from_the_first_look_on(case):
+def test_diagnostics_have_the_same_names_in_every_frame(case):
     first = case.likelihood.prepare(None, case.frames[0])
     frame_likelihood = first.update(np.zeros(25)).prepare(*case.frames[:2])
     for names in (frame_likelihood.diagnostics, frame_likelihood.evaluate(poses(5), poses(5, 2)).diagnostics):
         assert list(names) == list(first.diagnostics)
     assert all(value == 0.0 for value in first.diagnostics.values())
-    assert first.notes == ()  # nothing is judged yet, so that nothing is lacking
+    assert first.notes == ()
 
 
-def test_one_and_two_threads_give_the_same_bits(case):
-    most = numba.config.NUMBA_NUM_THREADS
-    if most < 2:
+def test_one_and_two_threads_give_bitwise_identical_results(case):
+    if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("numba has one thread only here")
-    frame_likelihood = case.begun().prepare(*case.frames[:2])
-    usual, found = numba.get_num_threads(), []
+    frame_likelihood = case.frame_likelihood()
+    n_threads, results = numba.get_num_threads(), []
     try:
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            found.append(frame_likelihood.evaluate(poses(200), poses(200, 2)).log_prob)
+            results.append(frame_likelihood.evaluate(poses(200), poses(200, 2)).log_prob)
     finally:
-        numba.set_num_threads(usual)
-    np.testing.assert_array_equal(*found)
+        numba.set_num_threads(n_threads)
+    np.testing.assert_array_equal(*results)
 
 
-def test_poses_far_beyond_the_image_are_judged_too(case):
-    far_aside = poses(5)
-    far_aside[:, 1] -= 100.0  # behind the camera
-    found = case.begun().prepare(*case.frames[:2]).evaluate(far_aside, far_aside)
-    assert not np.isnan(found.log_prob).any()
-    outside = [note for note in found.notes if "lay outside the images of left" in note]
+def test_poses_far_outside_the_image_have_a_log_likelihood(case):
+    outside_poses = poses(5)
+    outside_poses[:, 1] -= 100.0  # behind the camera
+    evaluation = case.frame_likelihood().evaluate(outside_poses, outside_poses)
+    assert not np.isnan(evaluation.log_prob).any()
+    outside = [note for note in evaluation.notes if "lay outside the images of left" in note]
     assert len(outside) == (case.name in ("image motion", "product"))
 
 
-def test_absurd_but_finite_poses_do_not_crash(case):
+def test_extreme_finite_poses_do_not_give_nan(case):
     rng = np.random.default_rng(0)
-    wild = np.concatenate([scale * rng.standard_normal((20, 25)) for scale in (1e3, 1e12, 1e150, 1e300)])
-    found = case.begun().prepare(*case.frames[:2]).evaluate(wild, wild).log_prob
-    assert not np.isnan(found).any()
+    extreme = np.concatenate([scale * rng.standard_normal((20, 25)) for scale in (1e3, 1e12, 1e150, 1e300)])
+    evaluation = case.frame_likelihood().evaluate(extreme, extreme)
+    assert not np.isnan(evaluation.log_prob).any()
 
 
 def test_uniform_is_zero():
@@ -232,30 +234,27 @@ def test_uniform_is_zero():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
-    frame_likelihood, previous, pose = (
-        ImageMotion(BODY).prepare(*frames(np.random.default_rng(0), LEFT)),
-        poses(40),
-        poses(40, 2),
-    )
+def test_image_motion_gives_a_non_finite_previous_pose_probability_zero(bad):
+    frame_likelihood = ImageMotion(BODY).prepare(*frames(np.random.default_rng(0), LEFT))
+    previous, pose = poses(40), poses(40, 2)
     expected = frame_likelihood.evaluate(previous, pose).log_prob
     previous[3, 0], pose[17, 24], expected[[3, 17]] = bad, bad, -np.inf
-    found = frame_likelihood.evaluate(previous, pose)
-    np.testing.assert_array_equal(found.log_prob, expected)
-    assert found.notes == ("image motion: 2 of 40 poses were not finite",)
+    evaluation = frame_likelihood.evaluate(previous, pose)
+    np.testing.assert_array_equal(evaluation.log_prob, expected)
+    assert evaluation.notes == ("image motion: 2 of 40 poses were not finite",)
 
 
-def test_camera_missing_in_one_frame_is_told():
+def test_a_camera_missing_in_one_frame_is_noted():
     likelihood, (before, now) = ImageMotion(BODY), frames(np.random.default_rng(0), LEFT, RIGHT)
     only_left = Frame(0, 0.0, before.views[:1]), Frame(1, 1 / 30, now.views[:1])
     expected, frame_likelihood = likelihood.prepare(*only_left), likelihood.prepare(only_left[0], now)
     assert expected.notes == ()
     assert frame_likelihood.notes == ("image motion: camera right is missing in frame 0 or 1",)
-    found = [one.evaluate(poses(3), poses(3, 2)).log_prob for one in (frame_likelihood, expected)]
-    np.testing.assert_array_equal(*found)
+    results = [each.evaluate(poses(3), poses(3, 2)).log_prob for each in (frame_likelihood, expected)]
+    np.testing.assert_array_equal(*results)
 
 
-def test_images_of_two_sizes_are_compared_unless_the_background_is_still():
+def test_images_of_two_sizes_are_compared_unless_the_background_is_static():
     rng = np.random.default_rng(0)
     (before, _), (_, now) = frames(rng, LEFT), frames(rng, LEFT.scaled(2.0))
     with pytest.raises(InputError, match="background=static needs images of one size from camera left"):
@@ -264,18 +263,18 @@ def test_images_of_two_sizes_are_compared_unless_the_background_is_still():
 
 
 @pytest.mark.parametrize("make", [Background, Silhouette, DenseAlignment])
-def test_a_camera_that_the_clip_does_not_have_is_refused(make):
+def test_a_camera_missing_in_the_clip_is_rejected(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
     with pytest.raises(InputError, match="camera another is not in the sequence"):
-        make(BODY, walls()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
+        make(BODY, clip()).prepare(None, frame).update(np.zeros(25)).prepare(frame, frame)
 
 
 @pytest.mark.parametrize("shape", [(120, 161), (120, 160, 4), (120, 160, 1), (160, 120), None])
-def test_frames_that_do_not_fit_are_refused(shape):
+def test_frames_without_a_common_camera_or_with_wrong_images_are_rejected(shape):
     before, now = (frames(np.random.default_rng(0), camera)[0] for camera in (LEFT, RIGHT))
-    said = "frames 0 and 0 have no camera in common"
+    message = "frames 0 and 0 have no camera in common"
     if shape:
         before = now = Frame(0, 0.0, (View(LEFT, np.zeros(shape, np.uint8)),))
-        said = "camera left: expected a grey or RGB image of 160×120 px"
-    with pytest.raises(InputError, match=said):
+        message = "camera left: expected a grey or RGB image of 160×120 px"
+    with pytest.raises(InputError, match=message):
         ImageMotion(BODY).prepare(before, now)

@@ -1,7 +1,6 @@
-"""A copy of any experiment in a user's folder composes to the same configuration, and errors in it name its file."""
+"""A copy of an experiment in a user's folder composes to the same configuration, and errors name its file."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -11,12 +10,12 @@ from compositions import composed
 from omegaconf import OmegaConf
 
 from workbench.cli.main import main
-from workbench.experiment.config import options as parts
+from workbench.experiment.config import options as options_module
 from workbench.experiment.config.schema import composed as compose
 from workbench.utils.run_files import SUMMARY
 
 FILES = [
-    parts.folder(parts.OURS) / "experiment" / f"{name}.yaml"
+    options_module.folder(options_module.OURS) / "experiment" / f"{name}.yaml"
     for name in ("points_walk_steady", "held_out_subjects", "walk_multi_cue")
 ]
 SMALL = (
@@ -27,8 +26,8 @@ SMALL = (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A user's folder, as if given by --config-dir."""
-    monkeypatch.setattr(parts, "_config_dirs", [tmp_path])
+    """Return a user's folder, as if passed by --config-dir."""
+    monkeypatch.setattr(options_module, "_config_dirs", [tmp_path])
     (tmp_path / "experiment").mkdir()
     return tmp_path
 
@@ -36,8 +35,8 @@ def folder(tmp_path, monkeypatch):
 def resolved(*overrides):
     config = compose(["paths.data=somewhere", *overrides], with_hydra=True)
     parameters = OmegaConf.to_container(config.hydra.sweeper.get("params") or OmegaConf.create({}))
-    own = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
-    return OmegaConf.to_container(own, resolve=True), parameters
+    settings = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    return OmegaConf.to_container(settings, resolve=True), parameters
 
 
 @pytest.mark.parametrize("original", FILES, ids=lambda path: path.stem)
@@ -50,7 +49,7 @@ def test_a_copy_is_the_same_experiment(folder, original):
         assert copied == resolved(f"experiment={original.stem}", f"paper={paper}")
 
 
-def test_an_experiment_begins_with_another_of_the_folder_and_options_have_the_keys_of_their_class(folder):
+def test_an_experiment_extends_another_of_the_folder_and_an_own_option_has_the_keys_of_its_class(folder):
     (folder / "prior").mkdir()
     (folder / "prior" / "stiff.yaml").write_text("_target_: workbench.priors.smooth.Smooth\n# Stiff.\nsigma: 0.25\n")
     (folder / "experiment" / "base.yaml").write_text(
@@ -79,7 +78,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("text", ERRORS)
 @pytest.mark.slow
-def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, capsys, text):
+def test_an_error_in_the_folder_is_one_message_with_the_file(folder, capsys, text):
     file = folder / "experiment" / "mine.yaml"
     file.write_text(f"# @package _global_\n{text}\n", encoding="utf-8", errors="surrogateescape")
     assert main(["run", "--config-dir", str(folder), "experiment=mine"]) == 2
@@ -87,33 +86,25 @@ def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, caps
     assert re.match(rf"workbench: {re.escape(str(file))}: {ERRORS[text]}", last)
 
 
-def test_a_name_of_ours_for_something_else_is_refused(folder):
+def test_an_experiment_with_the_name_of_an_existing_one_is_rejected(folder):
     (folder / "experiment" / "walk_circle.yaml").write_text("# @package _global_\nseed: 1\n")
     with pytest.raises(ValueError, match=r"experiment/walk_circle\.yaml: expected one file, found"):
         compose(["experiment=walk_circle"])
 
 
 @pytest.mark.slow
-def test_a_copy_runs_alone_and_in_the_workers_of_a_launcher(folder, tmp_path, cache):
+def test_a_copy_runs_as_a_single_run_and_in_a_launchers_workers(folder, tmp_path, cache, monkeypatch):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    original = parts.folder(parts.OURS) / "experiment" / "walk_circle.yaml"
+    original = options_module.folder(options_module.OURS) / "experiment" / "walk_circle.yaml"
     (folder / "experiment" / "mine.yaml").write_text(original.read_text(encoding="utf-8"), encoding="utf-8")
-    sweep = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
-    for words in (["hydra.run.dir=alone"], sweep):
-        command = [
-            sys.executable,
-            "-m",
-            "workbench",
-            "run",
-            f"--config-dir={folder}",
-            "experiment=mine",
-            *SMALL,
-            *words,
-        ]
-        environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-    summaries = [json.loads((tmp_path / run / SUMMARY).read_text()) for run in ("alone", "sweep/0", "sweep/1")]
-    assert [each["experiment"] for each in summaries] == ["mine"] * 3
+    arguments = ["run", f"--config-dir={folder}", "experiment=mine", *SMALL]
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    assert main([*arguments, f"hydra.run.dir={tmp_path / 'single'}"]) == 0
+    workers = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
+    command = [sys.executable, "-m", "workbench", *arguments, "-m", "seed=0,1", *workers]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    summaries = [json.loads((tmp_path / run / SUMMARY).read_text()) for run in ("single", "sweep/0", "sweep/1")]
+    assert [summary["experiment"] for summary in summaries] == ["mine"] * 3
     for metric in ("mpjpe_abs_mm", "mpjpe_px"):
         assert summaries[0]["metrics"][metric] == summaries[1]["metrics"][metric]

@@ -1,4 +1,4 @@
-"""What every prior keeps: names, shapes, seeds, untouched inputs, a pose per state, and which parameters move."""
+"""The contract of every prior: names, shapes, seeds, unchanged inputs, poses, moving parameters and densities."""
 
 from functools import cache
 from importlib.resources import files
@@ -23,7 +23,7 @@ P, DT = len(POSE_NAMES), 1 / 30
 ARM = [f"left_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion")]
 YAMLS = sorted(path.name for path in files("workbench.conf").joinpath("prior").iterdir() if path.suffix == ".yaml")
 MANY = 4000
-"""Particles where a mean is tested. All tolerances are five standard errors unless they say what else they hold."""
+"""Particles where a mean is tested. Tolerances are five standard errors unless a docstring states another bound."""
 
 
 @cache
@@ -40,7 +40,7 @@ def implicit(parts, root, search, prediction, **options):
     return Implicit(windows(parts, root), search=search, prediction=prediction, **options)
 
 
-MADE = {
+BUILDERS = {
     "smooth arm": lambda folder: Smooth(parameters=ARM, initial_uniform=["left_shoulder_twist"]),
     "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", importance_correction=True, beta=1.0),
 } | {
@@ -52,7 +52,7 @@ MADE = {
 
 
 def composed(name, folder):
-    """As `workbench run prior=NAME` builds it, but for databases, which are of built-in motions here."""
+    """Build a prior as `workbench run prior=NAME` does, with databases of built-in motions."""
     prepare_hydra()
     overrides = [f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
@@ -69,7 +69,7 @@ def cache_folder(cache):
     return str(cache)
 
 
-NAMES = [*MADE, *YAMLS]
+NAMES = [*BUILDERS, *YAMLS]
 WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "fitted_rest_implicit"))]
 WITH_DENSITY = [
     name for name in NAMES if not name.startswith(("kinematic_flips", "reweighted")) and "_tree" not in name
@@ -81,7 +81,7 @@ WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not 
 @pytest.fixture(scope="module", params=NAMES)
 def prior(request, cache_folder):
     name = request.param
-    return composed(name, cache_folder) if name in YAMLS else MADE[name](cache_folder)
+    return composed(name, cache_folder) if name in YAMLS else BUILDERS[name](cache_folder)
 
 
 def run(prior, pose, n, seed, n_steps=3):
@@ -93,13 +93,13 @@ def run(prior, pose, n, seed, n_steps=3):
 
 
 def children(prior, dt_s=DT):
-    """MANY states of one parent (1, D), and that: stepped before, so that it has a velocity where it can."""
+    """Return a parent state (1, D) after one transition, and MANY states sampled from it."""
     parent = run(prior, walk().poses[0], 1, seed=2, n_steps=1)[-1]
     return parent, prior.sample_transition(np.repeat(parent, MANY, axis=0), dt_s, generator(3))
 
 
 def only(names):
-    """Tests of what not every prior has."""
+    """Parametrize a test with these priors."""
     return pytest.mark.parametrize("prior", names, indirect=True, scope="module")
 
 
@@ -108,7 +108,7 @@ def generator(seed):
 
 
 @pytest.mark.parametrize("n", [1, 2, 37])
-def test_shapes_and_finite_numbers(prior, n):
+def test_states_and_poses_have_their_shape_and_are_finite(prior, n):
     for state in run(prior, walk().poses[0], n, seed=0):
         poses = prior.pose(state)
         for array, width in ((state, len(prior.space)), (poses, P)):
@@ -118,7 +118,7 @@ def test_shapes_and_finite_numbers(prior, n):
             assert np.isfinite(array).all()
 
 
-def test_every_column_has_one_name_and_a_unit_and_groups_are_inside(prior):
+def test_every_column_has_one_name_one_unit_and_one_group(prior):
     space = prior.space
     assert len(set(space.names)) == len(space.names) == len(space.units) == len(space)
     for columns in space.slices.values():
@@ -127,54 +127,54 @@ def test_every_column_has_one_name_and_a_unit_and_groups_are_inside(prior):
     assert in_groups == set(range(len(space)))
 
 
-def test_exactly_the_parameters_move(prior):
-    """Each one in some particle; the others keep the starting pose's numbers bit for bit."""
+def test_exactly_the_listed_parameters_move(prior):
+    """Each listed parameter moves in some particle; the others stay bitwise identical to the initial pose."""
     pose = walk().poses[0]
     assert prior.parameters == tuple(name for name in POSE_NAMES if name in prior.parameters)
     moving = np.isin(POSE_NAMES, prior.parameters)
     poses = [prior.pose(state) for state in run(prior, pose, 50, seed=1)]
-    for found in poses:
-        assert (found[:, ~moving] == pose[~moving]).all()
-        assert (np.ptp(found[:, moving], axis=0) > 0.0).all()
+    for samples in poses:
+        assert (samples[:, ~moving] == pose[~moving]).all()
+        assert (np.ptp(samples[:, moving], axis=0) > 0.0).all()
     for before, after in pairwise(poses):
         assert (before[:, moving] != after[:, moving]).any(axis=0).all()
 
 
-def test_the_same_seed_gives_the_same_states_and_another_seed_others(prior):
-    first, again, other = (run(prior, walk().poses[0], 20, seed)[-1] for seed in (5, 5, 6))
-    assert first.tobytes() == again.tobytes()
+def test_equal_seeds_give_equal_states_and_other_seeds_other_states(prior):
+    first, repeated, other = (run(prior, walk().poses[0], 20, seed)[-1] for seed in (5, 5, 6))
+    assert first.tobytes() == repeated.tobytes()
     assert (first != other).any()
 
 
-def test_inputs_are_left_alone(prior):
+def test_inputs_stay_unchanged(prior):
     rng, pose = generator(0), walk().poses[0].copy()
     state = prior.sample_initial(pose, 10, rng)
-    kept = state.copy()
+    original = state.copy()
     state.flags.writeable = pose.flags.writeable = False
     prior.pose(prior.sample_transition(state, DT, rng))
     if isinstance(prior, Proposing):
         prior.propose(state, DT, rng)
-    assert (state == kept).all()
+    assert (state == original).all()
     assert (pose == walk().poses[0]).all()
 
 
-def test_the_start_is_around_the_pose(prior):
-    """Parameters that start uniform aside; and 0.1: what a cyclic model misses, or a limit cuts off, of a pose."""
+def test_initial_samples_have_the_pose_as_their_mean(prior):
+    """Except uniform parameters; 0.1 bounds the bias of a cyclic model and of truncation at joint limits."""
     pose = walk().poses[0]
     poses = prior.pose(prior.sample_initial(pose, MANY, generator(1)))
-    apart = np.abs(poses.mean(axis=0) - pose)
-    calm = [i for i, name in enumerate(POSE_NAMES) if name != "left_shoulder_twist"]
-    assert (apart[calm] <= 5 * poses.std(axis=0)[calm] / np.sqrt(MANY) + 0.1).all()
+    bias = np.abs(poses.mean(axis=0) - pose)
+    normal = [i for i, name in enumerate(POSE_NAMES) if name != "left_shoulder_twist"]
+    assert (bias[normal] <= 5 * poses.std(axis=0)[normal] / np.sqrt(MANY) + 0.1).all()
 
 
-def test_a_pose_depends_on_its_own_state_alone(prior):
+def test_a_pose_depends_only_on_its_own_state(prior):
     state = run(prior, walk().poses[0], 6, seed=4)[-1]
     for i in range(6):
         assert (prior.pose(state[i : i + 1])[0] == prior.pose(state)[i]).all()
 
 
-def test_particles_are_stepped_one_by_one_alike(prior):
-    """The order of the particles says nothing: identical parents have identically distributed children."""
+def test_transitions_do_not_depend_on_the_order_of_particles(prior):
+    """Children of identical parents are identically distributed in both halves of the array."""
     poses = prior.pose(children(prior)[1])
     halves = poses[: MANY // 2], poses[MANY // 2 :]
     error = poses.std(axis=0) * np.sqrt(4 / MANY)
@@ -182,68 +182,68 @@ def test_particles_are_stepped_one_by_one_alike(prior):
 
 
 @only(WITH_ROOT)
-def test_twice_the_time_moves_the_root_twice_as_far(prior):
-    """Within a quarter, for speeds may change from frame to frame: not as far, √2 or four times as far."""
-    ways = []
+def test_the_mean_root_displacement_is_proportional_to_time(prior):
+    """Within 25 %, because speeds may change between frames; this excludes ratios of 1, √2 and 4."""
+    distances = []
     for dt_s in (DT, 2 * DT):
         parent, state = children(prior, dt_s)
-        ways.append(np.linalg.norm((prior.pose(state) - prior.pose(parent)).mean(axis=0)[:3]))
-    assert ways[1] / ways[0] == pytest.approx(2.0, rel=0.25)
+        distances.append(np.linalg.norm((prior.pose(state) - prior.pose(parent)).mean(axis=0)[:3]))
+    assert distances[1] / distances[0] == pytest.approx(2.0, rel=0.25)
 
 
 @only(WITH_NOISE_ALONE)
-def test_noise_grows_with_the_root_of_time(prior):
+def test_noise_grows_with_the_square_root_of_time(prior):
     once, twice = (children(prior, dt_s)[1] for dt_s in (DT, 2 * DT))
     noisy = np.ptp(once, axis=0) > 0.0
     assert noisy.any()
-    # the ratio of two deviations is known to 1/√MANY
+    # the ratio of two standard deviations has a relative standard error of 1/√MANY
     ratios = twice.std(axis=0)[noisy] / once.std(axis=0)[noisy]
     assert ratios == pytest.approx(np.sqrt(2.0), rel=5 / np.sqrt(MANY))
 
 
-def test_exactly_those_whose_draws_it_is_have_a_density(request, prior):
+def test_exactly_the_listed_priors_have_a_density(request, prior):
     assert (prior.capabilities.density is not None) == (request.node.callspec.params["prior"] in WITH_DENSITY)
 
 
 def family(prior, n=20):
-    """n states, their children, and the density that leads from these to those."""
+    """Return n states, their children and the transition density."""
     *_, parents, children = run(prior, walk().poses[0], n, seed=2, n_steps=2)
     return parents, children, prior.capabilities.density
 
 
 @only(WITH_DENSITY)
-def test_a_density_is_finite_where_a_step_leads_and_states_broadcast(prior):
+def test_a_density_is_finite_at_sampled_transitions_and_broadcasts(prior):
     parents, children, density = family(prior)
     free = density.free
     assert (np.diff(free) > 0).all()
     assert 0 <= free[0] <= free[-1] < len(prior.space)
-    found = density.log_transition(parents, children, DT)
-    assert found.shape == (20,)
-    assert np.isfinite(found).all()
+    log_density = density.log_transition(parents, children, DT)
+    assert log_density.shape == (20,)
+    assert np.isfinite(log_density).all()
     table = density.log_transition(parents[None], children[:7, None], DT)
     assert table.shape == (7, 20)
-    np.testing.assert_allclose(table[range(7), range(7)], found[:7], rtol=1e-9)
+    np.testing.assert_allclose(table[range(7), range(7)], log_density[:7], rtol=1e-9)
     assert density.mean(parents, DT).shape == parents.shape
     assert np.isfinite(density.mean(parents, DT)).all()
 
 
 @only(WITH_DENSITY)
-def test_a_density_speaks_of_free_columns_alone_and_the_others_are_drawn_given_them(prior):
+def test_a_density_uses_only_free_columns_and_the_others_are_sampled_from_them(prior):
     parents, children, density = family(prior)
-    follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
-    forgotten = children.copy()
-    forgotten[:, follows] = np.nan
-    forgotten.flags.writeable = parents.flags.writeable = False
-    found = density.log_transition(parents, forgotten, DT)
-    assert (found == density.log_transition(parents, children, DT)).all()
-    completed = density.sample_dependent(parents, forgotten, DT, generator(4))
+    dependent = np.setdiff1d(np.arange(len(prior.space)), density.free)
+    incomplete = children.copy()
+    incomplete[:, dependent] = np.nan
+    incomplete.flags.writeable = parents.flags.writeable = False
+    log_density = density.log_transition(parents, incomplete, DT)
+    assert (log_density == density.log_transition(parents, children, DT)).all()
+    completed = density.sample_dependent(parents, incomplete, DT, generator(4))
     assert (completed[:, density.free] == children[:, density.free]).all()
     assert np.isfinite(completed).all()
-    assert (density.sample_dependent(parents, forgotten, DT, generator(4)) == completed).all()
+    assert (density.sample_dependent(parents, incomplete, DT, generator(4)) == completed).all()
 
 
 @only(WITH_DENSITY)
-def test_columns_without_noise_have_no_density_elsewhere(prior):
+def test_columns_without_noise_have_density_zero_elsewhere(prior):
     parents, children, density = family(prior)
     still = [i for i in density.free if (children[:, i] == parents[:, i]).all()]
     assert still or set(prior.parameters) == {*POSE_NAMES}

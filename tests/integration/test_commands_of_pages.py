@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from bandai_files import write_bandai_like
 from hydra.core.global_hydra import GlobalHydra
+from observed_walkers import camera_arc, walker_joints
 from openpose_scenes import points, write
 from rendered_boards import board_poses, lens, rendered
-from seen_walkers import around, walked
 
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
@@ -32,12 +32,12 @@ _LAYOUT = "BODY_25B"
 def write_own_files(folder):
     """Write walk.mp4 with annotations.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films;
     camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
-    one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(around(2), 1))
+    one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(camera_arc(2), 1))
     (folder / "calibration.toml").write_text(toml(one) + toml(two))
     (folder / "camera.toml").write_text(toml(one))
     for name, camera in {"walk": one, "one": one, "two": two}.items():
         film(folder / f"{name}.mp4", [np.full((camera.height, camera.width, 3), 90, np.uint8)] * N)
-    seen = {name: camera.project(walked()[:N]) for name, camera in (("one", one), ("two", two))}
+    seen = {name: camera.project(walker_joints()[:N]) for name, camera in (("one", one), ("two", two))}
     for name, marks in seen.items():
         people = [[points(_LAYOUT, dict(zip(JOINT_NAMES, frame, strict=True)))] for frame in marks.tolist()]
         write(folder / f"{name}_json", dict(enumerate(people)))

@@ -1,6 +1,6 @@
-"""The alignment's cells, outlines, scenes, layers and derivatives in NumPy, for `workbench.likelihoods.dense`.
+"""Surface elements, contours, backgrounds, layers and derivatives in NumPy, for `workbench.likelihoods.dense`.
 
-S cells or K points, P degrees of freedom, images (height, width). Frames are those of one pose, (1, J, ...).
+S elements or K points, P degrees of freedom, images (height, width). Frames are those of one pose, (1, J, ...).
 """
 
 from dataclasses import replace
@@ -28,15 +28,15 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 STEPS = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, None]
 NEAREST_M, LARGEST_PX = 0.05, 200.0
-"""The least depth and the largest extent of a facet that is drawn."""
+"""The minimum depth and the maximum size of a facet that is drawn."""
 
 
-def project_elements(cells: SurfaceElements, frames: JointFrames, camera: Camera) -> ProjectedElements:
-    """Place cells in a pose before a camera.
+def project_elements(elements: SurfaceElements, frames: JointFrames, camera: Camera) -> ProjectedElements:
+    """Compute the points, normals, depths and pixels of surface elements in a pose.
 
     Parameters
     ----------
-    cells : Cells
+    elements : SurfaceElements
         Points (S, 3), m, and normals (S, 3) in their joints' frames.
     frames : JointFrames
         The joints' frames.
@@ -45,46 +45,46 @@ def project_elements(cells: SurfaceElements, frames: JointFrames, camera: Camera
 
     Returns
     -------
-    Placed
+    ProjectedElements
         Points (S, 3), m, cosines of the angle to the line of sight (S,), depths (S,), m, and pixels (S, 2).
     """
-    turned = frames.rotations[0][cells.joints]
-    points = np.einsum("sij,sj->si", turned, cells.points) + frames.positions[0][cells.joints]
-    towards = camera.position - points
-    facing = np.einsum("sij,sj,si->s", turned, cells.normals, towards) / np.linalg.norm(towards, axis=1)
-    seen = camera.to_camera(points)
-    return ProjectedElements(points, facing, seen[:, 2], camera.pixels(seen, 1e-6))
+    rotations = frames.rotations[0][elements.joints]
+    points = np.einsum("sij,sj->si", rotations, elements.points) + frames.positions[0][elements.joints]
+    to_camera = camera.position - points
+    facing = np.einsum("sij,sj,si->s", rotations, elements.normals, to_camera) / np.linalg.norm(to_camera, axis=1)
+    in_camera = camera.to_camera(points)
+    return ProjectedElements(points, facing, in_camera[:, 2], camera.pixels(in_camera, 1e-6))
 
 
-def visible_elements(cells: ProjectedElements, shape: tuple[int, int], least_facing: float) -> IntArray:
-    """List the cells in the image that face the camera and that no other limb hides.
+def visible_elements(elements: ProjectedElements, shape: tuple[int, int], min_facing: float) -> IntArray:
+    """Return the elements in the image that face the camera and that no other limb occludes.
 
     Parameters
     ----------
-    cells : Placed
-        S cells in a pose.
+    elements : ProjectedElements
+        S elements in a pose.
     shape : (int, int)
         Height and width of the image, px.
-    least_facing : float
-        Cosine of the angle to the line of sight that cells must exceed.
+    min_facing : float
+        Minimum cosine of the angle to the line of sight.
 
     Returns
     -------
     (K,) array
-        Visible cells.
+        Visible elements.
     """
-    within = inside(cells.pixels, shape)
-    front = np.flatnonzero(within & (cells.facing > 0.0))
+    within = inside(elements.pixels, shape)
+    front = np.flatnonzero(within & (elements.facing > 0.0))
     nearest = np.full((shape[0] // COARSE_PX + 1, shape[1] // COARSE_PX + 1), np.inf)
-    x, y = (cells.pixels[front] / COARSE_PX).astype(np.int64).T
-    np.minimum.at(nearest, (y, x), cells.depth[front])
+    x, y = (elements.pixels[front] / COARSE_PX).astype(np.int64).T
+    np.minimum.at(nearest, (y, x), elements.depth[front])
     nearest = np.asarray(cv2.erode(nearest, np.ones((3, 3), np.uint8)))
-    hidden = cells.depth[front] > nearest[y, x] + THICK_M
-    return front[~hidden & (cells.facing[front] > least_facing)]
+    hidden = elements.depth[front] > nearest[y, x] + THICK_M
+    return front[~hidden & (elements.facing[front] > min_facing)]
 
 
 def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> FloatArray:
-    """Turn image gradients into gradients in the world.
+    """Compute gradients by world points from gradients by pixels.
 
     Parameters
     ----------
@@ -104,27 +104,28 @@ def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> F
 
 
 def slopes(motion: PointMotion, points: FloatArray, forces: FloatArray, joints: IntArray) -> FloatArray:
-    """Differentiate by the pose what depends on points of the body.
+    """Compute derivatives by the pose from derivatives by points of the body.
 
-    A turn about a through o moves x by a × (x − o), so that f changes by a · (x × f) − f · (a × o).
+    A rotation about a through o moves x by a × (x − o), so that a function with gradient f changes by
+    a · (x × f) − f · (a × o).
 
     Parameters
     ----------
     motion : PointMotion
-        Axes and moments (P, 3), and which numbers of the pose move which joints (J, P).
+        Axes and moments (P, 3), and the pose parameters that move each joint (J, P).
     points, forces : (K, 3) arrays
         World points, m, and derivatives by them, 1/m.
     joints : (K,) array
-        Joints on which the points hang.
+        Joints that carry the points.
 
     Returns
     -------
     (K, P) array
         Derivatives by the pose, 1/m and 1/rad.
     """
-    found = np.cross(points, forces) @ motion.axes.T - forces @ motion.moments.T
-    found[:, :3] = forces
-    return found * motion.dof_mask[joints]
+    derivatives = np.cross(points, forces) @ motion.axes.T - forces @ motion.moments.T
+    derivatives[:, :3] = forces
+    return derivatives * motion.dof_mask[joints]
 
 
 def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +136,7 @@ def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[F
     residuals : Residuals
         Residuals of K points, with their gradients by the pixel.
     motion : PointMotion
-        How points move with the pose.
+        Axes and moments of the pose parameters.
     camera : Camera
         The camera that sees them.
 
@@ -153,12 +154,12 @@ def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[F
     return weighted.T @ residuals.values, weighted.T @ rows
 
 
-def picture_at(smoothed_image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Interpolate an image bilinearly, and differentiate it by half the differences of what is a pixel to either side.
+def interpolated(smoothed_image: Float32Array, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Interpolate an image bilinearly and differentiate it by central differences of one pixel.
 
     Parameters
     ----------
-    picture : (height, width) array
+    smoothed_image : (height, width) array
         Values.
     pixels : (K, 2) array
         x and y, px, at least 2 px inside.
@@ -171,20 +172,20 @@ def picture_at(smoothed_image: Float32Array, pixels: FloatArray) -> tuple[FloatA
         Gradients, 1/px.
     """
     rows, columns = (pixels + STEPS).reshape(-1, 2).T[::-1]
-    found = map_coordinates(smoothed_image.astype(np.float64), (rows, columns), order=1)
-    here, right, left, below, above = found.reshape(5, -1)
-    return here, 0.5 * np.column_stack([right - left, below - above])
+    values = map_coordinates(smoothed_image.astype(np.float64), (rows, columns), order=1)
+    centre, right, left, below, above = values.reshape(5, -1)
+    return centre, 0.5 * np.column_stack([right - left, below - above])
 
 
 def contour_samples(
     limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Place points at distances from the outlines of limbs, at their axes' depth.
+    """Return points at distances from the outlines of limbs, at the depth of their axes.
 
     Parameters
     ----------
     limbs : Limbs
-        L limbs; a section counts as a circle of its mean radius.
+        L limbs; a cross-section is a circle of its mean radius.
     frames : JointFrames
         The joints' frames.
     camera : Camera
@@ -194,11 +195,11 @@ def contour_samples(
 
     Returns
     -------
-    (L · 2 PLACES · D, 3) array
+    (L · 2 N_CONTOUR_POINTS · D, 3) array
         Points, m; then their joints and pixels.
     """
-    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
-    starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
+    rotations, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts, ends = (np.einsum("lij,lj->li", rotations, ends) + origins for ends in (limbs.starts, limbs.ends))
     edges, outwards = _edges(limbs, starts, ends, camera.position)
     metres_per_px = np.linalg.norm(edges - camera.position, axis=-1, keepdims=True) / camera.matrix[0, 0]
     points = np.concatenate([edges + distance * metres_per_px * outwards for distance in distances_px], axis=1)
@@ -207,8 +208,8 @@ def contour_samples(
     return flat, joints, camera.project(flat)
 
 
-def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Place points on the limbs' outlines.
+def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points on the limbs' outlines.
 
     Parameters
     ----------
@@ -216,30 +217,30 @@ def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) 
         L limbs.
     starts, ends : (L, 3) arrays
         Ends of their axes in the world, m.
-    eye : (3,) array
+    centre : (3,) array
         The camera's centre, m.
 
     Returns
     -------
-    (L, 2 PLACES, 3) array
+    (L, 2 N_CONTOUR_POINTS, 3) array
         Points, m.
-    (L, 2 PLACES, 3) array
+    (L, 2 N_CONTOUR_POINTS, 3) array
         Unit directions outwards.
     """
     u = ((np.arange(N_CONTOUR_POINTS) + 0.5) / N_CONTOUR_POINTS)[:, None]
     axis = starts[:, None] + (ends - starts)[:, None] * u
-    side = _unit(np.cross((ends - starts)[:, None], eye - axis))
+    side = _unit(np.cross((ends - starts)[:, None], centre - axis))
     low, high = limbs.mean_radii.T[:, :, None, None]
     radii = low + (high - low) * u
     edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
     outwards[:, :N_CONTOUR_POINTS], outwards[:, N_CONTOUR_POINTS:] = side, -side
-    balls = limbs.spheres
-    sight = _unit(eye - starts[balls])
+    spheres = limbs.spheres
+    sight = _unit(centre - starts[spheres])
     across = _unit(np.cross(sight, [0.0, 0.0, 1.0]))
     angle = np.pi * np.arange(2 * N_CONTOUR_POINTS) / N_CONTOUR_POINTS
-    around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
-    outwards[balls] = around
-    edges[balls] = starts[balls][:, None] + limbs.radii[balls, 0, 0][:, None, None] * around
+    directions = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
+    outwards[spheres] = directions
+    edges[spheres] = starts[spheres][:, None] + limbs.radii[spheres, 0, 0][:, None, None] * directions
     return edges, outwards
 
 
@@ -247,35 +248,35 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
 
-def background_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float) -> Float32Array:
-    """Compute the log ratio of a person of any grey level to the scene.
+def background_log_ratio(background: BackgroundModel, image: Float32Array, epsilon: float) -> Float32Array:
+    """Compute the log ratio of a person of any grey level to the background.
 
     Parameters
     ----------
-    scene : BackgroundModel
-        Levels (height, width) and numbers of frames they are known from.
+    background : BackgroundModel
+        Levels (height, width) and the numbers of frames from which they are known.
     image : (height, width) array
         Grey levels.
     epsilon : float
-        Share of outliers.
+        Fraction of outliers.
 
     Returns
     -------
     (height, width) array
-        Log ratios, 0 where the scene is unknown.
+        Log ratios, 0 where the background is unknown.
     """
-    sigma = max(scene.noise, MIN_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(scene.n, 1.0))
-    density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - scene.level) / sigma) ** 2)
-    return np.where(scene.observed, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
+    sigma = max(background.noise, MIN_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(background.n, 1.0))
+    density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - background.level) / sigma) ** 2)
+    return np.where(background.observed, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
 
 
-def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) -> BackgroundModel:
-    """Learn a scene from one more image, except near a person and where it shows something else.
+def updated_background(background: BackgroundModel, image: Float32Array, covered: BoolArray) -> BackgroundModel:
+    """Update a background from an image, except near a person and where the image differs from the background.
 
     Parameters
     ----------
-    scene : BackgroundModel
-        Levels (height, width) and numbers of frames they are known from.
+    background : BackgroundModel
+        Levels (height, width) and the numbers of frames from which they are known.
     image : (height, width) array
         Grey levels.
     covered : (height, width) array
@@ -284,17 +285,17 @@ def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) 
     Returns
     -------
     BackgroundModel
-        The scene with the image's part in its means.
+        The background with the image included in its means.
     """
     near = dilated(covered, DILATION_PX)
-    alike = np.abs(image - scene.level) < 4.0 * max(scene.noise, MIN_NOISE)
-    shown = ~near & (~scene.observed | (alike & (scene.n < MAX_FRAMES)))
-    n = scene.n + shown
-    return replace(scene, level=scene.level + shown * (image - scene.level) / np.maximum(n, 1.0), n=n)
+    similar = np.abs(image - background.level) < 4.0 * max(background.noise, MIN_NOISE)
+    updated = ~near & (~background.observed | (similar & (background.n < MAX_FRAMES)))
+    n = background.n + updated
+    return replace(background, level=background.level + updated * (image - background.level) / np.maximum(n, 1.0), n=n)
 
 
 def render_layer(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) -> Layer:
-    """Draw facets among what is drawn already, pixel by pixel.
+    """Draw facets into a layer, pixel by pixel.
 
     Parameters
     ----------
@@ -305,19 +306,19 @@ def render_layer(facets: Facets, frames: JointFrames, camera: Camera, behind: La
     camera : Camera
         The camera.
     behind : Layer
-        Cells (height, width), −1 where there is none, and their depths, m.
+        Elements (height, width), −1 where there is none, and their depths, m.
 
     Returns
     -------
     Layer
-        The same with the facets.
+        The layer with the facets.
     """
-    cells, depths = behind[0].copy(), behind[1].copy()
-    turned, origins = frames.rotations[0][facets.joints], frames.positions[0][facets.joints]
-    points = camera.to_camera(np.einsum("kij,kj->ki", turned, facets.points) + origins)
-    seen = points[facets.corners]
-    y, x = np.mgrid[: cells.shape[0], : cells.shape[1]]
-    for corners, cell, z in zip(camera.pixels(seen, 1e-6), facets.elements, seen[..., 2], strict=True):
+    elements, depths = behind[0].copy(), behind[1].copy()
+    rotations, origins = frames.rotations[0][facets.joints], frames.positions[0][facets.joints]
+    points = camera.to_camera(np.einsum("kij,kj->ki", rotations, facets.points) + origins)
+    vertices = points[facets.corners]
+    y, x = np.mgrid[: elements.shape[0], : elements.shape[1]]
+    for corners, cell, z in zip(camera.pixels(vertices, 1e-6), facets.elements, vertices[..., 2], strict=True):
         following = np.roll(corners, -1, axis=0)
         size = np.ptp(corners, axis=0).max()
         area = (corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1]).sum()
@@ -325,28 +326,28 @@ def render_layer(facets: Facets, frames: JointFrames, camera: Camera, behind: La
             continue
         (ax, ay), (bx, by) = corners.T[:, :, None, None], following.T[:, :, None, None]
         within = ((bx - ax) * (y - ay) - (by - ay) * (x - ax) <= 0.0).all(axis=0) & (z.mean() < depths)
-        cells[within], depths[within] = cell, z.mean()
-    return cells, depths
+        elements[within], depths[within] = cell, z.mean()
+    return elements, depths
 
 
-def layer_log_ratio(layer: Layer, shown: LayerImage) -> float:
-    """Compute the log ratio of an image with a layer to the image with the scene alone.
+def layer_log_ratio(layer: Layer, image: LayerImage) -> float:
+    """Compute the log ratio of an image with a layer to the image with the background alone.
 
     Parameters
     ----------
     layer : Layer
-        Cells (height, width), −1 where there is none, and their depths, m.
-    shown : LayerImage
-        The image and what is known of the cells and of the scene.
+        Elements (height, width), −1 where there is none, and their depths, m.
+    image : LayerImage
+        The image and what is known of the elements and of the background.
 
     Returns
     -------
     float
         Log ratio, summed over the pixels.
     """
-    cells = layer[0]
-    there, known = shown.unoccluded & (cells >= 0), shown.unoccluded & (cells >= 0) & (shown.n[cells] > 0.0)
-    sigma = shown.sigma * np.sqrt(1.0 + 1.0 / shown.n[cells[known]])
-    misses = (shown.image[known] - shown.texture[cells[known]]) / sigma
-    density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * misses**2)
-    return float(shown.ratio[there].sum() + np.log(OUTLIER_FRACTION + (1.0 - OUTLIER_FRACTION) * density).sum())
+    elements = layer[0]
+    drawn, known = image.unoccluded & (elements >= 0), image.unoccluded & (elements >= 0) & (image.n[elements] > 0.0)
+    sigma = image.sigma * np.sqrt(1.0 + 1.0 / image.n[elements[known]])
+    residuals = (image.image[known] - image.texture[elements[known]]) / sigma
+    density = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * residuals**2)
+    return float(image.ratio[drawn].sum() + np.log(OUTLIER_FRACTION + (1.0 - OUTLIER_FRACTION) * density).sum())

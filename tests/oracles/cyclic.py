@@ -22,8 +22,8 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
     (N, C) array
         Channels in the table's units.
     """
-    place = (phase % 1.0) * len(table)
-    first = np.floor(place).astype(np.int64)
-    part = (place - first)[:, None, None]
-    curves = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
+    index = (phase % 1.0) * len(table)
+    first = np.floor(index).astype(np.int64)
+    fraction = (index - first)[:, None, None]
+    curves = (1.0 - fraction) * table[first % len(table)] + fraction * table[(first + 1) % len(table)]
     return curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])

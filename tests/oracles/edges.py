@@ -14,12 +14,12 @@ def filtered(images: SmoothedBox) -> FilteredBox:
 
     Parameters
     ----------
-    images : Smoothed
+    images : SmoothedBox
         The image at 1 + S scales, and its local contrast.
 
     Returns
     -------
-    Filtered
+    FilteredBox
         Gradient (height, width, 2) and ridges (S, height, width, 3), over the contrast.
     """
     fine, *coarser = images.levels
@@ -43,10 +43,10 @@ def response_log_ratio(images: FilteredBox, points: LimbPoints, table: Float32Ar
 
     Parameters
     ----------
-    images : Filtered
+    images : FilteredBox
         The derivatives of a view.
     points : LimbPoints
-        `POINTS` of L limbs in N poses, and which count.
+        `POINTS` of L limbs in N poses, and which of them are used.
     table : (2, L, BINS) array
         Log ratios of edges and of ridges.
 
@@ -63,5 +63,5 @@ def response_log_ratio(images: FilteredBox, points: LimbPoints, table: Float32Ar
 
 
 def _bins(values: FloatArray, low: float, high: float) -> IntArray:
-    """Return the bins, 0 to BINS − 1, of values; those out of the range belong to the first or the last."""
+    """Return the bins of values, 0 to BINS − 1; values out of range are in the first or the last bin."""
     return np.clip((values - low) / (high - low) * BINS, 0, BINS - 1).astype(np.int64)

@@ -97,12 +97,12 @@ def view_log_prob(
     compared = inside & ~hidden_samples(limbs, patches_now, samples, model.occlusion)
     n_compared = compared.sum(axis=-1)
     residuals = bilinear(now.image, points_now) - bilinear(before.image, points_before)
-    compared_part = n_compared / len(samples)
-    log_p = _limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_part, model)
+    compared_fraction = n_compared / len(samples)
+    log_p = _limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_fraction, model)
     if model.background == "static":
         changes = bilinear(now.image, points_now) - bilinear(before.image, points_now)
         changes = np.where(inside_image(before.image, points_now), changes, 0.0)
-        log_p -= compared_part * _still_log_ratio(_exponent(changes, compared, model), model)
+        log_p -= compared_fraction * _static_log_ratio(_exponent(changes, compared, model), model)
     return log_p.sum(axis=-1), (~inside).sum(axis=(-1, -2))
 
 
@@ -112,8 +112,8 @@ def _exponent(residuals: FloatArray, compared: BoolArray, model: LimbModel) -> F
     return exponent / np.maximum(compared.sum(axis=-1), 1) if model.reduction == "mean" else exponent
 
 
-def _still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
-    """Compute log p of points before a still background, less that of points where nothing changed.
+def _static_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
+    """Compute log p of points on a static background minus log p of points where nothing changed.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatAr
     cos_alpha : (N, L) array
         Cosines of the angles between limbs and image plane.
     visible : (N, L) array
-        The share q of each limb that is compared, times cos α.
+        The fraction q of each limb that is compared, times cos α.
     model : LimbModel
         The constants of A eq. 10 and 11.
 
@@ -163,7 +163,7 @@ def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatAr
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
-    """Compute the planar patch of every limb, which bisects the limb, holds its axis and faces the camera (A, fig. 2).
+    """Compute the planar patch of every limb, which contains the limb's axis and faces the camera (A, fig. 2).
 
     A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
     in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
@@ -185,14 +185,14 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
     start = origin + np.einsum("nlab,lb->nla", rotation, limbs.starts)
     end = origin + np.einsum("nlab,lb->nla", rotation, limbs.ends)
     axis = _unit(np.where(limbs.spheres[:, None], rotation[..., 2], end - start))
-    sight = _unit((start + end) / 2.0)
-    across = np.cross(sight, axis)
+    line_of_sight = _unit((start + end) / 2.0)
+    across = np.cross(line_of_sight, axis)
     sine = np.linalg.norm(across, axis=-1)
     across = _unit(across)
 
     section = np.einsum("nlab,nla->nlb", rotation, across)[..., :2]
     half_width = np.linalg.norm(limbs.radii * section[:, :, None], axis=-1)  # (N, L, 2)
-    upright = np.cross(across, sight)
+    upright = np.cross(across, line_of_sight)
     half_side = np.where(limbs.spheres, limbs.radii[:, 0, 0], 0.0)[:, None] / np.sqrt(2.0)
     half_width = np.where(limbs.spheres[:, None], half_side, half_width)
     ends = np.stack([start - half_side * upright, end + half_side * upright], axis=2)  # (N, L, 2, 3)
@@ -205,13 +205,12 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
-    """Find which points other limbs hide.
+    """Find which points other limbs occlude.
 
-    "sample": a point is hidden by a patch (a disc for a sphere) that covers it and whose axis lies nearer by more
-    than half the sum of the two limbs' mean radii, which is half the distance of the axes of two limbs that touch;
-    limbs that meet at a joint run into one another and must not hide each other there.
-    "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is nearer than its own
-    nearest surface, all of its points are hidden. "none": nothing is hidden.
+    "sample": a point is occluded by a patch (a disc for a sphere) that covers it and whose axis is nearer by more than
+    half the sum of the two limbs' mean radii. This is half the distance between the axes of two touching limbs, because
+    limbs that overlap at a joint must not occlude each other. "limb" (A, section 5): all points of a limb are occluded
+    if any of them is covered by a limb whose nearest surface is nearer than its own. "none": nothing is occluded.
 
     Parameters
     ----------
@@ -227,7 +226,7 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
     Returns
     -------
     (N, L, n) array of bool
-        True for hidden points.
+        True for occluded points.
     """
     points, depths = patches.positions(samples), patches.sample_depths(samples)
     hidden = np.zeros(points.shape[:-1], dtype=bool)

@@ -53,7 +53,7 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
     return entries
 
 
-def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
+def search_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
     """Compute the distribution that the search draws from for one probe.
 
     Parameters
@@ -65,7 +65,7 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
     beta : float
         Temperature.
     epsilon : float
-        The part of the probability mass that may be missed.
+        The fraction of the probability mass that the search may omit.
 
     Returns
     -------
@@ -75,14 +75,14 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
         Number of entries whose distance is computed.
     """
     probe, n = padded(probe[None])[0], len(tree.order)
-    exponents = np.full(n, np.inf)  # of the places found
+    exponents = np.full(n, np.inf)  # of the scanned places
     scanned: list[int] = []
 
     def scan(leaf: int) -> None:
         places = slice(leaf * LANES, min((leaf + 1) * LANES, n))
         inside = tree.coefficients[leaf].T[: places.stop - places.start]
-        found = ((inside - probe) ** 2).sum(axis=1) / (2.0 * beta)
-        exponents[places] = np.where(found < farthest, found, np.inf)
+        distances = ((inside - probe) ** 2).sum(axis=1) / (2.0 * beta)
+        exponents[places] = np.where(distances < farthest, distances, np.inf)
         scanned.append(leaf)
 
     def log_mass() -> float:
@@ -100,9 +100,11 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
     near = np.flatnonzero((leaves <= reach) & (np.repeat(groups, LANES)[: len(leaves)] <= reach))
     scale = (BINS - 1) / (reach - low)
     bins = ((leaves[near] - low) * scale).astype(np.int64)
-    left = np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
+    remaining = (
+        np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
+    )
     for i in np.unique(bins):
-        if scipy.special.logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
+        if scipy.special.logsumexp(remaining[i:]) <= np.log(0.5 * epsilon) + log_mass():
             break
         farthest = np.log(2.0 * n / epsilon) - log_mass()
         for leaf in near[bins == i]:
@@ -114,9 +116,9 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
 
 
 def log_mixture(
-    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, ways: WindowDisplacements, white: FloatArray
+    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, windows: WindowDisplacements, white: FloatArray
 ) -> FloatArray:
-    """Compute the log terms log p(i | c) N(way; way_i, Σ) of the density, for one probe and one way between poses.
+    """Compute the log terms log p(i | c) N(d; d_i, Σ) of the density, for one probe and one displacement d.
 
     Parameters
     ----------
@@ -127,23 +129,23 @@ def log_mixture(
     beta : float
         Temperature.
     epsilon : float
-        The part of the probability mass that the search may miss.
-    ways : WindowWays
-        The ways (n, K) of the windows, over their deviations.
+        The fraction of the probability mass that the search may omit.
+    windows : WindowDisplacements
+        The displacements (n, K) of the windows over their standard deviations.
     white : (K,) array
-        The way, in the same order and units.
+        The displacement, in the same order and units.
 
     Returns
     -------
     (n,) array
-        Log terms, −∞ for windows that are not found or do not lead there.
+        Log terms, −∞ for windows that the search omits or that have another displacement without noise.
     """
-    distribution, _ = found_distribution(tree, probe, beta, epsilon)
+    distribution, _ = search_distribution(tree, probe, beta, epsilon)
     entries = np.flatnonzero(distribution)
-    apart = ways.whitened[entries] - white
-    noisy = len(ways.std)
-    terms = np.full(len(ways.whitened), -np.inf)
-    terms[entries] = np.log(distribution[entries]) - 0.5 * (apart[:, :noisy] ** 2).sum(axis=1)
-    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * ways.std).sum()
-    terms[entries[(np.abs(apart[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
+    errors = windows.whitened[entries] - white
+    noisy = len(windows.std)
+    terms = np.full(len(windows.whitened), -np.inf)
+    terms[entries] = np.log(distribution[entries]) - 0.5 * (errors[:, :noisy] ** 2).sum(axis=1)
+    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * windows.std).sum()
+    terms[entries[(np.abs(errors[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
     return terms

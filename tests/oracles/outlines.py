@@ -9,18 +9,18 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 def outline_sums(
     image: Float32Array, corners: Float32Array, spheres: BoolArray, dilation_px: float = 0.0
 ) -> FloatArray:
-    """Sum an image over the union of L outlines; pixels count by the part of their row that is covered.
+    """Sum an image over the union of L outlines; a pixel counts by the fraction of its row that is covered.
 
     Parameters
     ----------
     image : (height, width) array
         Values of pixels.
     corners : (N, L, 4, 2) array
-        Corners, px, once around as `cues.outlines.CORNERS`; all alike for a limb that is not seen.
+        Corners, px, in the order of `cues.outlines.CORNERS`; all equal for a limb that is not visible.
     spheres : (L,) array
-        Outlines that are the circle through their corners.
+        True for outlines that are the circle through their corners.
     dilation_px : float
-        By which outlines are wider on all sides.
+        Distance by which outlines are dilated on all sides, px.
 
     Returns
     -------
@@ -32,8 +32,8 @@ def outline_sums(
     sums = np.zeros(len(corners))
     for i, outlines in enumerate(corners.astype(np.float64)):
         for y in range(height):
-            found = (_span(one, bool(spheres[k]), dilation_px, float(y)) for k, one in enumerate(outlines))
-            spans = sorted(span for span in found if span)
+            candidates = (_span(one, bool(spheres[k]), dilation_px, float(y)) for k, one in enumerate(outlines))
+            spans = sorted(span for span in candidates if span)
             end = -np.inf
             for left, right in spans:
                 covered = np.clip(edges, max(left, end), max(right, end))
@@ -43,7 +43,7 @@ def outline_sums(
 
 
 def _span(corners: FloatArray, sphere: bool, dilation_px: float, y: float) -> tuple[float, float] | None:
-    """Find where the row at height y, px, meets an outline (4, 2), px: from left to right, px, or None."""
+    """Return the interval (left, right), px, in which the row at height y, px, crosses an outline (4, 2), or None."""
     axes = OUTWARDS.T @ corners  # along the limb and across it
     lengths = np.linalg.norm(axes, axis=1)
     if not lengths.min() > 0.0:
@@ -53,8 +53,8 @@ def _span(corners: FloatArray, sphere: bool, dilation_px: float, y: float) -> tu
         half = radius**2 - (y - centre[1]) ** 2
         return (centre[0] - np.sqrt(half), centre[0] + np.sqrt(half)) if half > 0.0 else None
     corners = corners + dilation_px * OUTWARDS @ (axes / lengths[:, None])
-    met = []
+    crossings = []
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if min(y0, y1) <= y < max(y0, y1):
-            met.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
-    return (min(met), max(met)) if len(met) > 1 else None
+            crossings.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
+    return (min(crossings), max(crossings)) if len(crossings) > 1 else None

@@ -9,11 +9,11 @@ from workbench.datasets.rendering.render import Hits, Rays
 from workbench.utils.arrays import FloatArray
 
 EVEN = 1e-9
-"""Relative difference between the ratios of a limb's semi-axes at its ends below which they count as one: a quadric."""
+"""Relative difference between the axis ratios of a limb's ends below which the limb is a quadric."""
 
 
 def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
-    """Find the first limb that each ray meets, over the whole image.
+    """Find the first limb that each ray meets, for all pixels of an image.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
     from_joint, origins = frames.rotations[0, limbs.joints], frames.positions[0, limbs.joints]
     to_limb = limbs.axes.transpose(0, 2, 1) @ from_joint.transpose(0, 2, 1)
     starts = origins + np.einsum("lij,lj->li", from_joint, limbs.starts)
-    eyes = np.einsum("lij,lj->li", to_limb, camera.position - starts)
+    origins_in_limbs = np.einsum("lij,lj->li", to_limb, camera.position - starts)
     sizes = np.column_stack([limbs.lengths, limbs.radii.reshape(-1, 4)])
 
     directions = np.concatenate([rays.directions, np.ones((*rays.directions.shape[:2], 1))], axis=-1, dtype=np.float64)
@@ -43,18 +43,18 @@ def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
     limb = np.full(directions.shape[:2], -1)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k, rotation in enumerate(to_limb @ camera.rotation.T):
-            s = _depths(eyes[k], directions @ rotation.T, sizes[k])
+            s = _depths(origins_in_limbs[k], directions @ rotation.T, sizes[k])
             limb[s < depth] = k
             depth = np.minimum(depth, s)
     return Hits(0, 0, depth, limb)
 
 
-def _depths(eye: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
+def _depths(origin: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
     """Find where rays meet a limb.
 
     Parameters
     ----------
-    eye : (3,) array
+    origin : (3,) array
         The camera's centre in the limb's frame, which starts at its axis' start with z along the axis, m.
     direction : (..., 3) array
         Directions in the limb's frame, of which depth is the multiple.
@@ -70,22 +70,22 @@ def _depths(eye: FloatArray, direction: FloatArray, size: FloatArray) -> FloatAr
     depth = np.full(direction.shape[:-1], np.inf)
     for z, rx, ry in ((0.0, ax, ay), (length, bx, by)):  # the caps, halves of ellipsoids
         scale = np.array([rx, ry, min(rx, ry)])
-        o, d = (eye - [0.0, 0.0, z]) / scale, direction / scale
+        o, d = (origin - [0.0, 0.0, z]) / scale, direction / scale
         depth = np.minimum(depth, _entry((d * d).sum(-1), (o * d).sum(-1), np.sum(o * o) - 1.0))
     if length == 0.0:
         return depth
-    ox, oy, oz = eye
+    ox, oy, oz = origin
     dx, dy, dz = np.moveaxis(direction, -1, 0)
     gx, gy = (bx - ax) / length, (by - ay) / length
     t = np.clip((oz - dz * (ox * dx + oy * dy) / (dx * dx + dy * dy)) / length, 0.0, 1.0)
     k = ((ax + t * (bx - ax)) / (ay + t * (by - ay))) ** 2
     exact = abs(ax * by - ay * bx) < EVEN * ax * by
-    fat = 1.0 if exact else 1.1
-    r, g = fat * (ax + gx * oz), fat * gx
+    scale_factor = 1.0 if exact else 1.1
+    r, g = scale_factor * (ax + gx * oz), scale_factor * gx
     a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
     s = _entry(a, b, ox**2 + k * oy**2 - r * r)
     settled = np.full(s.shape, exact)
-    for _ in range(0 if exact else 8):  # Newton's method from a quadric a tenth fatter
+    for _ in range(0 if exact else 8):  # Newton's method from a quadric enlarged by a tenth
         x, y, t = ox + s * dx, oy + s * dy, np.clip((oz + s * dz) / length, 0.0, 1.0)
         rx, ry = ax + t * (bx - ax), ay + t * (by - ay)
         f = (x / rx) ** 2 + (y / ry) ** 2 - 1.0

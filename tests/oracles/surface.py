@@ -55,13 +55,13 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
         Pseudo-distances, m, positive outside.
     """
     fields = log_fields(surface, frames, points)
-    found = np.empty_like(fields)
+    part_distances = np.empty_like(fields)
     for part in range(len(surface.part_names)):
         members = _members(surface, part)
-        shares = np.stack([_exponent(surface, frames, i, points) - fields[:, part] for i in members])
+        log_weights = np.stack([_exponent(surface, frames, i, points) - fields[:, part] for i in members])
         scales = np.stack([_scale(surface, i, _local(surface, frames, i, points))[0] for i in members])
-        found[:, part] = _steps(surface, fields[:, part]) * np.sum(np.exp(shares) * scales, axis=0)
-    return found
+        part_distances[:, part] = _steps(surface, fields[:, part]) * np.sum(np.exp(log_weights) * scales, axis=0)
+    return part_distances
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
@@ -76,15 +76,15 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
     points : (K, 3) array
         World points, m.
     kind : str
-        What is compared: "distance" or "field".
+        The compared quantity: "distance" or "field".
 
     Returns
     -------
     (K,) array
         Parts, 0 to B − 1.
     """
-    away = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
-    return np.abs(away).argmin(axis=1)
+    values = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
+    return np.abs(values).argmin(axis=1)
 
 
 def residuals(
@@ -103,7 +103,7 @@ def residuals(
     points : (K, 3) array
         World points, m.
     kind : str
-        What a residual is: "field" or "distance".
+        The residual: "field" or "distance".
     attachment : (K,) array
         The part of each point.
 
@@ -114,16 +114,16 @@ def residuals(
     """
     frames = forward(skeleton, pose[None])
     if kind == "distance":
-        every = distances(surface, frames, points)
+        values = distances(surface, frames, points)
     else:
-        every = surface.level * np.expm1(log_fields(surface, frames, points))
-    return every[np.arange(len(points)), attachment]
+        values = surface.level * np.expm1(log_fields(surface, frames, points))
+    return values[np.arange(len(points)), attachment]
 
 
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute residuals and their derivative, one ellipsoid and one degree of freedom after the other.
+    """Compute residuals and their derivative, by loops over ellipsoids and degrees of freedom.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def residual_jacobian(
     points : (K, 3) array
         World points, m.
     kind : str
-        What a residual is: "field" or "distance".
+        The residual: "field" or "distance".
     attachment : (K,) array
         The part of each point.
 
@@ -148,25 +148,25 @@ def residual_jacobian(
         Their derivative by the pose, per m and rad.
     """
     frames = forward(skeleton, pose[None])
-    axes, below = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
+    axes, descends = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
     jacobian = np.zeros((len(points), len(pose)))
     for part in range(len(surface.part_names)):
-        mine = attachment == part
-        gradients = _gradients(surface, frames, part, points[mine], kind)
+        attached = attachment == part
+        gradients = _gradients(surface, frames, part, points[attached], kind)
         for i, gradient in zip(_members(surface, part), gradients, strict=True):
             for p, moved in enumerate(skeleton.dof_joints):
                 if p < 3:
                     velocity = np.broadcast_to(axes[p], gradient.shape)
-                elif moved == surface.joints[i] or below[moved, surface.joints[i]]:
-                    velocity = np.cross(axes[p], points[mine] - frames.positions[0, moved])
+                elif moved == surface.joints[i] or descends[moved, surface.joints[i]]:
+                    velocity = np.cross(axes[p], points[attached] - frames.positions[0, moved])
                 else:
                     continue
-                jacobian[mine, p] -= np.sum(velocity * gradient, axis=1)
+                jacobian[attached, p] -= np.sum(velocity * gradient, axis=1)
     return residuals(skeleton, surface, pose, points, kind, attachment), jacobian
 
 
 def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatArray, kind: Kind) -> list[FloatArray]:
-    """Compute what each ellipsoid of a part adds to the gradient of the residual by the point.
+    """Compute each ellipsoid's contribution to the gradient of the residual with respect to the point.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatAr
     points : (K, 3) array
         World points, m.
     kind : str
-        What a residual is: "field" or "distance".
+        The residual: "field" or "distance".
 
     Returns
     -------
@@ -188,19 +188,19 @@ def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatAr
     """
     field = log_fields(surface, frames, points)[:, part]
     members = _members(surface, part)
-    shares = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
+    weights = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
     scales = [_scale(surface, i, _local(surface, frames, i, points)) for i in members]
-    mean_scale = sum(share * scale for share, (scale, _) in zip(shares, scales, strict=True))
+    mean_scale = sum(weight * scale for weight, (scale, _) in zip(weights, scales, strict=True))
     steps, slope = _steps(surface, field), _slope(surface, field)
     gradients = []
-    for i, share, (scale, scale_gradient) in zip(members, shares, scales, strict=True):
+    for i, weight, (scale, scale_gradient) in zip(members, weights, scales, strict=True):
         local = _local(surface, frames, i, points)
         by_exponent = -2.0 * surface.sharpness * local / surface.half_sizes[i] ** 2
         if kind == "field":
-            inner = (surface.level * np.exp(field) * share)[:, None] * by_exponent
+            inner = (surface.level * np.exp(field) * weight)[:, None] * by_exponent
         else:
-            inner = (share * (slope * mean_scale + steps * (scale - mean_scale)))[:, None] * by_exponent
-            inner = inner + (share * steps)[:, None] * scale_gradient
+            inner = (weight * (slope * mean_scale + steps * (scale - mean_scale)))[:, None] * by_exponent
+            inner = inner + (weight * steps)[:, None] * scale_gradient
         gradients.append(inner @ (frames.rotations[0, surface.joints[i]] @ surface.axes[i]).T)
     return gradients
 
@@ -257,14 +257,14 @@ def _scale(surface: Surface, i: int, local: FloatArray) -> tuple[FloatArray, Flo
     n, n_slope = np.sum((local / half**2) ** 2, axis=1), 2.0 * local / half**4
     m = np.sum(local**2, axis=1)
 
-    inside = np.maximum(0.0, 1.0 - d)  # near² = top / below
-    top, below = d + inside**2, n + (inside / half.min()) ** 2
-    near = np.sqrt(top / below)
-    top_slope = (1.0 - 2.0 * inside)[:, None] * d_slope
-    below_slope = n_slope - (2.0 * inside / half.min() ** 2)[:, None] * d_slope
-    near_slope = (top_slope - (near**2)[:, None] * below_slope) / (2.0 * near * below)[:, None]
+    inside = np.maximum(0.0, 1.0 - d)  # near² = numerator / denominator
+    numerator, denominator = d + inside**2, n + (inside / half.min()) ** 2
+    near = np.sqrt(numerator / denominator)
+    numerator_slope = (1.0 - 2.0 * inside)[:, None] * d_slope
+    denominator_slope = n_slope - (2.0 * inside / half.min() ** 2)[:, None] * d_slope
+    near_slope = (numerator_slope - (near**2)[:, None] * denominator_slope) / (2.0 * near * denominator)[:, None]
 
-    radius = np.sqrt(np.maximum(d, 1.0))  # of use outside only
+    radius = np.sqrt(np.maximum(d, 1.0))  # used only outside
     far = np.sqrt(m) / radius
     weight = (1.0 - 1.0 / radius) ** 2
     outside = np.where(d > 1.0, d, np.inf)[:, None]

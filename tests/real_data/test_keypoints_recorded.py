@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from least_squares_scenes import Knowing
+from least_squares_scenes import PriorStub
 
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
@@ -51,7 +51,9 @@ def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
 @pytest.mark.slow
 def test_the_walk_between_marks(data, prior, woman):
     dataset = video(data, eval_frames=[130])
-    stiff = Knowing(motion=prior.capabilities.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01))
+    stiff = PriorStub(
+        motion=prior.capabilities.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01)
+    )
     likelihood, steady = KeypointLikelihood(woman, sigma_px=2.0), MotionFit(frames_per_style=None)
     inference = LeastSquares(woman, likelihood, stiff, problem=steady, n_particles=20)
     frames = list(dataset.frames())

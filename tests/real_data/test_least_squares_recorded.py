@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from least_squares_scenes import Knowing
+from least_squares_scenes import PriorStub
 
 from workbench.body.limbs import person
 from workbench.datasets.points import Points
@@ -33,7 +33,7 @@ def errors_of(model, data, clip):
         dataset = Points(motion=clip, data=str(data), first_frame=first_frame, perturb=False)
         frames, body = list(dataset.frames()), person(dataset.info.shape)
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
-    fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
+    fitting = LeastSquares(body, SurfacePoints(body), PriorStub(motion=model))
     errors = [step_errors(step, body) for step in fitting.run(frames, None, streams)]
     knee, hip = (
         np.sqrt(np.mean([error[name] ** 2 for error in errors]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_scenes import copies, crowd, whose
+from crowd_scenes import copies, crowd, identities
 
 from workbench.body.camera import load_cameras
 from workbench.datasets.association.target_selection import select_target
@@ -53,6 +53,6 @@ def test_two_who_cross_are_told_apart(recorded, apart_m, seed):
             for name in cameras if who in made.owners[name][0]
         )  # fmt: skip
         found = select_target(made.people, cameras, RATE_HZ, {name: row})
-        owner, there = whose(made, found)
+        owner, there = identities(made, found)
         assert set(owner.ravel().tolist()) <= {-1, who}  # no frame of two people, none of the other one
         assert (owner == who).any(axis=0)[there[:, :, who].sum(axis=1) >= 2].mean() >= 0.95

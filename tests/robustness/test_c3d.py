@@ -3,7 +3,7 @@
 import pytest
 from damage import changes, flips, refusal, withstands
 from hypothesis import strategies as st
-from sound_files import c3d, written
+from valid_files import c3d, written
 
 from workbench.motion.formats.markers import read_markers
 

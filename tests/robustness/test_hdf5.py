@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from damage import changes, flips, refusal, withstands
-from sound_files import library, points, written
+from valid_files import library, points, written
 
 from workbench.datasets.files.point_formats import read_hdf5
 from workbench.motion.library import read_library

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 import pytest
-from run_folders import leave
-from small_recordings import leave_recorded
+from run_folders import write_run
+from small_recordings import write_recorded_run
 
 from workbench.cli import view
 from workbench.cli.main import main
@@ -24,15 +24,15 @@ def tree(folder):
 @pytest.fixture
 def home(tmp_path, monkeypatch, trusted):
     """Runs with nasty names in the current folder, from which a link leads to one outside."""
-    outside = leave_recorded(tmp_path / "outside" / "run", "outside")
+    outside = write_recorded_run(tmp_path / "outside" / "run", "outside")
     for k, name in enumerate(NAMES):
-        leave_recorded(
+        write_recorded_run(
             tmp_path / "home" / name, f"{NASTY}{k}", prior=NASTY, day=1 + k, experiment=NASTY,
             settings={LONG: 1.0, NASTY: NASTY, "seed": k, "prior": {"_target_": NASTY}, "paths": NASTY},
             metrics={"mpjpe_abs_mm": 10.0 + k, LONG: 1.0, NASTY: 2.0},
             origin={"commit": "; rm -rf ~", "command": f"workbench; rm -rf ~ {NASTY}", "inputs": [NASTY]},
         )  # fmt: skip
-    leave(tmp_path / "home" / NO_TEXT, day=29, status="failed")
+    write_run(tmp_path / "home" / NO_TEXT, day=29, status="failed")
     (tmp_path / "home" / "linked").symlink_to(outside)
     monkeypatch.chdir(tmp_path / "home")
     return tmp_path / "home"
@@ -68,7 +68,7 @@ def test_a_recorded_command_is_quoted(called, home):
     for name in NAMES:
         assert "rm -rf ~" not in called("restore", f"./{name}")[1]
     origin = {"command": "workbench 'seed=$(touch pwned)'; touch pwned", "commit": "a" * 40}
-    leave_recorded(home / "sly", "sly", origin=origin)
+    write_recorded_run(home / "sly", "sly", origin=origin)
     _, out, _ = called("restore", "sly")
     assert out.splitlines()[-1] == ".venv/bin/workbench 'seed=$(touch pwned);' touch pwned"
 

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from damage import changes, flips, refusal, withstands
-from sound_files import PLY, written
+from valid_files import PLY, written
 
 from workbench.datasets.files.point_formats import read_csv, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles

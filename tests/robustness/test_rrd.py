@@ -8,9 +8,9 @@ import rerun as rr
 from damage import changes, damaged, flips, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kinds_of_recordings import leave_kinds
-from run_folders import leave
-from small_recordings import leave_recorded, record
+from kinds_of_recordings import write_kinds
+from run_folders import write_run
+from small_recordings import record, write_recorded_run
 
 from workbench.cli.main import main
 from workbench.experiment.summary import Summary
@@ -24,7 +24,7 @@ BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 @pytest.fixture(scope="module")
 def kinds(tmp_path_factory):
     """The bytes of a recording of each kind."""
-    return [path.read_bytes() for path in sorted(leave_kinds(tmp_path_factory.mktemp("kinds")).glob("*.rrd"))]
+    return [path.read_bytes() for path in sorted(write_kinds(tmp_path_factory.mktemp("kinds")).glob("*.rrd"))]
 
 
 @pytest.mark.parametrize(("n", "n_examples"), [(10, 3), pytest.param(20, 25, marks=pytest.mark.slow)])
@@ -86,7 +86,7 @@ def test_flipped_bits_that_crash_the_decoder(tmp_path):
 
 def test_decoding_that_fills_the_memory_is_refused(tmp_path, monkeypatch):
     """A flipped bit of a length makes Rerun's decoder reserve gigabytes for a moment, then report damage."""
-    path = leave_recorded(tmp_path / "run", "run") / "run.rrd"
+    path = write_recorded_run(tmp_path / "run", "run") / "run.rrd"
     probe.decode(path)
 
     def reserve_and_report(path):
@@ -100,7 +100,7 @@ def test_decoding_that_fills_the_memory_is_refused(tmp_path, monkeypatch):
 
 def test_runs_of_this_machine_are_read_directly(tmp_path, monkeypatch):
     own, other, alone = (tmp_path / name / "run.rrd" for name in ("own", "other", "alone"))
-    leave_recorded(other.parent, "other")
+    write_recorded_run(other.parent, "other")
     for path in (own, alone):
         path.parent.mkdir()
         record(path, path.parent.name)
@@ -132,7 +132,7 @@ COMMANDS = (
 
 @pytest.mark.parametrize("words", COMMANDS)
 def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, capsys, monkeypatch):
-    folder = leave(tmp_path / "folder", status="running" if words.startswith("runs list {folder}") else "complete")
+    folder = write_run(tmp_path / "folder", status="running" if words.startswith("runs list {folder}") else "complete")
     for path in (folder / "run.rrd", tmp_path / "other.rrd"):
         path.write_bytes(kinds[0])
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))

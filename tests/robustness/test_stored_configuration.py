@@ -10,7 +10,7 @@ import yaml
 from damage import changes, damaged, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sound_files import YAML
+from valid_files import YAML
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES

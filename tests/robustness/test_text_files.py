@@ -5,7 +5,7 @@ import os
 
 import pytest
 from damage import refusal, withstands
-from sound_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
+from valid_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
 
 from workbench.body.camera import load_cameras, load_lenses
 from workbench.datasets.files.joint_annotations import read_annotations

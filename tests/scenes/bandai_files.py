@@ -1,4 +1,4 @@
-"""Motion files that look like Bandai's, of generated people: the same joints and frames, so that all of it is read."""
+"""Motion files of generated people with the joints and frames of Bandai's files."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from workbench.motion.pose_sequence import Motion
 
 _FILE_FROM_WORLD = [1, 2, 0]  # files are y-up with the person facing z
 _AHEAD, _LEFT, _UP = np.eye(3)
-# Parent, place in its frame (cm), the person's joint it turns with, and where its x and y axes point in neutral pose.
+# Parent, offset in its frame (cm), the person's joint that it rotates with, and its x and y axes in the neutral pose.
 JOINTS = {
     "joint_Root": (None, (0, 0, 0), None, _AHEAD, _LEFT),
     "Hips": ("joint_Root", (0, 0, 0), "pelvis", _AHEAD, _UP),
@@ -35,13 +35,13 @@ for _side, _left, _sign in (("L", "left", 1), ("R", "right", -1)):
 
 
 def write_bandai_like(path: Path, motion: Motion) -> None:
-    """A person's motion as a BVH file on the skeleton above, lengths in cm, rotation channels Z X Y."""
+    """Write a person's motion as a BVH file on the skeleton above, in cm, with rotation channels Z X Y."""
     skeleton, names = person_skeleton(motion.shape), list(JOINTS)
-    turned = forward(skeleton, motion.poses).rotations
+    rotations = forward(skeleton, motion.poses).rotations
     world = np.tile(np.eye(3), (len(names), len(motion), 1, 1))
     for k, (_, _, joint, x, y) in enumerate(JOINTS.values()):
         neutral = np.stack([x, y, np.cross(x, y)], axis=1)
-        world[k] = neutral if joint is None else turned[:, skeleton.joint(joint)] @ neutral
+        world[k] = neutral if joint is None else rotations[:, skeleton.joint(joint)] @ neutral
     columns, hierarchy = [], _branch("joint_Root")
     for name in (line.split()[1] for line in hierarchy if line.startswith(("ROOT", "JOINT"))):
         k, parent = names.index(name), JOINTS[name][0]
@@ -49,8 +49,9 @@ def write_bandai_like(path: Path, motion: Motion) -> None:
         local = local[:, _FILE_FROM_WORLD][:, :, _FILE_FROM_WORLD]
         if name == "Hips":  # its parent's frame is the world's
             columns.append(100.0 * motion.poses[:, :3][:, _FILE_FROM_WORLD])
-        turns = Rotation.from_matrix(local).as_euler("ZXY", degrees=True, suppress_warnings=True)  # 90° are no harm
-        columns.append(turns)
+        # gimbal lock is harmless here
+        angles = Rotation.from_matrix(local).as_euler("ZXY", degrees=True, suppress_warnings=True)
+        columns.append(angles)
     head = ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.rate_hz:.9f}"]
     rows = [" ".join(f"{value:.6f}" for value in row) for row in np.hstack(columns)]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,11 +60,11 @@ def write_bandai_like(path: Path, motion: Motion) -> None:
 
 def _branch(name: str) -> list[str]:
     x, y, z = (JOINTS[name][1][axis] for axis in _FILE_FROM_WORLD)
-    places = "6 Xposition Yposition Zposition" if name == "Hips" else "3"
+    channels = "6 Xposition Yposition Zposition" if name == "Hips" else "3"
     children = [child for child, (parent, *_) in JOINTS.items() if parent == name]
     return [
         f"{'JOINT' if JOINTS[name][0] else 'ROOT'} {name}", "{", f"OFFSET {x} {y} {z}",
-        f"CHANNELS {places} Zrotation Xrotation Yrotation",
+        f"CHANNELS {channels} Zrotation Xrotation Yrotation",
         *(line for child in children for line in _branch(child)),
         *([] if children else ["End Site", "{", "OFFSET 0 0 0", "}"]), "}",
     ]  # fmt: skip

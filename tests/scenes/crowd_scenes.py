@@ -1,4 +1,4 @@
-"""Several people before calibrated cameras, as detectors show them: in any order, some missing, sides exchanged."""
+"""Detections of several people in calibrated cameras: in random order, with missing people and swapped sides."""
 
 from dataclasses import dataclass
 
@@ -22,8 +22,11 @@ CAMERAS = {
 
 @dataclass(frozen=True, eq=False)
 class Crowd:
-    """people: by camera. owners: (T,) for each camera whom each detection shows. swapped: (T,) for each camera, in what
-    parts of each detection sides were exchanged, (n, 2)."""
+    """Detections and their true identities.
+
+    people: by camera. owners: by camera and frame, the person (n,) of each detection. swapped: by camera and frame,
+    whether left and right are swapped in the arms and legs of each detection, (n, 2).
+    """
 
     cameras: dict[str, Camera]
     people: dict[str, People]
@@ -31,85 +34,87 @@ class Crowd:
     swapped: dict[str, list[np.ndarray]]
 
 
-def walkers(ways, n_frames=30, rate_hz=RATE_HZ):
-    """Joints (T, J, 3), m, of people who swing arms and legs on straight ways, [start (2,), velocity (2,)], m and
-    m/s."""
+def walkers(paths, n_frames=30, rate_hz=RATE_HZ):
+    """Return joints (T, J, 3), m, of people who walk on straight paths [start (2,), velocity (2,)], m and m/s."""
     times = np.arange(n_frames) / rate_hz
-    found = []
-    for number, (start, velocity) in enumerate(ways):
+    all_joints = []
+    for number, (start, velocity) in enumerate(paths):
         skeleton = person(from_height(1.65 + 0.1 * number)).skeleton
         poses = np.zeros((n_frames, 25))
         poses[:, :2] = np.array(start) + times[:, None] * np.array(velocity)
         poses[:, 2], poses[:, 3] = 0.9, np.arctan2(velocity[1], velocity[0])
         for part, sign in (("left_hip_flexion", 1), ("right_hip_flexion", -1), ("left_shoulder_flexion", -1)):
             poses[:, skeleton.dof(part)] = sign * 0.5 * np.sin(2.0 * np.pi * 0.9 * times + number)
-        found.append(joints(skeleton, poses))
-    return found
+        all_joints.append(joints(skeleton, poses))
+    return all_joints
 
 
-def shown(cameras, places, rng, sigma_px=3.0):
-    """What cameras show of people's joints (T, J, 3): (T, J, 3) by camera and person, [u, v, confidence], NaN outside
-    of the image, and for the pelvis and the neck, which no detector finds."""
-    found = {}
+def projections(cameras, places, rng, sigma_px=3.0):
+    """Return detections (T, J, 3), [u, v, confidence], of people's joints (T, J, 3), by camera and person.
+
+    They are NaN outside the image and for the pelvis and the neck, which detectors do not report.
+    """
+    detections = {name: [] for name in cameras}
     for name, camera in cameras.items():
-        found[name] = []
-        for one in places:
-            pixels = camera.project(one) + sigma_px * rng.standard_normal((*one.shape[:2], 2))
-            found[name].append(np.concatenate([pixels, rng.uniform(0.4, 0.9, (*one.shape[:2], 1))], axis=2))
-            found[name][-1][:, [JOINT_NAMES.index("pelvis"), JOINT_NAMES.index("neck")]] = np.nan
-            found[name][-1][~_inside(camera, found[name][-1])] = np.nan
-    return found
+        for person_joints in places:
+            shape = person_joints.shape[:2]
+            pixels = camera.project(person_joints) + sigma_px * rng.standard_normal((*shape, 2))
+            rows = np.concatenate([pixels, rng.uniform(0.4, 0.9, (*shape, 1))], axis=2)
+            rows[:, [JOINT_NAMES.index("pelvis"), JOINT_NAMES.index("neck")]] = np.nan
+            rows[~_inside(camera, rows)] = np.nan
+            detections[name].append(rows)
+    return detections
 
 
 def _inside(camera, rows):
     return ((rows[..., :2] > 0.0) & (rows[..., :2] < [camera.width, camera.height])).all(axis=-1)
 
 
-def crowd(cameras, found, rng, missing=0.1, hidden=0.5, lost_joints=0.03, swapped=0.0):
-    """Merge what is shown of everybody, by camera and person (T, J, 3), in random order.
+def crowd(cameras, detections, rng, missing=0.1, hidden=0.5, lost_joints=0.03, swapped=0.0):
+    """Merge the detections of all people, by camera and person (T, J, 3), in random order.
 
-    missing: part of the frames without somebody in a view, half of them in stretches of ten; hidden: the same while
-    another is before them; lost_joints: part of the joints not found; swapped: part of the stretches of five in which
-    arms, or legs, have left and right exchanged.
+    missing: fraction of frames without a person in a view, half of them in blocks of ten frames. hidden: the same while
+    another person occludes this one. lost_joints: fraction of missing joints. swapped: fraction of blocks of five
+    frames in which the arms, or the legs, have left and right swapped.
     """
     people, owners, swaps = {}, {}, {}
     for name in cameras:
-        everybody = [one.copy() for one in found[name]]
-        n_frames = len(everybody[0])
-        exchanges = rng.random((len(everybody), 2, n_frames // 5 + 1)) < swapped
+        everyone = [rows.copy() for rows in detections[name]]
+        n_frames = len(everyone[0])
+        exchanges = rng.random((len(everyone), 2, n_frames // 5 + 1)) < swapped
         exchanges = np.repeat(exchanges, 5, axis=2)[:, :, :n_frames]
-        away = _away(everybody, rng, missing, hidden)
-        for one, parts, gone in zip(everybody, exchanges, away, strict=True):
-            for names, where in zip((ARMS, LEGS), parts, strict=True):
-                one[where] = one[where][:, exchanged(*names)]
-            one[rng.random(one.shape[:2]) < lost_joints] = np.nan
-            one[gone] = np.nan
+        absent = _absent(everyone, rng, missing, hidden)
+        for rows, parts, missing_frames in zip(everyone, exchanges, absent, strict=True):
+            for names, frames in zip((ARMS, LEGS), parts, strict=True):
+                rows[frames] = rows[frames][:, exchanged(*names)]
+            rows[rng.random(rows.shape[:2]) < lost_joints] = np.nan
+            rows[missing_frames] = np.nan
         joints_of, owners[name], swaps[name] = [], [], []
         for t in range(n_frames):
-            there = [k for k in range(len(everybody)) if np.isfinite(everybody[k][t, :, 0]).sum() > 3]
-            order = rng.permutation(there).astype(int)
-            joints_of.append(np.array([everybody[k][t] for k in order]).reshape(-1, len(JOINT_NAMES), 3))
+            present = [k for k in range(len(everyone)) if np.isfinite(everyone[k][t, :, 0]).sum() > 3]
+            order = rng.permutation(present).astype(int)
+            joints_of.append(np.array([everyone[k][t] for k in order]).reshape(-1, len(JOINT_NAMES), 3))
             owners[name].append(order)
             swaps[name].append(exchanges[order, :, t])
         people[name] = People(name, "COCO_17", np.arange(n_frames), tuple(joints_of))
     return Crowd(dict(cameras), people, owners, swaps)
 
 
-def _away(everybody, rng, missing, hidden):
-    """When everybody is not found, (K, T): at random, and while somebody larger is before them."""
-    n_frames, away = len(everybody[0]), []
-    for one in everybody:
-        alone = rng.random(n_frames) < 0.5 * missing
+def _absent(everyone, rng, missing, hidden):
+    """Return when people are not detected, (K, T): at random, and while a larger person occludes them."""
+    n_frames, absent = len(everyone[0]), []
+    for rows in everyone:
+        single = rng.random(n_frames) < 0.5 * missing
         long = np.repeat(rng.random(n_frames // 10 + 1) < 0.5 * missing, 10)[:n_frames]
         behind = np.zeros(n_frames, dtype=bool)
-        for other in everybody:
-            if other is not one:
-                (low, high), (low_2, high_2) = _box(one), _box(other)
+        for other in everyone:
+            if other is not rows:
+                (low, high), (low_2, high_2) = _box(rows), _box(other)
                 common = np.clip(np.minimum(high, high_2) - np.maximum(low, low_2), 0.0, None).prod(axis=1)
                 larger = (high_2 - low_2)[:, 1] > (high - low)[:, 1]
                 behind |= larger & (common > 0.5 * (high - low).prod(axis=1))
-        away.append(alone | long | (behind & (np.repeat(rng.random(n_frames // 5 + 1), 5)[:n_frames] < hidden)))
-    return away
+        absent.append(single | long | (behind & (np.repeat(rng.random(n_frames // 5 + 1), 5)[:n_frames] < hidden)))
+    return absent
 
 
 def _box(rows):
@@ -118,47 +123,48 @@ def _box(rows):
 
 
 def copies(cameras, own, motions, rate_hz):
-    """Add to one person's detections, (T, J, 3) by camera, the same person under rigid motions of the world.
+    """Add copies of a person's detections, (T, J, 3) by camera, under rigid motions of the world.
 
-    Joints are triangulated in every frame, moved, projected, and get the distances by which the recorded detections of
-    another time miss the projections of theirs. motions: (turn about the vertical, rad, shift at the first frame (2,),
-    m, velocity (2,), m/s, frames by which the time of poses is shifted; they run on to the last one and back again).
+    Joints are triangulated in every frame, moved and projected; the recorded residuals of their frame are added.
+    motions: (rotation about the vertical, rad; shift at the first frame (2,), m; velocity (2,), m/s; frames by which
+    the poses are shifted in time: they run to the last frame and back again).
     """
     people = {name: People(name, "COCO_17", np.arange(len(rows)), tuple(rows[:, None])) for name, rows in own.items()}
-    eyes = [detector_view(people[name], camera) for name, camera in cameras.items()]
-    places = np.array([[e.detection(one).places for one in own[name]] for e, name in zip(eyes, cameras, strict=True)])
-    world, _ = triangulate_places(eyes, places)
+    views = [detector_view(people[name], camera) for name, camera in cameras.items()]
+    pairs = zip(views, cameras, strict=True)
+    places = np.array([[view.detection(rows).places for rows in own[name]] for view, name in pairs])
+    world, _ = triangulate_places(views, places)
     middle = np.nanmean(world, axis=(0, 1))
-    found = {name: [rows] for name, rows in own.items()}
-    for turn, shift, velocity, later in motions:
-        time = abs((np.arange(len(world)) + later) % (2 * len(world) - 2) - len(world) + 1)  # to and fro
+    detections = {name: [rows] for name, rows in own.items()}
+    for turn, shift, velocity, delay in motions:
+        time = abs((np.arange(len(world)) + delay) % (2 * len(world) - 2) - len(world) + 1)  # forwards and backwards
         spin = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-        way = np.array(shift) + np.arange(len(world))[:, None] / rate_hz * np.array(velocity)
+        path = np.array(shift) + np.arange(len(world))[:, None] / rate_hz * np.array(velocity)
         moved = (world[time] - middle) @ spin.T + middle
-        moved[..., :2] += way[:, None]
+        moved[..., :2] += path[:, None]
         for name, camera in cameras.items():
             rows = own[name][time].copy()
             rows[..., :2] += camera.project(moved) - camera.project(world[time])
             rows[~_inside(camera, rows)] = np.nan
-            found[name].append(rows)
-    return found
+            detections[name].append(rows)
+    return detections
 
 
-def whose(scene, followed):
-    """Whom a followed person shows, (V, T), -1 for none, and who is shown in frames and views, (T, V, K)."""
-    n_people = 1 + max(int(order.max()) for those in scene.owners.values() for order in those if len(order))
-    names, n_frames = list(scene.cameras), len(followed.frames)
-    owner, there = np.full((len(names), n_frames), -1), np.zeros((n_frames, len(names), n_people), dtype=bool)
+def identities(scene, track):
+    """Return the person that a track shows, (V, T), −1 for none, and the people in every frame and view, (T, V, K)."""
+    n_people = 1 + max(int(order.max()) for orders in scene.owners.values() for order in orders if len(order))
+    names, n_frames = list(scene.cameras), len(track.frames)
+    owner, present = np.full((len(names), n_frames), -1), np.zeros((n_frames, len(names), n_people), dtype=bool)
     for view, name in enumerate(names):
         for t in range(n_frames):
             order, rows = scene.owners[name][t], scene.people[name].joints[t]
-            there[t, view, order] = True
-            same = [np.nansum(abs(_unsided(one) - _unsided(followed.joints[view, t]))) < 1e-6 for one in rows]
-            if np.isfinite(followed.joints[view, t, :, 0]).any():
+            present[t, view, order] = True
+            same = [np.nansum(abs(_unsided(detection) - _unsided(track.joints[view, t]))) < 1e-6 for detection in rows]
+            if np.isfinite(track.joints[view, t, :, 0]).any():
                 owner[view, t] = order[int(np.argmax(same))]
-    return owner, there
+    return owner, present
 
 
 def _unsided(rows):
-    """A person's detected pixels, whichever sides they are on."""
+    """Return a person's detected pixels, sorted so that swapped sides make no difference."""
     return np.sort(np.nan_to_num(rows[:, 0]))

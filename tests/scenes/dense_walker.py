@@ -1,4 +1,4 @@
-"""A rendered walker, and the dense likelihood that has seen two frames in their true poses."""
+"""A rendered walker, and the dense likelihood after two frames at their true poses."""
 
 from functools import cache
 
@@ -14,7 +14,7 @@ def walker():
 
 @cache
 def tracked():
-    """The likelihood after two frames, and all frames."""
+    """Return the likelihood after two frames, and all frames."""
     clip = FrameCache(walker())
     likelihood, frames = DenseAlignment(walker().body, clip), list(clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
@@ -22,7 +22,7 @@ def tracked():
     return likelihood, frames
 
 
-def third():
-    """Its look at the third frame, and the true pose there."""
+def third_frame():
+    """Return the third frame's likelihood and its true pose."""
     likelihood, frames = tracked()
     return likelihood.prepare(frames[1], frames[2]), frames[2].truth.pose

@@ -1,4 +1,4 @@
-"""Small clips that the tests of the full skeleton share."""
+"""Small clips for the tests of the full skeleton."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,7 +27,7 @@ TRAVELLER = {
 
 
 def clip(joints, rotations, places=None, name="made"):
-    """A clip of joints {name: (parent, offset)}, rotations (F, K, 3, 3), and places (F, K, 3) where they travel."""
+    """Return a clip of joints {name: (parent, offset)}, rotations (F, K, 3, 3) and offsets over time (F, K, 3)."""
     names = tuple(joints)
     parents = np.array([-1 if parent is None else names.index(parent) for parent, _ in joints.values()])
     offsets = np.array([offset for _, offset in joints.values()], dtype=np.float64)
@@ -38,13 +38,13 @@ def clip(joints, rotations, places=None, name="made"):
 
 
 def wandering(joints, seed, n=60, size=0.02, still=()):
-    """Rotations (F, K, 3, 3) that start anywhere and wander by about `size` rad a frame; joints in `still` rest."""
+    """Return random-walk rotations (F, K, 3, 3) of about `size` rad per frame; joints in `still` do not rotate."""
     rng = np.random.default_rng(seed)
-    now = Rotation.random(len(joints), random_state=seed)
+    rotation = Rotation.random(len(joints), random_state=seed)
     frames = []
     for _ in range(n):
-        now = now * Rotation.from_rotvec(size * rng.standard_normal((len(joints), 3)))
-        frames.append(now.as_matrix())
+        rotation = rotation * Rotation.from_rotvec(size * rng.standard_normal((len(joints), 3)))
+        frames.append(rotation.as_matrix())
     rotations = np.array(frames)
     rotations[:, [list(joints).index(name) for name in still]] = np.eye(3)
     return rotations

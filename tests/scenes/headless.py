@@ -1,4 +1,4 @@
-"""A viewer without a screen that says what its views complain about. It listens to this machine alone."""
+"""A viewer without a screen that reports the problems of its views; it listens on the loopback address only."""
 
 import os
 import socket
@@ -16,15 +16,15 @@ LOOPBACK = "127.0.0.1"
 
 
 @contextmanager
-def viewer(*places):
-    """A client of a viewer at a free port, which opens these places; skips where nothing can draw.
+def viewer(*paths):
+    """Yield a client of a viewer at a free port that opens these paths; skip if the machine cannot render.
 
-    What this process serves is to be given here: `open` would wait for it for ever.
+    Pass URLs that this process serves here, because `open` would wait for them forever.
     """
     with socket.socket() as free:
         free.bind((LOOPBACK, 0))
         port = str(free.getsockname()[1])
-    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "1200x800", *places]
+    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "800x600", *paths]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as process:
         try:
@@ -47,22 +47,24 @@ def _client(process, url):
 
 
 def state_of(client, path):
-    """What the viewer shows of a recording once it has loaded and drawn it."""
+    """Return the viewer's state after it has loaded and drawn a recording."""
     client.open(str(path))
     return settled(client)
 
 
 def settled(client):
-    """What the viewer shows once nothing is loading any more."""
-    give_up = time.monotonic() + 20.0
-    while client.get_state().loading and time.monotonic() < give_up:
+    """Return the viewer's state after loading has finished."""
+    deadline = time.monotonic() + 20.0
+    while client.get_state().loading and time.monotonic() < deadline:
         time.sleep(0.1)
     client.take_screenshot()  # draws once more
     return client.get_state()
 
 
-def complaints(state):
-    """A sentence for every warning and error of a view."""
+def view_problems(state):
+    """Return a message for every warning and error of a view."""
     return [
-        f"{view.name} {view.origin}: {each.severity}: {each.summary}" for view in state.views for each in view.reports
+        f"{view.name} {view.origin}: {report.severity}: {report.summary}"
+        for view in state.views
+        for report in view.reports
     ]

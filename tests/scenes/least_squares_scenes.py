@@ -1,4 +1,4 @@
-"""A small walker whose motion is known in closed form, for the tests of least squares."""
+"""A small walker whose motion has a closed form, for the tests of least squares."""
 
 import numpy as np
 
@@ -31,15 +31,15 @@ WALKER = Skeleton(
 EVERY_JOINT = np.arange(len(_JOINTS))
 
 
-class Knowing:
-    """What least squares asks of a prior: its powers."""
+class PriorStub:
+    """A prior with capabilities only, as least squares uses it."""
 
     def __init__(self, **capabilities):
         self.capabilities = PriorCapabilities(**capabilities)
 
 
 class SineModel:
-    """Θ₀ and two components of hips and knees, each a few sines of the phase; the right leg is half a cycle behind."""
+    """Θ₀ and two components of hips and knees, sums of sines of the phase; the right leg lags by half a cycle."""
 
     angles = WALKER.dof_names[6:]
     scales = np.ones(2)
@@ -48,7 +48,7 @@ class SineModel:
     cycle_rate_hz = np.array([0.9, 1.0, 1.1])
 
     def _curves(self, mu, derivative):
-        """(..., 3, 4): mean and components; each is Σ_k a_k sin(2πk μ + φ_k) + const."""
+        """Return the mean and the components (..., 3, 4), Σ_k a_k sin(2πk μ + φ_k) + const."""
         mu = np.asarray(mu)[..., None]
         leg = np.concatenate([mu, mu, mu + 0.5, mu + 0.5], axis=-1)
         knee = np.array([0.0, 1.0, 0.0, 1.0])
@@ -79,31 +79,33 @@ def decoder(start=None):
 
 
 def walk(n_frames, rate_hz=1.0, phase=0.1, alpha=(0.7, -0.4)):
-    """Times (T,) at 14 Hz and true states (T, 9): steady, on a straight line that slowly turns."""
+    """Return times (T,) at 14 Hz and true states (T, 9) of a steady walk with a slowly changing heading."""
     times = np.arange(n_frames) / 14.0
     roots = np.array([1.0, 2.0, 0.9, 0.3, 0.05, -0.02]) + times[:, None] * np.array([1.2, 0.4, 0.0, 0.1, 0.0, 0.0])
     return times, decoder().states(np.array(alpha), phase + rate_hz * times, roots)
 
 
 def joint_residuals(states, sigma_m=0.01, noise_m=0.0, outliers=0.0, removed=False, seed=0):
-    """Residual functions that see every joint of the true states, with noise, and some of them 30 cm to 1 m away, or
-    those removed."""
-    rng, stray = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    """Return residual functions of all joints of the true states, with noise.
+
+    A fraction `outliers` of the joints is 0.3 to 1 m away; with `removed` these joints are left out.
+    """
+    rng, outlier_rng = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     points = joints(WALKER, decoder().poses(states))
     points = points + noise_m * rng.standard_normal(points.shape)
-    away = stray.uniform(0.3, 1.0, points.shape) * stray.choice([-1.0, 1.0], points.shape)
-    wrong = stray.random(points.shape[:2]) < outliers
-    points[wrong] += away[wrong]
-    kept = ~wrong if removed else np.ones_like(wrong)
+    offsets = outlier_rng.uniform(0.3, 1.0, points.shape) * outlier_rng.choice([-1.0, 1.0], points.shape)
+    wrong = outlier_rng.random(points.shape[:2]) < outliers
+    points[wrong] += offsets[wrong]
+    used = ~wrong if removed else np.ones_like(wrong)
     return [
-        joint_residual(WALKER, EVERY_JOINT[own], seen[own], sigma_m) for seen, own in zip(points, kept, strict=True)
+        joint_residual(WALKER, EVERY_JOINT[mask], rows[mask], sigma_m) for rows, mask in zip(points, used, strict=True)
     ]
 
 
 def disturbed(states, seed=1):
-    """A start 3 cm, 0.05 rad and 0.1 cycles off, with mean coefficients."""
+    """Return a start with errors of 3 cm, 0.05 rad and 0.1 cycles and mean coefficients."""
     rng = np.random.default_rng(seed)
-    away = states + rng.standard_normal(states.shape) * np.array([0.0, 0.0, 0.0, *[0.03] * 3, *[0.05] * 3])
-    away[:, :2] = 0.0
-    away[:, 2] += 0.1
-    return away
+    start = states + rng.standard_normal(states.shape) * np.array([0.0, 0.0, 0.0, *[0.03] * 3, *[0.05] * 3])
+    start[:, :2] = 0.0
+    start[:, 2] += 0.1
+    return start

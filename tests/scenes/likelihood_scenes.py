@@ -1,4 +1,4 @@
-"""Small scenes for the likelihood's tests: textures, cameras, people and rods."""
+"""Small scenes for the tests of likelihoods: textures, cameras, people and rods."""
 
 import cv2
 import numpy as np
@@ -11,11 +11,11 @@ from workbench.core.frame import Frame, View
 PERSON = person(from_height(1.75))
 WIDTH, HEIGHT, FOCAL, DISTANCE = 320, 240, 300.0, 4.0
 FRONT = plain_camera(WIDTH, HEIGHT, FOCAL, (DISTANCE, 0.0, 0.0), (0.0, 0.0, 0.0), name="front")
-"""Looks along -x at the origin: the person's front, 75 px per metre there; image x is world y, image y is -z."""
+"""Faces the origin along −x, with 75 px per metre there; image x is world y, image y is −z."""
 
 
 def texture(rng, width=WIDTH, height=HEIGHT, blur=2.5):
-    """A smooth random image, grey levels 128 ± 40."""
+    """Return a smooth random image with grey levels 128 ± 40."""
     noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), blur)
     return np.clip(128.0 + 40.0 * noise / noise.std(), 0.0, 255.0).astype(np.uint8)
 
@@ -36,7 +36,7 @@ def distorted(camera: Camera) -> Camera:
 
 
 def rods(*limbs: tuple[tuple[float, float, float], tuple[float, float, float], float]) -> Body:
-    """A body of upright cylinders (start, end, radius), m, fixed to the root; a sphere where start equals end."""
+    """Return a body of cylinders (start, end, radius), m, fixed to the root; a sphere if start equals end."""
     starts, ends = (np.array([limb[side] for limb in limbs]) for side in (0, 1))
     radii = np.array([np.full((2, 2), limb[2]) for limb in limbs])
     spheres = (starts == ends).all(axis=1)
@@ -46,29 +46,29 @@ def rods(*limbs: tuple[tuple[float, float, float], tuple[float, float, float], f
 
 
 def root(position=(0.0, 0.0, 0.0), heading=0.0, pitch=0.0, roll=0.0):
-    """One pose (1, 25) with all joint angles zero."""
+    """Return one pose (1, 25) whose joint angles are zero."""
     pose = np.zeros((1, 25))
     pose[0, :3], pose[0, 3:6] = position, (heading, pitch, roll)
     return pose
 
 
 def people(rng, n, spread=1.0):
-    """n poses (n, 25) of people around the origin, as far apart as `spread` makes them."""
+    """Return n random poses (n, 25) near the origin; `spread` scales their standard deviations."""
     sigma = np.concatenate([np.full(3, 0.1), [0.8, 0.1, 0.1], np.full(19, 0.4)])
     return spread * sigma * rng.standard_normal((n, 25))
 
 
 def log_prob(likelihood, previous, frame, previous_pose, pose):
-    """What a likelihood says (N,) of poses (N, P) that came from previous ones."""
+    """Return log likelihoods (N,) of poses (N, P) and previous poses."""
     return likelihood.prepare(previous, frame).evaluate(previous_pose, pose).log_prob
 
 
 def notes(likelihood, previous, frame, previous_pose, pose):
-    """What it remarks, on the frame and on the poses."""
+    """Return the notes on the frame and on the poses."""
     frame_likelihood = likelihood.prepare(previous, frame)
     return frame_likelihood.notes + frame_likelihood.evaluate(previous_pose, pose).notes
 
 
-def begun(likelihood, frame, pose):
-    """The likelihood after the first frame of a run, where a pose (P,) was expected."""
+def after_first_frame(likelihood, frame, pose):
+    """Return the likelihood after a first frame with the expected pose (P,)."""
     return likelihood.prepare(None, frame).update(pose)

@@ -1,4 +1,4 @@
-"""A linear Gaussian model as a prior and a likelihood, and its exact posterior by the Kalman filter and smoother."""
+"""A linear Gaussian model as a prior and a likelihood, and its exact posterior."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ MEAN0, STD0 = np.array([0.5, -0.2]), np.array([0.4, 0.3])
 
 
 class IsDensity:
-    """A prior that is its own density, which speaks of every column."""
+    """A prior that is its own density over all columns."""
 
     @property
     def free(self):
@@ -50,7 +50,7 @@ class LinearPrior(IsDensity):
 
 
 class TwoJoints(LinearPrior):
-    """The columns called after joints, so that they are of two parts of the body."""
+    """The linear model with columns named after joints of two parts of the body."""
 
     space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
 
@@ -61,8 +61,8 @@ class DrawnOnly(LinearPrior):
     capabilities = PriorCapabilities()
 
 
-class LookOf:
-    """What a likelihood without a memory sees of a frame: nothing but which one it is."""
+class MemorylessFrameLikelihood:
+    """The frame likelihood of a likelihood without state; it uses only the frames' indices."""
 
     notes, diagnostics = (), {}
 
@@ -77,10 +77,10 @@ class LookOf:
 
 
 class Memoryless:
-    """A likelihood by its `log_prob(previous, frame, previous_pose, pose)` alone."""
+    """A likelihood without state, defined by `log_prob(previous, frame, previous_pose, pose)`."""
 
     def prepare(self, previous, frame):
-        return LookOf(self, previous, frame)
+        return MemorylessFrameLikelihood(self, previous, frame)
 
 
 class Position(Memoryless):
@@ -111,7 +111,7 @@ def simulate(n, seed, sigma=R, h=0.0):
 
 
 def simulate_states(n, seed, sigma=R, h=0.0):
-    """Measurements (n,), the first of which is none, and the states (n, 2) they are of."""
+    """Return measurements (n,), of which the first is NaN, and the states (n, 2)."""
     rng = np.random.default_rng(seed)
     states, measured = [MEAN0 + STD0 * rng.standard_normal(2)], [np.nan]
     for _ in range(n - 1):
@@ -121,8 +121,10 @@ def simulate_states(n, seed, sigma=R, h=0.0):
 
 
 def exact(measured, sigma=R, h=0.0, g=0.0):
-    """Of the joint Gaussian of all states: means (T, 2) and variances (T, 2) given all measurements, and their log
-    evidence. By brute force, with no recursion that could be wrong in the same way as what is tested."""
+    """Return posterior means (T, 2) and variances (T, 2) given all measurements, and the log evidence.
+
+    The joint Gaussian of all states is conditioned at once, without the recursion that the tests check.
+    """
     n = len(measured)
     mean, cov = np.zeros((n, 2)), np.zeros((n, 2, n, 2))
     mean[0], cov[0, :, 0] = MEAN0, np.diag(STD0**2)
@@ -133,43 +135,44 @@ def exact(measured, sigma=R, h=0.0, g=0.0):
             cov[s, :, t] = cov[t, :, s].T
         cov[t, :, t] = A @ cov[t - 1, :, t - 1] @ A.T + np.diag(Q**2)
     flat_mean, flat_cov = mean.ravel(), cov.reshape(2 * n, 2 * n)
-    frame_likelihood = np.zeros((n - 1, n, 2))
+    observation = np.zeros((n - 1, n, 2))
     for t in range(1, n):
-        frame_likelihood[t - 1, t], frame_likelihood[t - 1, t - 1, 0] = (1.0, g), h
-    frame_likelihood = frame_likelihood.reshape(n - 1, 2 * n)
-    spread = frame_likelihood @ flat_cov @ frame_likelihood.T + sigma**2 * np.eye(n - 1)
-    missing = measured[1:] - frame_likelihood @ flat_mean
-    gain = np.linalg.solve(spread, frame_likelihood @ flat_cov).T
-    evidence = -0.5 * (missing @ np.linalg.solve(spread, missing) + np.linalg.slogdet(2 * np.pi * spread)[1])
-    posterior = flat_mean + gain @ missing, np.diag(flat_cov - gain @ frame_likelihood @ flat_cov)
+        observation[t - 1, t], observation[t - 1, t - 1, 0] = (1.0, g), h
+    observation = observation.reshape(n - 1, 2 * n)
+    covariance = observation @ flat_cov @ observation.T + sigma**2 * np.eye(n - 1)
+    innovation = measured[1:] - observation @ flat_mean
+    gain = np.linalg.solve(covariance, observation @ flat_cov).T
+    log_det = np.linalg.slogdet(2 * np.pi * covariance)[1]
+    evidence = -0.5 * (innovation @ np.linalg.solve(covariance, innovation) + log_det)
+    posterior = flat_mean + gain @ innovation, np.diag(flat_cov - gain @ observation @ flat_cov)
     return posterior[0].reshape(n, 2), posterior[1].reshape(n, 2), float(evidence)
 
 
 def moments(step):
-    """Mean and variance, (2,) each, of a step's particles."""
+    """Return the mean (2,) and the variance (2,) of a step's particles."""
     weights = np.exp(step.log_weights)
     mean = weights @ step.particles
     return mean, weights @ (step.particles - mean) ** 2
 
 
 def last_moments(make, likelihood, n_frames, seeds):
-    """(n_seeds, 5): mean, variance and log evidence in the last frame of each seed's run of make(prior, likelihood)."""
-    found = []
+    """Return mean, variance and log evidence in the last frame of make(prior, likelihood), (n_seeds, 5)."""
+    rows = []
     for seed in seeds:
         step = list(make(TwoJoints(), likelihood).run(frames(n_frames), MEAN0, streams(seed)))[-1]
-        found.append([*np.concatenate(moments(step)), step.log_evidence])
-    return np.array(found)
+        rows.append([*np.concatenate(moments(step)), step.log_evidence])
+    return np.array(rows)
 
 
-def assert_agree(found, expected):
-    """That the mean over seeds of means, variances and perhaps log evidences, found (n_seeds, 4 or 5), is what is
-    expected but for 5 standard errors, and biases which the deviations s over seeds tell.
+def assert_agree(estimates, expected):
+    """Assert that the mean over seeds of estimates (n_seeds, 4 or 5) is within 5 standard errors and a bias.
 
-    Particles' variance is taken about their own mean and so too small by s² of that; the logarithm of an unbiased
-    estimate is too small by half of its s². Twice that is allowed, as both hold to first order in 1/N.
+    The columns are means, variances and perhaps log evidences. The particles' variance about their own mean is too
+    small by the variance s² of that mean; the logarithm of an unbiased estimate is too small by s²/2. Twice these
+    biases are allowed, because both hold to first order in 1/N.
     """
-    deviation = found.std(axis=0)
-    assert (deviation[4:] < 1.0).all(), deviation  # beyond, the first order says nothing
+    deviation = estimates.std(axis=0)
+    assert (deviation[4:] < 1.0).all(), deviation  # the first order needs small deviations
     bias = np.concatenate([[0.0, 0.0], 2.0 * deviation[:2] ** 2, deviation[4:] ** 2])
-    error = np.abs(found.mean(axis=0) - expected)
-    assert (error < 5.0 * deviation / np.sqrt(len(found)) + bias).all(), (error, deviation, bias)
+    error = np.abs(estimates.mean(axis=0) - expected)
+    assert (error < 5.0 * deviation / np.sqrt(len(estimates)) + bias).all(), (error, deviation, bias)

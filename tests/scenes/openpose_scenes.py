@@ -1,4 +1,4 @@
-"""Folders of OpenPose's files, made up: a person of any layout, in any order among others."""
+"""Synthetic folders of OpenPose files: people of any layout in any order."""
 
 import json
 
@@ -8,21 +8,21 @@ from workbench.motion.formats.keypoint_layouts import LAYOUTS
 
 
 def points(layout, joints, confidence=0.8):
-    """Points (K, 3) of a layout for joints by name, (u, v); a joint's points all lie in it, others are not found."""
-    n, made_of = LAYOUTS[layout]
-    found = np.zeros((n, 3))
+    """Return points (K, 3) of a layout at joints (u, v) by name; a joint's points coincide, the others are zero."""
+    n, numbers = LAYOUTS[layout]
+    rows = np.zeros((n, 3))
     for name, place in joints.items():
-        for number in made_of.get(name, ()):
-            found[number] = [*place, confidence]
-    if "neck" in made_of and "neck" in joints:  # the head's centre is half-way to its top
-        (neck,) = made_of["neck"]
-        (top,) = set(made_of["head_centre"]) - {neck}
-        found[neck, :2], found[top, :2] = joints["neck"], 2.0 * np.array(joints["head_centre"]) - joints["neck"]
-    return found
+        for number in numbers.get(name, ()):
+            rows[number] = [*place, confidence]
+    if "neck" in numbers and "neck" in joints:  # the head's centre is half-way to its top
+        (neck,) = numbers["neck"]
+        (top,) = set(numbers["head_centre"]) - {neck}
+        rows[neck, :2], rows[top, :2] = joints["neck"], 2.0 * np.array(joints["head_centre"]) - joints["neck"]
+    return rows
 
 
 def standing(u, v, size=100.0):
-    """Joints of someone upright whose head is at (u, v), seen from ahead."""
+    """Return joints of a person who faces the camera, with the head at (u, v)."""
     across = {"shoulder": 0.12, "elbow": 0.14, "wrist": 0.15, "hip": 0.06, "knee": 0.06, "ankle": 0.06}
     down = {"shoulder": 0.12, "elbow": 0.3, "wrist": 0.45, "hip": 0.45, "knee": 0.7, "ankle": 0.95}
     joints = {"head_centre": (u, v), "neck": (u, v + 0.08 * size)}
@@ -32,9 +32,9 @@ def standing(u, v, size=100.0):
 
 
 def write(folder, frames, name="shot_{:012d}_keypoints.json"):
-    """One file for every frame of {number: [points (K, 3), …]}."""
+    """Write one file for every frame of {number: [points (K, 3), …]}."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, people in frames.items():
-        found = [{"person_id": [-1], "pose_keypoints_2d": one.ravel().tolist()} for one in people]
-        (folder / name.format(number)).write_text(json.dumps({"version": 1.3, "people": found}))
+        rows = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()} for points in people]
+        (folder / name.format(number)).write_text(json.dumps({"version": 1.3, "people": rows}))
     return folder

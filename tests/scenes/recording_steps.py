@@ -1,4 +1,4 @@
-"""Steps made up for the recorder: a person walks past a camera, particles are noise around the truth."""
+"""Synthetic steps for the recorder: a person walks past a camera, and particles are noise around the truth."""
 
 from collections.abc import Iterator
 
@@ -29,7 +29,7 @@ _RATE_HZ = 30.0
 
 
 def walk(body: Body, time_s: float) -> FloatArray:
-    """The pose (25,) of someone who walks along x at 1.4 m/s, with sinusoidal swings of hips, knees and arms."""
+    """Return the pose (25,) of a walk along x at 1.4 m/s, with sinusoidal hips, knees and arms."""
     pose = np.zeros(25)
     swing = np.sin(2.0 * np.pi * time_s)
     bend = 0.15 + 0.45 * np.array([max(0.0, np.sin(2.0 * np.pi * time_s + phase)) for phase in (1.3, 1.3 + np.pi)])
@@ -47,7 +47,7 @@ def walk(body: Body, time_s: float) -> FloatArray:
 
 
 def picture(body: Body, camera: Camera, pose: FloatArray, rng: np.random.Generator, colour: bool = False) -> ByteArray:
-    """A grey (or RGB) noise image with the skeleton drawn thick."""
+    """Return a grey or RGB noise image with the skeleton as thick lines."""
     image = np.clip(rng.normal(95.0, 6.0, (camera.height, camera.width)), 0, 255).astype(np.uint8)
     image = cv2.GaussianBlur(image, (0, 0), 1.4)
     pixels = camera.project(joints(body.skeleton, pose[None])[0])
@@ -61,15 +61,15 @@ def picture(body: Body, camera: Camera, pose: FloatArray, rng: np.random.Generat
 def steps(
     n_frames: int, n_particles: int = 300, camera: Camera = CAMERA, seed: int = 0, colour: bool = False
 ) -> Iterator[Step]:
-    """A run of `n_frames` steps, numbered from 10 on."""
+    """Yield a run of `n_frames` steps; the first frame has index 10."""
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(0.0, 0.4, 5) * SCALE
     for i in range(n_frames):
         truth = walk(BODY, i / _RATE_HZ)
-        marks = camera.project(joints(BODY.skeleton, truth[None])[0])
-        known = Truth(pose=truth, joints=joints(BODY.skeleton, truth[None])[0], annotations=marks)
+        annotations = camera.project(joints(BODY.skeleton, truth[None])[0])
+        frame_truth = Truth(pose=truth, joints=joints(BODY.skeleton, truth[None])[0], annotations=annotations)
         image = picture(BODY, camera, truth, rng, colour)
-        frame = Frame(10 + i, i / _RATE_HZ, (View(camera, image),), known)
+        frame = Frame(10 + i, i / _RATE_HZ, (View(camera, image),), frame_truth)
         coefficients = 0.95 * coefficients + rng.normal(0.0, 0.08, 5) * SCALE
         yield _step(frame, truth, coefficients, n_particles, rng)
 
@@ -103,13 +103,13 @@ def _step(frame: Frame, truth: FloatArray, coefficients: FloatArray, n: int, rng
 
 
 def errors(step: Step) -> dict[str, float]:
-    """Mean joint error in mm, absolute and without the root, and the log evidence."""
+    """Return the mean joint errors, absolute and root-aligned, mm, and the log evidence."""
     assert step.frame.truth is not None
     assert step.frame.truth.joints is not None
-    found = joints(BODY.skeleton, step.expected_pose[None])[0]
+    estimate = joints(BODY.skeleton, step.expected_pose[None])[0]
     true = step.frame.truth.joints
-    absolute = np.linalg.norm(found - true, axis=1).mean()
-    relative = np.linalg.norm((found - found[0]) - (true - true[0]), axis=1).mean()
+    absolute = np.linalg.norm(estimate - true, axis=1).mean()
+    relative = np.linalg.norm((estimate - estimate[0]) - (true - true[0]), axis=1).mean()
     return {
         "error_mm": 1e3 * float(absolute),
         "error_relative_mm": 1e3 * float(relative),

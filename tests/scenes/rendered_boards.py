@@ -1,4 +1,4 @@
-"""Checkerboards rendered as a calibrated camera sees them, by the plane's homography."""
+"""Checkerboards rendered for a calibrated camera by the plane's homography."""
 
 import cv2
 import numpy as np
@@ -6,11 +6,11 @@ import numpy as np
 from workbench.body.camera import Camera
 
 COLUMNS, ROWS, SQUARE_M, PX = 7, 4, 0.05, 30
-"""Inner corners each way, and pixels of the texture a square."""
+"""Inner corners per row and column, side of a square, m, and texture pixels per square."""
 
 
 def texture(columns=COLUMNS, rows=ROWS):
-    """Squares with a white margin of one square; the one above and left of the first inner corner is dark."""
+    """Return squares with a white margin of one square; the square above and left of the first inner corner is dark."""
     v, u = np.mgrid[: (rows + 1) * PX, : (columns + 1) * PX] // PX
     return np.pad(np.where((u + v) % 2, 240, 20).astype(np.uint8), PX, constant_values=240)
 
@@ -21,25 +21,24 @@ def lens(name="one", focal_px=700.0, size=(640, 480)):
 
 
 def board_poses(n=10, seed=3):
-    """Rotations (3, 3) and translations (3,) from the board to the first camera: 0.7 m away, tilted by up to 35°."""
-    rng, found = np.random.default_rng(seed), []
+    """Return rotations (3, 3) and translations (3,) from the board to the first camera, 0.7 m away, tilt up to 35°."""
+    rng, poses = np.random.default_rng(seed), []
     for _ in range(n):
-        turn = cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3) * [1.0, 1.0, 0.5])[0]
+        rotation = cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3) * [1.0, 1.0, 0.5])[0]
         middle = np.array([(COLUMNS - 1) / 2, (ROWS - 1) / 2, 0.0]) * SQUARE_M
-        at = np.array([*rng.uniform(-0.08, 0.08, 2), rng.uniform(0.55, 0.8)])
-        found.append((turn, at - turn @ middle))
-    return found
+        position = np.array([*rng.uniform(-0.08, 0.08, 2), rng.uniform(0.55, 0.8)])
+        poses.append((rotation, position - rotation @ middle))
+    return poses
 
 
 def rendered(camera, rotation, translation, upside_down=False):
-    """The image (height, width, 3) of a board, as seen by a camera without distortion; blurred by half a pixel."""
+    """Return a camera's image (height, width, 3) of a board, without distortion, blurred by half a pixel."""
     picture = texture()[::-1, ::-1] if upside_down else texture()
     to_board = np.array([[SQUARE_M / PX, 0.0, 0.0], [0.0, SQUARE_M / PX, 0.0], [0.0, 0.0, 1.0]])
-    to_board[:2, 2] = (
-        -(2 * PX - 0.5) * SQUARE_M / PX
-    )  # the first inner corner is between the texture's pixels 59 and 60
-    seen = camera.rotation @ rotation, camera.rotation @ translation + camera.translation
-    plane = camera.matrix @ np.column_stack([seen[0][:, 0], seen[0][:, 1], seen[1]]) @ to_board
+    # the first inner corner is between the texture's pixels 59 and 60
+    to_board[:2, 2] = -(2 * PX - 0.5) * SQUARE_M / PX
+    axes, origin = camera.rotation @ rotation, camera.rotation @ translation + camera.translation
+    plane = camera.matrix @ np.column_stack([axes[:, 0], axes[:, 1], origin]) @ to_board
     size = camera.width * 2, camera.height * 2
     twice = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ plane
     large = cv2.warpPerspective(picture, twice, size, flags=cv2.INTER_LINEAR, borderValue=128)

@@ -1,11 +1,11 @@
-"""Folders as runs leave them, made up: a summary.json, and a recording where one is asked for."""
+"""Synthetic run folders, each with a summary.json."""
 
 import json
 from itertools import product
 
 
 def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1, **other):
-    """What a run's summary.json says."""
+    """Return the contents of a run's summary.json."""
     return {
         "status": status, "experiment": "walk_straight", "seed": seed, "given": ["start"],
         "metrics": {"mpjpe_abs_mm": error, "coverage_90": 0.9, "log_evidence": None},
@@ -19,15 +19,15 @@ def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1,
     }  # fmt: skip
 
 
-def leave(folder, **said):
-    """Leave a run's folder without a recording, and return it."""
+def write_run(folder, **fields):
+    """Write a run folder without a recording and return it."""
     folder.mkdir(parents=True)
-    (folder / "summary.json").write_text(json.dumps(summary(**said)))
+    (folder / "summary.json").write_text(json.dumps(summary(**fields)))
     return folder
 
 
-def leave_sweep(folder, priors=("smooth", "walking"), ns=(100, 400), seeds=(0, 1, 2)):
-    """Leave the jobs of a sweep; the k-th is off by 10 + k mm."""
+def write_sweep(folder, priors=("smooth", "walking"), ns=(100, 400), seeds=(0, 1, 2)):
+    """Write the run folders of a sweep and return it; job k has an error of 10 + k mm."""
     for k, (prior, n, seed) in enumerate(product(priors, ns, seeds)):
-        leave(folder / str(k), prior=prior, n=n, seed=seed, error=10.0 + k, day=1 + k)
+        write_run(folder / str(k), prior=prior, n=n, seed=seed, error=10.0 + k, day=1 + k)
     return folder

@@ -1,4 +1,4 @@
-"""One step with a truth, as the errors are measured in."""
+"""One step with a truth, for the tests of errors."""
 
 import numpy as np
 

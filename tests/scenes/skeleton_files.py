@@ -1,4 +1,4 @@
-"""BVH files of a walker with the joints of other programs."""
+"""BVH files of a walker with the joint names of other programs."""
 
 from functools import cache
 
@@ -65,9 +65,10 @@ def walk():
 
 
 def walk_bvh(folder, style="motionbuilder", unit=100.0, up="y", seed=None, lines=lambda text: text):
-    """Write the walk with a style's joints, in units per metre, and return the file.
+    """Write the walk with a style's joints and return the file.
 
-    seed : of random constant rotations of every joint's frame; None: none. lines : changes of the text.
+    unit : units per metre. seed : of random constant rotations of every joint's frame, or None. lines : function that
+    changes the text.
     """
     motion = walk()
     own = folder / "own.bvh"
@@ -77,16 +78,16 @@ def walk_bvh(folder, style="motionbuilder", unit=100.0, up="y", seed=None, lines
     own_names = {joint: _ENDS.get(joint, joint) for joint in names}
     frames = np.broadcast_to(np.eye(3), (n, 3, 3)) if seed is None else (
         scipy.spatial.transform.Rotation.random(n, random_state=seed).as_matrix())  # fmt: skip
-    above = np.array([np.eye(3) if parent < 0 else frames[parent] for parent in clip.parents])
-    rotations = np.swapaxes(above, 1, 2) @ clip.rotations @ frames
-    offsets = unit * np.einsum("kba,kb->ka", above, clip.offsets)[:, order]
+    parent_frames = np.array([np.eye(3) if parent < 0 else frames[parent] for parent in clip.parents])
+    rotations = np.swapaxes(parent_frames, 1, 2) @ clip.rotations @ frames
+    offsets = unit * np.einsum("kba,kb->ka", parent_frames, clip.offsets)[:, order]
     angles = scipy.spatial.transform.Rotation.from_matrix(rotations[..., order, :][..., order].reshape(-1, 3, 3))
     angles = angles.as_euler("ZXY", degrees=True).reshape(len(clip), n, 3)
     text = ["HIERARCHY", *_branch(clip, 0, {own: names[joint] for joint, own in own_names.items()}, offsets), "MOTION"]
     text += [f"Frames: {len(clip)}", "Frame Time: 0.0333333"]
     depth_first = _depth_first(clip, 0)
-    for places, turns in zip(unit * clip.positions[:, 0][:, order], angles, strict=True):
-        text.append(" ".join(f"{x:.6f}" for x in [*places, *turns[depth_first].ravel()]))
+    for position, turns in zip(unit * clip.positions[:, 0][:, order], angles, strict=True):
+        text.append(" ".join(f"{x:.6f}" for x in [*position, *turns[depth_first].ravel()]))
     path = folder / "walk.bvh"
     path.write_text(lines("\n".join([*text, ""])))
     own.unlink()
@@ -100,8 +101,8 @@ def _depth_first(clip, joint):
 def _branch(clip, joint, names, offsets):
     offset = " ".join(f"{x:.6f}" for x in offsets[joint])
     text = [f"{'JOINT' if joint else 'ROOT'} {names[clip.joints[joint]]}", "{", f"OFFSET {offset}"]
-    moves = "Xposition Yposition Zposition " if joint == 0 else ""
-    text.append(f"CHANNELS {6 if moves else 3} {moves}Zrotation Xrotation Yrotation")
+    translation = "Xposition Yposition Zposition " if joint == 0 else ""
+    text.append(f"CHANNELS {6 if translation else 3} {translation}Zrotation Xrotation Yrotation")
     children = np.flatnonzero(clip.parents == joint)
     for child in children:
         text += _branch(clip, child, names, offsets)

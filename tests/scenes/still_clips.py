@@ -1,4 +1,4 @@
-"""Clips before a still background."""
+"""Clips with a static background."""
 
 from types import SimpleNamespace
 
@@ -12,12 +12,12 @@ EPSILON, SIGMA = 0.05, 3.0
 
 
 def of_frames(frames):
-    """A clip of these frames."""
+    """Return a clip of these frames."""
     return FrameCache(SimpleNamespace(info=SequenceInfo("clip", len(frames)), frames=lambda: iter(frames)))
 
 
 def clip(*images, camera=scenes.FRONT):
-    """A clip of these images by one camera, and its frames."""
+    """Return a clip of one camera's images, and its frames."""
     frames = [scenes.frame(i, (camera, image)) for i, image in enumerate(images)]
     return of_frames(frames), frames
 
@@ -29,6 +29,6 @@ def with_block(image, level, rows, columns):
 
 
 def by_hand(difference):
-    """r of a pixel that differs from the background by so much."""
+    """Return the log ratio r of a pixel with this difference from the background."""
     normal = np.exp(-0.5 * (difference / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
     return -np.log(EPSILON + (1.0 - EPSILON) * 256.0 * normal)

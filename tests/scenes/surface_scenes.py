@@ -1,4 +1,4 @@
-"""Bodies, poses and points that the tests of the surface share."""
+"""Bodies, poses and points for the tests of the surface."""
 
 import numpy as np
 
@@ -13,12 +13,12 @@ PERSON = (BODY.skeleton, person_surface(BODY))
 
 
 def tree(seed, n_joints=20):
-    """A skeleton nobody has: random bones, turns about random axes, joints with none to three of them."""
+    """Return a random skeleton: random bones and axes, with zero to three degrees of freedom per joint."""
     rng = np.random.default_rng(seed)
     parents = np.array([-1, *(rng.integers(max(0, j - 4), j) for j in range(1, n_joints))])
-    turns = rng.integers(0, 4, n_joints)
-    turns[0] = 3
-    axes = rng.standard_normal((turns.sum(), 3))
+    n_rotations = rng.integers(0, 4, n_joints)
+    n_rotations[0] = 3
+    axes = rng.standard_normal((n_rotations.sum(), 3))
     axes = np.concatenate([np.eye(3), axes / np.linalg.norm(axes, axis=1, keepdims=True)])
     offsets = rng.standard_normal((n_joints, 3))
     offsets *= rng.uniform(0.1, 0.4, (n_joints, 1)) / np.linalg.norm(offsets, axis=1, keepdims=True)
@@ -28,14 +28,14 @@ def tree(seed, n_joints=20):
         parents=parents,
         offsets=offsets,
         dof_names=tuple(f"dof_{p}" for p in range(len(axes))),
-        dof_joints=np.concatenate([[0, 0, 0], np.repeat(np.arange(n_joints), turns)]),
+        dof_joints=np.concatenate([[0, 0, 0], np.repeat(np.arange(n_joints), n_rotations)]),
         dof_axes=axes,
         limits=np.tile([-1e6, 1e6], (len(axes), 1)),
     )
 
 
 def blended(seed, skeleton, n_parts=5):
-    """A surface whose parts have one to four ellipsoids, in any direction, on any joints, with its own a and C."""
+    """Return a surface whose parts have one to four ellipsoids of random orientation on random joints."""
     rng = np.random.default_rng(seed)
     sizes = rng.integers(1, 5, n_parts)
     n = int(sizes.sum())
@@ -54,7 +54,7 @@ def blended(seed, skeleton, n_parts=5):
 
 
 def lone(half_sizes=(0.05, 0.05, 0.05), **options):
-    """One ellipsoid on the root of a skeleton with one joint."""
+    """Return a skeleton with one joint and a surface of one ellipsoid on it."""
     skeleton = Skeleton(
         names=("root",),
         parents=np.array([-1]),
@@ -78,11 +78,11 @@ def lone(half_sizes=(0.05, 0.05, 0.05), **options):
 
 
 def pose_and_points(rng, skeleton, surface, n, spread=0.06):
-    """A pose all over, and points around the ellipsoids: inside, on the skin and decimetres off."""
+    """Return a random pose, its frames, and points inside, on and decimetres outside the ellipsoids."""
     pose = np.concatenate([rng.normal(0.0, 2.0, 3), rng.normal(0.0, 0.7, len(skeleton.dof_names) - 3)])
     frames = forward_oracle(skeleton, pose[None])
-    carriers = rng.integers(len(surface), size=n)
-    joints = surface.joints[carriers]
-    centers = np.einsum("kab,kb->ka", frames.rotations[0, joints], surface.centers[carriers])
+    ellipsoids = rng.integers(len(surface), size=n)
+    joints = surface.joints[ellipsoids]
+    centers = np.einsum("kab,kb->ka", frames.rotations[0, joints], surface.centers[ellipsoids])
     points = frames.positions[0, joints] + centers + spread * rng.standard_normal((n, 3)) * rng.uniform(0, 3, (n, 1))
     return pose, frames, points

@@ -1,4 +1,4 @@
-"""A walker on a floor before calibrated cameras or as points, and the verdict on a run that follows the walker."""
+"""A walker on a floor in calibrated cameras or as points, and the verdict on a run that tracks the walker."""
 
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -25,7 +25,7 @@ SIDES = ["left", "right"]
 
 @cache
 def walk():
-    """Poses (N, 25) of a person who walks along x through the origin, on the floor z = 0."""
+    """Return poses (N, 25) of a person who walks along x through the origin on the floor z = 0."""
     poses = find_motion("builtin", data=None, rate_hz=RATE_HZ).poses[:N].copy()
     places = joints(BODY.skeleton, poses)
     poses[:, :3] -= [*places[:, 0, :2].mean(axis=0), places[..., 2].min() - ANKLE_HEIGHT * HEIGHT_M]
@@ -33,7 +33,7 @@ def walk():
 
 
 def cameras(n=4):
-    """Cameras at 5 m from the origin, 1.4 m high, towards its middle."""
+    """Return cameras 5 m from the origin, at a height of 1.4 m, that face (0, 0, 1)."""
     angles = np.radians([-110.0, -20.0, 100.0, -160.0])[:n]
     places = [(5.0 * np.cos(a), 5.0 * np.sin(a), 1.4) for a in angles]
     return tuple(plain_camera(1280, 960, 900.0, at, (0.0, 0.0, 1.0), f"c{k}") for k, at in enumerate(places))
@@ -41,8 +41,11 @@ def cameras(n=4):
 
 @dataclass(frozen=True)
 class Scene:
-    """The inputs of a run, which a fault may change. cameras: as calibrated. keypoints: (V, N, J, 3). poses: (N, 25) of
-    the estimate. points: (N, K, 3) or None. truth_m: offset of the true joints from the estimate's, (N, 3), or None."""
+    """The inputs of a run, which a fault may change.
+
+    cameras: the calibration. keypoints: (V, N, J, 3). poses: the estimate (N, 25). points: (N, K, 3) or None. truth_m:
+    offset of the true joints from the estimate's, (N, 3), or None.
+    """
 
     cameras: tuple
     keypoints: np.ndarray
@@ -60,7 +63,7 @@ class Scene:
         collector = MeasurementCollector(self.body)
         rng, image = np.random.default_rng(1), np.zeros((2, 2), np.uint8)
         for t, pose in enumerate(self.poses):
-            views = tuple(View(c, image, marks[t]) for c, marks in zip(self.cameras, self.keypoints, strict=True))
+            views = tuple(View(c, image, rows[t]) for c, rows in zip(self.cameras, self.keypoints, strict=True))
             truth = None if self.annotations is None else Truth(annotations=self.annotations[t])
             if self.truth_m is not None:
                 truth = Truth(joints=joints(self.body.skeleton, pose[None])[0] + self.truth_m[t])
@@ -73,15 +76,15 @@ class Scene:
 
 
 def scene(n_cameras=4, sigma_px=2.0):
-    """The intact scene of a walker, as n cameras and a detector with an error show it."""
+    """Return the scene of a walker without faults, with n cameras and a detector error."""
     rng, rig, places = np.random.default_rng(2), cameras(n_cameras), joints(BODY.skeleton, walk())
-    marks = np.array([camera.project(places) for camera in rig]).reshape(n_cameras, N, 15, 2)
-    marks = marks + sigma_px * rng.standard_normal(marks.shape)
-    return Scene(rig, np.concatenate([marks, np.ones_like(marks[..., :1])], axis=-1), walk())
+    keypoints = np.array([camera.project(places) for camera in rig]).reshape(n_cameras, N, 15, 2)
+    keypoints = keypoints + sigma_px * rng.standard_normal(keypoints.shape)
+    return Scene(rig, np.concatenate([keypoints, np.ones_like(keypoints[..., :1])], axis=-1), walk())
 
 
 def point_scene():
-    """The same walker as points near the bones, without cameras."""
+    """Return the same walker as points near the bones, without cameras."""
     rng, places = np.random.default_rng(3), joints(BODY.skeleton, walk())
     ends = [(places[:, a], places[:, b]) for a, b in BODY.skeleton.bones]
     bones = np.stack([a + s * (b - a) for a, b in ends for s in np.linspace(0.0, 1.0, 12)], axis=1)
@@ -89,11 +92,11 @@ def point_scene():
 
 
 def moved(rig, factor):
-    """Cameras whose positions are given in another unit."""
+    """Return cameras whose positions are in another unit."""
     return tuple(replace(camera, translation=factor * camera.translation) for camera in rig)
 
 
 def y_up(camera):
-    """The camera in a world whose y axis points up: its coordinates are x, z and −y of ours."""
+    """Return the camera in a world with y up: its coordinates are x, z and −y of ours."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # ours from theirs
     return replace(camera, rotation=camera.rotation @ turn)

@@ -1,4 +1,4 @@
-"""Video files with chosen times of their frames."""
+"""Video files with chosen frame times."""
 
 import struct
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def video(path, n, rate_hz, size=(160, 120)):
-    """Write an MP4 file of n frames, each as grey as its number times four, at a constant rate."""
+    """Write an MP4 file of n frames at a constant rate; frame k has grey level 4 k."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, size)
     for k in range(n):
         writer.write(np.full((size[1], size[0], 3), 4 * k % 256, np.uint8))
@@ -16,17 +16,17 @@ def video(path, n, rate_hz, size=(160, 120)):
 
 
 def with_durations(path, durations):
-    """Give the frames of an MP4 file durations, in multiples of the constant one, by its table of times (stts)."""
+    """Set the durations of an MP4 file's frames, in multiples of the constant one, in its time table (stts)."""
     content = bytearray(path.read_bytes())
     place = content.index(b"stts") - 4
     size, _, _, entries, count, delta = struct.unpack(">I4sIIII", content[place : place + 24])
     assert (entries, count, size) == (1, len(durations), 24)
-    table = b"".join(struct.pack(">II", 1, round(delta * each)) for each in durations)
+    table = b"".join(struct.pack(">II", 1, round(delta * duration)) for duration in durations)
     new = struct.pack(">I4sII", 16 + len(table), b"stts", 0, len(durations)) + table
-    for name in (b"stbl", b"minf", b"mdia", b"trak", b"moov"):  # which contain it, after the images
+    for name in (b"stbl", b"minf", b"mdia", b"trak", b"moov"):  # the boxes that contain it, after the images
         outer = content.rindex(name, 0, place) - 4
         (before,) = struct.unpack(">I", content[outer : outer + 4])
         content[outer : outer + 4] = struct.pack(">I", before + len(new) - 24)
     content[place : place + 24] = new
-    path.write_bytes(content.replace(b"edts", b"free"))  # an edit list would end it after the constant durations
+    path.write_bytes(content.replace(b"edts", b"free"))  # an edit list would end the video too early
     return path

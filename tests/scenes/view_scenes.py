@@ -1,4 +1,4 @@
-"""People whose joints two cameras see, for the tests of least squares over several views."""
+"""People with keypoints in two cameras, for the tests of least squares over several views."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ CAMERAS = (replace(CAMERA, name="front"), SIDE)
 
 
 def swinging(skeleton, n_frames=15, rate_hz=14.0):
-    """Times (T,) and poses (T, 25) of someone who leans and swings an arm, as no walk does."""
+    """Return times (T,) and poses (T, 25) of a person who leans and swings an arm, unlike a walk."""
     times = np.arange(n_frames) / rate_hz
     poses = np.tile(np.zeros(25), (n_frames, 1))
     poses[:, :6] = [0.4, 0.0, 0.95, -1.4, 0.1, 0.0]
@@ -32,21 +32,21 @@ def swinging(skeleton, n_frames=15, rate_hz=14.0):
 
 
 def frames(skeleton, times, poses, cameras=CAMERAS, sigma_px=0.0, seed=0):
-    """What the cameras see of poses (T, 25)."""
+    """Return frames with the cameras' keypoints of poses (T, 25)."""
     rng, image, places = np.random.default_rng(seed), np.zeros((480, 640), np.uint8), joints(skeleton, poses)
 
     def view(camera, place):
         pixels = camera.project(place)
-        seen = pixels + sigma_px * rng.standard_normal(pixels.shape)
-        return View(camera, image, np.column_stack([seen, np.ones(15)]))
+        noisy = pixels + sigma_px * rng.standard_normal(pixels.shape)
+        return View(camera, image, np.column_stack([noisy, np.ones(15)]))
 
     return [
         Frame(t, time, tuple(view(camera, places[t]) for camera in cameras)) for t, time in enumerate(times)
     ]  # fmt: skip
 
 
-def observed(skeleton, shown):
-    return observe(shown, skeleton, 1000, np.random.default_rng(0))[0]
+def observed(skeleton, frames):
+    return observe(frames, skeleton, 1000, np.random.default_rng(0))[0]
 
 
 def errors_mm(skeleton, poses, truth):

@@ -1,4 +1,4 @@
-"""The workbench from Python: runs by name, parts built by hand, and that a recording says what was swapped."""
+"""The Python API: runs by experiment, components built in Python, and their record in the recording."""
 
 import json
 import subprocess
@@ -23,7 +23,7 @@ SMALL = (
 
 
 @pytest.fixture(scope="module", autouse=True)
-def nobodys_data(tmp_path_factory):
+def no_recorded_motions(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("WORKBENCH_DATA", raising=False)
         patch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
@@ -31,22 +31,22 @@ def nobodys_data(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def swapped(tmp_path_factory):
-    """A run with another prior than its experiment's, a class; its folder."""
-    folder = tmp_path_factory.mktemp("runs") / "swapped"
+def run_with_own_prior(tmp_path_factory):
+    """Return a run whose prior is a class that replaces its experiment's, and its folder."""
+    folder = tmp_path_factory.mktemp("runs") / "own_prior"
     prior = partial(AROffsets, base=partial(wb.Smooth, damping=2.0), ar_coefficient=0.5, sigma=0.01)
     return wb.run("walk_prior_only", "seed=3", *SMALL, folder=folder, quiet=True, prior=prior), folder
 
 
-def hand_built(n_frames=3):
+def built_components(n_frames=3):
     clip = wb.FrameCache(wb.Synthetic(n_frames=n_frames, width=160, height=120, person_px=80.0, focal_px=175.0))
     prior = wb.Smooth(damping=1.5, sigma={"root_x": 0.02})
     body = wb.person(clip.info.shape)
     return wb.Components(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.info.initial_pose)
 
 
-def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
-    run, folder = swapped
+def test_a_run_has_its_folder_and_records_its_own_prior(run_with_own_prior):
+    run, folder = run_with_own_prior
     assert run.folder == folder
     assert {path.name for path in folder.iterdir()} == {".lock", "run.rrd", "summary.json"}
     assert run.status == "complete"
@@ -54,20 +54,20 @@ def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
     prior = run.settings["prior"]
     assert (prior["_target_"], prior["ar_coefficient"]) == ("workbench.priors.ar_offsets.AROffsets", 0.5)
     assert (prior["base"]["_target_"], prior["base"]["damping"]) == ("workbench.priors.smooth.Smooth", 2.0)
-    assert prior["base"]["initial_pose_scale"] == 2.0  # a default, which the class has
+    assert prior["base"]["initial_pose_scale"] == 2.0  # a default of the class
     assert "prior=AROffsets" in run.provenance["choices"]
-    said = run.provenance["command"]
-    assert said.startswith("workbench.run('walk_prior_only', 'seed=3'")
+    command = run.provenance["command"]
+    assert command.startswith("workbench.run('walk_prior_only', 'seed=3'")
     assert (
         "prior=partial(workbench.priors.ar_offsets.AROffsets, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
-        in said
+        in command
     )
     assert json.loads((folder / "summary.json").read_text())["settings"]["prior"] == prior
 
 
-def test_parts_built_by_hand_are_recorded_as_they_are(tmp_path, capsys):
-    parts = hand_built()
-    run = wb.record(parts, tmp_path / "out", seed=5)
+def test_components_built_in_python_are_recorded(tmp_path, capsys):
+    components = built_components()
+    run = wb.record(components, tmp_path / "out", seed=5)
     assert capsys.readouterr().out == f"written to {tmp_path / 'out'}\n"
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
     settings = run.settings
@@ -80,19 +80,19 @@ def test_parts_built_by_hand_are_recorded_as_they_are(tmp_path, capsys):
     assert settings["dataset"]["width"] == 160
     with pytest.raises(InputError, match=r"run.rrd: its components were built in Python"):
         runnable_config(run, [], composed("experiment=custom"))
-    tracked = np.array([step.expected_pose for step, _ in wb.track(hand_built(), seed=5)])
+    tracked = np.array([step.expected_pose for step, _ in wb.track(built_components(), seed=5)])
     np.testing.assert_array_equal(run.poses[1], tracked)
 
 
-def test_without_a_folder_a_run_goes_where_the_command_puts_it_and_says_so(tmp_path, monkeypatch, capsys):
+def test_a_run_without_a_folder_gets_the_default_folder_and_prints_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run = wb.record(hand_built(2))
+    run = wb.record(built_components(2))
     assert run.folder.parent == Path("recordings", "runs", "python")
     assert f"written to {run.folder}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "parts", "sentence"),
+    ("arguments", "components", "message"),
     [
         (("walk_nowhere",), {}, "Could not find 'experiment/walk_nowhere'"),
         (("walk_straight", "seeed=3"), {}, "Could not override 'seeed'"),
@@ -104,48 +104,44 @@ def test_without_a_folder_a_run_goes_where_the_command_puts_it_and_says_so(tmp_p
         (("walk_straight",), {"prior": Path}, "expected a component of the workbench"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_in_a_sentence(arguments, parts, sentence, tmp_path):
-    with pytest.raises(InputError, match=sentence):
-        wb.run(*arguments, folder=tmp_path / "out", **parts)
+def test_invalid_arguments_are_rejected_in_one_message(arguments, components, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        wb.run(*arguments, folder=tmp_path / "out", **components)
 
 
-def test_an_error_says_where_the_run_was_left(tmp_path):
-    parts = hand_built()
-    broken = wb.Components(parts.clip, parts.body, parts.prior, parts.inference, None)
-    with pytest.raises(InputError, match="needs a pose to start from") as caught:
+def test_an_error_names_the_runs_folder(tmp_path):
+    components = built_components()
+    broken = wb.Components(components.clip, components.body, components.prior, components.inference, None)
+    with pytest.raises(InputError, match="needs a pose to start from") as error:
         wb.record(broken, tmp_path / "out")
-    assert caught.value.__notes__ == [f"the run's folder: {tmp_path / 'out'}"]
+    assert error.value.__notes__ == [f"the run's folder: {tmp_path / 'out'}"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
 
 
-def test_importing_the_workbench_imports_none_of_what_it_offers():
+def test_importing_the_workbench_imports_no_heavy_package():
     code = "import sys, workbench; print({'numpy', 'hydra', 'rerun', 'numba', 'pandas', 'polars'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 
 
-def test_every_name_is_there_and_no_room_stands_in_its_place():
+def test_every_public_name_is_callable_and_not_replaced_by_a_package():
     import workbench.results.table
-    import workbench.sweep.table  # noqa: F401 (which sets attributes of the package)
+    import workbench.sweep.table  # noqa: F401 (this sets attributes of the package)
 
     for name in wb.__all__:
         assert callable(getattr(wb, name)), name
+    assert set(wb.__all__) <= set(dir(wb))
 
 
 @pytest.mark.slow
-def test_a_run_from_python_is_the_commands(tmp_path):
+def test_a_run_from_python_is_identical_to_that_of_the_command(tmp_path):
     from workbench.cli.main import main
 
     small = [*SMALL, "seed=4"]
     run = wb.run("walk_straight", *small, folder=tmp_path / "python", quiet=True)
     assert main(["run", "experiment=walk_straight", *small, f"hydra.run.dir={tmp_path / 'cli'}"]) == 0
-    told = wb.read(tmp_path / "cli")
-    assert told.provenance["identity"] == run.provenance["identity"]
-    assert told.provenance["choices"] == run.provenance["choices"]
-    np.testing.assert_array_equal(told.poses[1], run.poses[1])
-    assert told.result == run.result
-
-
-def test_the_package_lists_its_names_and_has_each():
-    assert set(wb.__all__) <= set(dir(wb))
-    assert all(hasattr(wb, name) for name in wb.__all__)
+    expected = wb.read(tmp_path / "cli")
+    assert expected.provenance["identity"] == run.provenance["identity"]
+    assert expected.provenance["choices"] == run.provenance["choices"]
+    np.testing.assert_array_equal(expected.poses[1], run.poses[1])
+    assert expected.result == run.result

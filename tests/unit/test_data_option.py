@@ -1,4 +1,4 @@
-"""A test without the recordings it needs is skipped, or fails where they are required."""
+"""A test without its recordings is skipped, or fails with --require-data."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.parametrize(("options", "code", "word"), [([], 0, "skipped"), (["--require-data"], 1, "error")])
 @pytest.mark.slow
-def test_what_is_required_is_not_skipped(options, code, word, tmp_path):
+def test_missing_recordings_skip_a_test_or_fail_it_on_request(options, code, word, tmp_path):
     hidden = ("WORKBENCH_DATA", "PYTEST_ADDOPTS")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]

@@ -1,4 +1,4 @@
-"""Importing the workbench, and running in somebody else's application, leaves the process as it was."""
+"""Importing the workbench, and a run inside another application, leave the process unchanged."""
 
 import subprocess
 import sys
@@ -20,33 +20,28 @@ def python(code, folder):
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    "imported",
-    [
-        "workbench",
-        "workbench.api",
-        "workbench.cli.main",
-        "workbench.cli.run",
-        "workbench.recording.write.recorder",
-        "workbench.sweep.plan",
-    ],
-)
+MODULES = (
+    "workbench", "workbench.api", "workbench.cli.main", "workbench.cli.run", "workbench.recording.write.recorder",
+    "workbench.sweep.plan",
+)  # fmt: skip
+
+
 @pytest.mark.slow
-def test_an_import_changes_nothing_in_the_process(imported, tmp_path):
-    code = f"{STATE}\nimport hydra, numba, omegaconf, rerun, cv2\nbefore = state()\nimport {imported}\n"
-    python(f"{code}assert state() == before", tmp_path)
+def test_imports_change_nothing_in_the_process(tmp_path):
+    imports = "".join(f"import {name}\nassert state() == before, {name!r}\n" for name in MODULES)
+    python(f"{STATE}\nimport hydra, numba, omegaconf, rerun, cv2\nbefore = state()\n{imports}", tmp_path)
 
 
 @pytest.mark.slow
 def test_no_attribute_of_another_package_is_replaced(tmp_path):
-    """What classes and modules of these packages hold is the same object before and after a run."""
+    """Functions of these packages' classes and modules are the same objects before and after a run."""
     code = """
 import inspect, sys
 import hydra.core.plugins, hydra._internal.hydra, numba, numba.core.caching, numba.core.event, omegaconf, rerun
 
 PACKAGES = ("hydra", "numba", "omegaconf", "submitit")
 
-def held():
+def functions_of_packages():
     modules = [module for name, module in [*sys.modules.items()] if name.partition(".")[0] in PACKAGES]
     classes = {value for module in modules for value in vars(module).values() if inspect.isclass(value)
                and value.__module__.partition(".")[0] in PACKAGES}
@@ -56,11 +51,11 @@ def held():
         functions |= {(*place, name): value for name, value in [*vars(owner).items()] if inspect.isroutine(value)}
     return functions
 
-before = held()
+before = functions_of_packages()
 import workbench as wb
 wb.run("walk_straight", "dataset.n_frames=2", "inference.n_particles=5", "dataset.width=64", "dataset.height=48",
        "dataset.person_px=30", "dataset.focal_px=70", quiet=True)
-after = held()
+after = functions_of_packages()
 changed = [name for name, value in before.items() if after[name] is not value]
 assert not changed, changed
 """
@@ -77,7 +72,7 @@ def small(wb, folder):
 
 @pytest.mark.slow
 def test_a_run_is_the_same_in_a_script_after_numpy_and_inside_a_hydra_application(tmp_path):
-    """As the command; and the application's own callback, resolver and configuration are still there."""
+    """The application's own callback, resolver and configuration still work."""
     plain = python(f"{RUN}\nimport workbench as wb\nprint(small(wb, 'plain'))", tmp_path)
     after_numpy = python(f"import numpy, scipy\n{RUN}\nimport workbench as wb\nprint(small(wb, 'numpy'))", tmp_path)
     (tmp_path / "mine.yaml").write_text(
@@ -116,6 +111,6 @@ if __name__ == "__main__":
     command = [sys.executable, "application.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    *_, bits, callback = done.stdout.splitlines()  # after what the application logs
+    *_, bits, callback = done.stdout.splitlines()  # after the log of the application
     assert f"{bits}\n" == plain == after_numpy
     assert callback == "callback 4"

@@ -1,1 +1,1 @@
-"""A prior, a likelihood and a dataset of a user's own."""
+"""A user's own prior, likelihood and dataset."""

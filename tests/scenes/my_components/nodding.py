@@ -10,7 +10,7 @@ from workbench.core.frame import Frame, Truth, View
 
 
 class Nodding:
-    """A person who leans to and fro before a grey wall."""
+    """A person who leans back and forth in front of a grey wall."""
 
     traits = component_traits(IMAGES, START)
 

@@ -1,4 +1,4 @@
-"""Benchmarks: figures against bars and references, exponents of known laws, and every measurement at a tiny size."""
+"""Benchmarks: figures against limits and references, exponents of known laws, and small measurements."""
 
 import math
 import os
@@ -21,12 +21,12 @@ MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
     "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
-    "fit_time_against_length": lambda: scaling.fit_time((20, 30)),
-    "fit_memory_against_length": lambda: scaling.fit_memory((20, 30)),
+    "fit_time_against_length": lambda: scaling.fit_time((6, 9)),
+    "fit_memory_against_length": lambda: scaling.fit_memory((6, 9)),
 }
 
 
-def test_a_figure_fails_when_it_is_worse_by_more_than_the_share():
+def test_a_figure_fails_if_it_is_worse_by_more_than_the_fraction():
     for draw_us, against_peer in ((1.1, 65.0), (0.1, 650.0)):
         assert differences([replace(FAST, value=draw_us), replace(MANY, value=against_peer)], [FAST, MANY], 0.25) == []
     worse = differences([replace(FAST, value=1.2), replace(MANY, value=60.0)], [FAST, MANY], 0.25)
@@ -37,21 +37,22 @@ def test_a_figure_fails_when_it_is_worse_by_more_than_the_share():
     assert len(differences([], [FAST], 0.25)) == len(differences([FAST], [], 0.25)) == 1
 
 
-def test_the_command_fails_only_where_something_got_worse(monkeypatch, tmp_path):
+def test_the_command_fails_only_if_a_figure_is_worse(monkeypatch, tmp_path):
     def run(measured, *arguments):
-        monkeypatch.setattr(benchmarks, "BENCHMARKS", {each.name: lambda each=each: [each] for each in measured})
+        made = {figure.name: lambda figure=figure: [figure] for figure in measured}
+        monkeypatch.setattr(benchmarks, "BENCHMARKS", made)
         return benchmarks.main([str(argument) for argument in arguments])
 
-    kept = tmp_path / "kept.json"
-    assert run([FAST, MANY], "--json", kept) == 0
-    assert run([FAST, MANY], "--compare", kept) == 0
-    assert run([replace(FAST, value=2.0), MANY], "--compare", kept) == 1
-    assert run([replace(FAST, value=2.0), MANY], "--compare", kept, "--worse", 2.0) == 0
-    assert run([MANY], "--compare", kept) == 1
+    reference = tmp_path / "reference.json"
+    assert run([FAST, MANY], "--json", reference) == 0
+    assert run([FAST, MANY], "--compare", reference) == 0
+    assert run([replace(FAST, value=2.0), MANY], "--compare", reference) == 1
+    assert run([replace(FAST, value=2.0), MANY], "--compare", reference, "--worse", 2.0) == 0
+    assert run([MANY], "--compare", reference) == 1
     assert run([FAST], "typo") == 2
 
 
-def test_the_table_of_the_page_is_that_of_the_reference():
+def test_the_table_of_the_page_is_made_from_the_reference():
     reference = Path(benchmarks.__file__).with_name("reference.json")
     figures = read_figures(reference)
     assert reference.with_suffix(".md").read_text(encoding="utf-8") == page_table(figures)
@@ -69,8 +70,8 @@ def test_a_power_law_has_its_exponent(exponent):
     assert law(exponent).exponent == pytest.approx(exponent, abs=1e-12)
 
 
-def test_the_exponent_is_that_of_the_upper_half():
-    """Three of five sizes: the constant cost of a call shows in the smaller ones alone."""
+def test_the_exponent_is_fitted_to_the_upper_half_of_the_sizes():
+    """A constant cost affects the exponent of the smaller sizes."""
     curve = law(1.0, cost=3.0)
     assert curve.exponent == np.polyfit(np.log(SIZES[2:]), np.log(curve.values[2:]), 1)[0]
     assert np.polyfit(np.log(SIZES), np.log(curve.values), 1)[0] < curve.exponent < 1.0
@@ -80,11 +81,11 @@ def test_the_exponent_is_that_of_the_upper_half():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TINY)
-def test_what_is_measured_has_a_law_and_a_figure(name, tmp_path_factory, monkeypatch):
-    """One timed run of each function, two frames of the step, one cue."""
+def test_every_measurement_has_curves_and_a_figure(name, tmp_path_factory, monkeypatch):
+    """With one timed run per function, two frames and one cue."""
     monkeypatch.setattr(scaling, "REPEATS", 1)
     monkeypatch.setattr(tracking, "N_FRAMES", 2)
-    monkeypatch.setattr(tracking, "several_cues", lambda: ())  # which would learn edges first, for half a minute
+    monkeypatch.setattr(tracking, "several_cues", lambda: ())  # learning the edge model takes half a minute
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     curves = TINY[name]()
@@ -94,9 +95,9 @@ def test_what_is_measured_has_a_law_and_a_figure(name, tmp_path_factory, monkeyp
     assert scaling.drawn(name, curves).get_axes()[0].has_data()
 
 
-def test_peak_memory_is_the_process_own():
-    """What it writes to counts; what this process holds, which by far exceeds a bare Python's 10 MB or so, does not."""
-    held = np.ones(50_000_000)
+def test_peak_memory_is_that_of_the_subprocess():
+    """Memory of the subprocess counts, and memory of this process, 0.4 GB, does not."""
+    memory = np.ones(50_000_000)
     bare, filled = (peak_gb(["-c", code], os.environ) for code in ("pass", "full = b'x' * 200_000_000"))
-    assert bare < 0.1 < 1e-9 * held.nbytes
-    assert filled - bare == pytest.approx(0.2, abs=0.005)  # pages and the allocator's own: measured 0.001
+    assert bare < 0.1 < 1e-9 * memory.nbytes
+    assert filled - bare == pytest.approx(0.2, abs=0.005)  # pages and the allocator use 0.001 GB

@@ -1,4 +1,4 @@
-"""Verdicts of the forms of claims, from made-up numbers, and what the measures compute."""
+"""Verdicts of claims on synthetic results, and the measures of claims."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ SOURCE = Source(None, None, quick=True)
 
 
 def run(*, lost_from=None, root_aligned_mm=50.0, n=50, **series):
-    """A run whose joints are 5 px from the truth, and 100 px from a frame on, with forearms 20 px wide."""
+    """Return a run with errors of 5 px, and of 100 px from frame `lost_from` on; forearms are 20 px wide."""
     pixels = np.full(n, 5.0)
     if lost_from is not None:
         pixels[lost_from:] = 100.0
@@ -32,7 +32,7 @@ def run(*, lost_from=None, root_aligned_mm=50.0, n=50, **series):
     return Result({name: float(np.mean(values)) for name, values in series.items()}, series, 1.0)
 
 
-def test_a_person_is_lost_in_the_image_or_in_space():
+def test_a_track_is_lost_by_image_error_or_by_root_aligned_error():
     assert not lost(run()).any()
     assert np.flatnonzero(lost(run(lost_from=30)))[0] == 30
     assert lost(run(root_aligned_mm=151.0)).all()
@@ -40,7 +40,7 @@ def test_a_person_is_lost_in_the_image_or_in_space():
 
 
 @given(st.integers(0, 10), st.sampled_from([0.0, 0.1, 0.2, 0.8, 0.9]))
-def test_the_fraction_of_tracked_seeds_decides(n_tracked, fraction):
+def test_a_tracking_claim_holds_by_the_fraction_of_tracked_seeds(n_tracked, fraction):
     results = [run()] * n_tracked + [run(lost_from=30)] * (10 - n_tracked)
     assert tracked(fraction)(SOURCE, results).holds == (n_tracked >= round(10 * fraction))
     assert tracked(at_most=fraction)(SOURCE, results).holds == (n_tracked <= round(10 * fraction))
@@ -53,23 +53,23 @@ def test_limits_apply_to_metrics_and_to_values_of_several_setups():
     assert not within("error", "error", high=3.9)(SOURCE, first).holds
     assert within("over", ratio("error"), 2.0, 2.0)(SOURCE, first, second).holds
     assert not within("error", "error", 4.1)(SOURCE, first).holds
-    judges = within("error", "error", high=4.0), within("error", "error", high=3.0)
-    assert not both(*judges)(SOURCE, first).holds
+    limits = within("error", "error", high=4.0), within("error", "error", high=3.0)
+    assert not both(*limits)(SOURCE, first).holds
     assert not within("undefined", lambda _: float("nan"), 0.0)(SOURCE, first).holds
     with pytest.raises(InputError, match="coverage"):
         within("missing", "coverage", 0.0)(SOURCE, first)
 
 
-def test_the_twist_concentrates_about_the_truth():
+def test_the_concentrating_fraction_counts_narrow_and_covering_twists():
     width = np.concatenate([np.full(20, 150.0), np.full(30, 30.0)])
     concentrated = run(twist_width_deg=width, twist_covered=np.ones(50))
-    missed = run(twist_width_deg=width, twist_covered=np.arange(50) < 29)
+    biased = run(twist_width_deg=width, twist_covered=np.arange(50) < 29)
     wide = run(twist_width_deg=np.full(50, 150.0), twist_covered=np.ones(50))
-    known = run(twist_width_deg=0.5 * width, twist_covered=np.ones(50))
-    assert share_concentrating([concentrated, missed, wide, known]) == 0.25
+    narrow = run(twist_width_deg=0.5 * width, twist_covered=np.ones(50))
+    assert share_concentrating([concentrated, biased, wide, narrow]) == 0.25
 
 
-def test_growth_and_the_raised_knee():
+def test_growth_of_rotation_error_and_error_of_the_raised_knee():
     growing = run(root_rotation_deg=np.linspace(1.0, 21.0, 50))
     assert rotation_growth([growing]) > 4.0
     assert rotation_growth([run(root_rotation_deg=np.ones(50))]) == 1.0
@@ -83,31 +83,31 @@ def test_growth_and_the_raised_knee():
 @given(st.floats(1.5, 4.0), st.floats(0.0, 1.0))
 def test_regular_steps_have_their_frequency_and_no_variation(frequency_hz, phase):
     times_s = np.arange(240) / 120.0
-    found, _ = gait(30.0 * np.sin(np.pi * frequency_hz * times_s + np.pi * phase), 120.0)
-    if np.isfinite(found):
-        assert found == pytest.approx(frequency_hz, rel=0.12)  # the mean over parts of a stride is not zero
+    measured_hz, _ = gait(30.0 * np.sin(np.pi * frequency_hz * times_s + np.pi * phase), 120.0)
+    if np.isfinite(measured_hz):
+        assert measured_hz == pytest.approx(frequency_hz, rel=0.12)  # the mean over a partial stride is not zero
     assert np.isnan(gait(np.ones(60), 30.0)).all()
 
 
-def test_a_line_separates_what_it_can():
+def test_separation_by_a_line_is_the_fraction_of_correct_points():
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 2))
     assert separated(points, points @ [1.0, 2.0] > 0.3) == 1.0
     assert 0.4 < separated(points, points[:, 0] * points[:, 1] > 0.0) < 0.8
 
 
-def test_values_of_a_step():
+def test_values_of_a_step_vanish_for_the_true_pose():
     step = next(steps(1, n_particles=40))
     values = step_values(step, BODY.skeleton)
     assert 0.0 <= values["root_rotation_deg"] < 180.0
     assert values["n_wrong_signs"] <= values["n_deep_limbs"] <= 8
     assert values["mpjpe_arms_mm"] > 0.0
-    true = replace(step, expected_pose=step.frame.truth.pose)
-    exact = step_values(true, BODY.skeleton)
+    exact_step = replace(step, expected_pose=step.frame.truth.pose)
+    exact = step_values(exact_step, BODY.skeleton)
     assert exact["root_rotation_deg"] == pytest.approx(0.0, abs=1e-6)
     assert exact["mpjpe_arms_mm"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_limb_that_points_away_instead_of_towards_the_camera_has_the_wrong_sign():
+def test_a_limb_mirrored_in_depth_has_the_wrong_sign():
     step = next(steps(1, n_particles=40))
     camera, truth = step.frame.views[0].camera, joints(BODY.skeleton, step.frame.truth.pose[None])[0]
     elbow, wrist = (BODY.skeleton.joint(f"right_{name}") for name in ("elbow", "wrist"))
@@ -119,7 +119,7 @@ def test_a_limb_that_points_away_instead_of_towards_the_camera_has_the_wrong_sig
     assert sum(wrong_signs(camera, truth, truth)) == 0
 
 
-def test_every_claim_has_a_name_of_its_own_and_is_found_by_its_beginning():
+def test_claims_have_unique_names_and_are_chosen_by_prefix():
     names = [claim.name for claim in CLAIMS]
     assert len(set(names)) == len(names)
     assert chosen(["C6"], names) == ["C6a", "C6b", "C6c"]
@@ -128,14 +128,14 @@ def test_every_claim_has_a_name_of_its_own_and_is_found_by_its_beginning():
         chosen(["Z9"], names)
 
 
-def test_the_exit_code_counts_claims_without_a_reason(monkeypatch, tmp_path, capsys):
-    fails = Claim("X1", "never", (), lambda source: Verdict(False, "0"), ("ours",))
-    excused = Claim("X2", "never", (), lambda source: Verdict(False, "0"), ("ours",), {"ours": "why"})
-    holds = Claim("X3", "always", (), lambda source: Verdict(True, "1"), ("ours",))
+def test_the_exit_code_is_one_if_a_claim_without_a_reason_fails(monkeypatch, tmp_path, capsys):
+    failing = Claim("X1", "never", (), lambda source: Verdict(False, "0"), ("ours",))
+    explained = Claim("X2", "never", (), lambda source: Verdict(False, "0"), ("ours",), {"ours": "why"})
+    holding = Claim("X3", "always", (), lambda source: Verdict(True, "1"), ("ours",))
     needs_data = Claim("X4", "unknown", (Setup("body_implicit"),), tracked(), ("ours",))
     arguments = ["--runs", str(tmp_path)]
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-    for claims, code in (((excused, holds, needs_data), 0), ((fails, holds), 1)):
+    for claims, code in (((explained, holding, needs_data), 0), ((failing, holding), 1)):
         monkeypatch.setattr(command, "CLAIMS", claims)
         assert command.main(arguments) == code
     assert command.main(["Y", *arguments]) == 2

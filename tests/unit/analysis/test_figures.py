@@ -1,7 +1,5 @@
-"""The papers' figures: each draws from recordings and shows their numbers."""
+"""The papers' figures are drawn from recordings."""
 
-import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +9,8 @@ import pytest
 from matplotlib.style import context
 from recording_steps import BODY, steps
 
+from analysis.figures import __main__ as command
 from analysis.figures import a_fig2_planar_patch
-from analysis.figures.__main__ import paper_figures
 from analysis.figures.readings import Reading
 from analysis.figures.recordings import VARIANTS
 from analysis.figures.replicates import Replicates
@@ -28,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 FILES = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
 EXPERIMENTS = FILES | set(VARIANTS)
 FAST = ("a_fig4_arm_marginals", "a_fig5_walk_straight", "b_fig1_left_period", "d_fig5_walk_steady")
-"""One of each kind of figure; the others are drawn by the slow tests."""
+"""One figure of each kind; the slow tests draw the others."""
 TRACKED = {
     "mpjpe_px": 12.3, "mpjpe_abs_mm": 45.6, "mpjpe_mm": 23.4, "tracked": 1.0,
     "hip_flexion_rmse_deg": 3.4, "knee_flexion_rmse_deg": 5.6,
@@ -44,8 +42,8 @@ inference: {n_particles: 40}
 X = np.linspace(0.0, 1.0, 9)
 
 
-def labels(part: str) -> dict[str, str]:
-    return {"run_id": part, "config_yaml": CONFIG}
+def labels(name: str) -> dict[str, str]:
+    return {"run_id": name, "config_yaml": CONFIG}
 
 
 def waves(name, *labels):
@@ -61,7 +59,7 @@ RECORDED = (
     "align_cycles", "coefficient_histograms", "impute_gaps", "learn_walk", "learn_walk_run", "period_snr",
     "temperature",
 )  # fmt: skip
-"""Studies of which there is a baseline; the others are made up."""
+"""Studies with a baseline; the others are synthetic."""
 POSES = np.random.default_rng(0).normal(size=(3, 3, 3)), np.array([-1, 0, 1]), np.array([0.2, 0.2, 1.0])
 STUDIES = {
     "temperature_arm": ({}, [Sticks(f"draws/{search}, β = 0.05", *POSES) for search in ("sign tree", "our search")]),
@@ -94,21 +92,21 @@ STUDIES = {
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """By experiment: a tiny recording of its kind."""
+    """Return a small recording of each experiment's kind."""
     folder = tmp_path_factory.mktemp("runs")
-    found = {}
+    recordings = {}
     for name, (metrics, figures) in STUDIES.items():
         with RecordingFile(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
             record_study(recorder, StudyResult(metrics, tuple(figures), "note"))
-        found[name] = read(folder / name / "run.rrd")
+        recordings[name] = read(folder / name / "run.rrd")
     images, points = tracked(folder / "images.rrd", False), tracked(folder / "points.rrd", True)
-    found |= {name: read(BASELINES / f"{name}.rrd") for name in RECORDED}
-    others = EXPERIMENTS - found.keys()
-    return found | {name: points if name.startswith("points") else images for name in others}
+    recordings |= {name: read(BASELINES / f"{name}.rrd") for name in RECORDED}
+    others = EXPERIMENTS - recordings.keys()
+    return recordings | {name: points if name.startswith("points") else images for name in others}
 
 
 def tracked(path, with_points):
-    """Seven frames of a walk with images, or with points and an activity; the particles' columns are an arm's."""
+    """Record seven frames of a walk with images, or with points and an activity; the state is that of an arm."""
     with Recorder(path, BODY, ARM, **labels(path.stem), provenance={"experiment": "any"}) as recorder:
         for step in seven_steps(with_points):
             recorder.log(step, {"mpjpe_px": 0.1 * step.frame.index})
@@ -130,56 +128,50 @@ def seven_steps(with_points):
 
 
 def reading_of(run, papers):
-    """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
+    """Return recordings and synthetic results of the readings; one literal run has lost track."""
     numbers = {
-        paper: Replicates(tuple({**run.result, "tracked": held} for held in (1.0, float(paper == "ours"))))
+        paper: Replicates(tuple({**run.result, "tracked": value} for value in (1.0, float(paper == "ours"))))
         for paper in papers
     }
     return Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in paper_figures()]
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in command.paper_figures()]
 )
-def test_a_figure_draws_the_runs_of_its_experiments(recorded, name, tmp_path):
-    figure = paper_figures()[name]
+def test_a_figure_draws_data_of_its_experiments(recorded, name, tmp_path):
+    figure = command.paper_figures()[name]
     assert set(figure.experiments) <= EXPERIMENTS
     with context(STYLE):
-        drawn = figure.draw({each: reading_of(recorded[each], figure.readings) for each in figure.experiments})
+        drawn = figure.draw({name: reading_of(recorded[name], figure.readings) for name in figure.experiments})
         drawn.savefig(tmp_path / "figure.png", dpi=40)
     assert all(axes.has_data() for axes in drawn.get_axes())
 
 
 @pytest.mark.slow
-def test_missing_runs_are_made_small_and_used_again(tmp_path):
-    def command(*arguments):
-        environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
-        environment.pop("WORKBENCH_DATA", None)
-        return subprocess.run(
-            [sys.executable, "-m", "analysis.figures", *arguments],
-            cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
-        )  # fmt: skip
-
-    arguments = ("a_fig3", "d_fig5", "d_fig6", "--quick", "--runs", "runs", "-o", "out")
-    done = command(*arguments)
-    assert done.returncode == 0, done.stderr
-    names = ("a_fig3_eigencurves", "d_fig5_walk_steady", "d_fig6_flexion")
-    made = {f"{name}.{suffix}" for name in names for suffix in ("png", "pdf")}
-    assert {path.name for path in (tmp_path / "out").iterdir()} == made
-    assert done.stdout.count("workbench run experiment=") == 3  # the fit as D writes it, too
-    assert "dataset.n_frames=16" in done.stdout
-    again = command(*arguments)
-    assert again.returncode == 0, again.stderr
-    assert "workbench run experiment=" not in again.stdout
+def test_missing_runs_are_made_with_quick_settings_and_reused(tmp_path, cache, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    monkeypatch.setattr(sys, "argv", ["figures", "a_fig3", "d_fig6", "--quick", "--runs", "runs", "-o", "out"])
+    assert command.main() == 0
+    output = capsys.readouterr().out
+    names = ("a_fig3_eigencurves", "d_fig6_flexion")
+    files = {f"{name}.{suffix}" for name in names for suffix in ("png", "pdf")}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == files
+    assert output.count("workbench run experiment=") == 3  # the fit has two readings
+    assert "dataset.n_frames=16" in output
+    assert command.main() == 0
+    assert "workbench run experiment=" not in capsys.readouterr().out
     assert len(list((tmp_path / "runs").rglob("run.rrd"))) == 3
 
 
-def test_a_patch_is_exact_at_the_silhouette_and_off_by_the_radius_over_the_sine_in_the_middle():
-    """At the limb's end, where nothing is interpolated along it; to first order in its size over the distance."""
+def test_a_patch_is_exact_at_the_outline_and_its_error_on_the_axis_is_the_radius_times_the_sine():
+    """At the limb's end, to first order in the limb's size over the distance."""
     module = a_fig2_planar_patch
     for alpha in (0.0, 0.5, 1.0):
         exact, patch = module.projections(alpha, np.zeros(2), np.array([np.pi / 2.0, 0.0]))
         first_order = 2.0 * module.RADIUS_M**2 / module.DISTANCE_M
         np.testing.assert_allclose(patch[0], exact[0], atol=first_order)
-        off = np.linalg.norm(patch[1] - exact[1])
-        np.testing.assert_allclose(off, module.RADIUS_M * np.sin(alpha), rtol=0.08, atol=2.0 * first_order)
+        error = np.linalg.norm(patch[1] - exact[1])
+        np.testing.assert_allclose(error, module.RADIUS_M * np.sin(alpha), rtol=0.08, atol=2.0 * first_order)

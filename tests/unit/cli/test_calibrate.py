@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from observed_walkers import camera_arc, observed_joints
 from rendered_boards import COLUMNS, ROWS, board_poses, lens, rendered
-from seen_walkers import around, seen_by
 
 from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
@@ -92,9 +92,9 @@ def test_invalid_arguments_are_rejected_with_one_message(videos, tmp_path, monke
 @pytest.fixture
 def folder(tmp_path):
     """A folder with a video of three frames, its camera and annotations of a person."""
-    (camera,) = around(1)
+    (camera,) = camera_arc(1)
     write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
-    keypoints = seen_by([camera]).keypoints[0]
+    keypoints = observed_joints([camera]).keypoints[0]
     (tmp_path / "video").mkdir()
     rows = ["frame,joint,u,v,visible"]
     for t in range(3):

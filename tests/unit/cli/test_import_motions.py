@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from sound_files import BVH
+from valid_files import BVH
 
 from workbench.cli.main import main
 from workbench.motion.library import read_library

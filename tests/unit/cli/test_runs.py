@@ -8,8 +8,8 @@ import sys
 from io import StringIO
 
 import pytest
-from run_folders import leave, leave_sweep
-from small_recordings import leave_recorded
+from run_folders import write_run, write_sweep
+from small_recordings import write_recorded_run
 
 from workbench.cli import view
 from workbench.cli.main import main
@@ -18,8 +18,8 @@ from workbench.utils.run_lock import locked
 
 @pytest.fixture
 def root(tmp_path):
-    leave_sweep(tmp_path / "sweep")
-    leave(tmp_path / "lost", prior="implicit", status="failed", error=400.0, day=28)
+    write_sweep(tmp_path / "sweep")
+    write_run(tmp_path / "lost", prior="implicit", status="failed", error=400.0, day=28)
     return tmp_path
 
 
@@ -47,7 +47,7 @@ def test_a_list_has_the_queried_runs_sorted_with_the_chosen_columns(call):
 def test_sorting_precedes_the_limit_of_forty_lines(tmp_path, capsys):
     """The newest runs, which an unsorted list shows first, have the largest errors."""
     for k in range(45):
-        leave(tmp_path / str(k), error=float(k), started=f"202611{k // 24 + 1:02d}T{k % 24:02d}0000.000000Z")
+        write_run(tmp_path / str(k), error=float(k), started=f"202611{k // 24 + 1:02d}T{k % 24:02d}0000.000000Z")
     assert main(["runs", "list", str(tmp_path), "--columns", "mpjpe_abs_mm"]) == 0
     assert capsys.readouterr().out.splitlines()[1].strip() == "44.00"
     assert main(["runs", "list", str(tmp_path), "--sort", "mpjpe_abs_mm", "--columns", "mpjpe_abs_mm"]) == 0
@@ -61,7 +61,7 @@ def test_json_and_csv_contain_unrounded_numbers(call, root):
     assert json.loads("\n".join(lines))[0]["metrics"] == {"mpjpe_abs_mm": 400.0, "coverage_90": 0.9}
     _, lines, _ = call("list", "status=failed", "--csv")
     assert next(iter(csv.DictReader(StringIO("\n".join(lines)))))["mpjpe_abs_mm"] == "400.0"
-    leave(root / "other", seed=20261122, n=50000, error=12345.678, day=29)
+    write_run(root / "other", seed=20261122, n=50000, error=12345.678, day=29)
     words = ("list", "started>2026-11-29", "--columns", "seed,n_particles,mpjpe_abs_mm")
     assert call(*words, "--csv")[1][1] == "20261122,50000,12345.678"
     assert call(*words)[1][1].split() == ["20261122", "50000", "12346"]
@@ -115,7 +115,7 @@ def opened(monkeypatch):
 
 def test_the_best_runs_are_opened_in_the_viewer(tmp_path, opened):
     for k, error in enumerate([30.0, 10.0, 20.0]):
-        leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
+        write_recorded_run(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
     for order, expected in (([], "12"), (["--sort", "mpjpe_abs_mm"], "12"), (["--sort=-mpjpe_abs_mm"], "02")):
         assert main(["runs", "list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
         assert opened == [str(tmp_path / k / "run.rrd") for k in expected]

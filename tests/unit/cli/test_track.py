@@ -6,8 +6,8 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from observed_walkers import camera_arc, walker_joints
 from openpose_scenes import points, write
-from seen_walkers import around, walked
 
 from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
@@ -21,11 +21,11 @@ from workbench.recording.read.reader import read
 @pytest.fixture
 def video(tmp_path):
     """A folder of grey images, and the detections of a walker in them, with the camera's file."""
-    (camera,) = (camera.scaled(0.25) for camera in around(1))
+    (camera,) = (camera.scaled(0.25) for camera in camera_arc(1))
     (tmp_path / "walk").mkdir()
     for t in range(8):
         cv2.imwrite(str(tmp_path / "walk" / f"{t:03d}.png"), np.full((camera.height, camera.width, 3), 90, np.uint8))
-    pixels = camera.project(walked()[:8]).tolist()
+    pixels = camera.project(walker_joints()[:8]).tolist()
     people = [[points("BODY_25B", dict(zip(JOINT_NAMES, frame, strict=True)))] for frame in pixels]
     write(tmp_path / "keypoints", dict(enumerate(people)))
     write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})

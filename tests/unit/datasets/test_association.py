@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from crowd_scenes import CAMERAS, RATE_HZ, crowd, shown, walkers, whose
+from crowd_scenes import CAMERAS, RATE_HZ, crowd, identities, projections, walkers
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
@@ -24,7 +24,7 @@ CROSSING = (((-0.8, -0.2), (1.6, 0.0)), ((0.8, 0.2), (-1.6, 0.0)))
 
 def scene(seed, paths=CROSSING, cameras=CAMERAS, n_frames=30, **options):
     rng = np.random.default_rng(seed)
-    return crowd(cameras, shown(cameras, walkers(paths, n_frames), rng), rng, **options)
+    return crowd(cameras, projections(cameras, walkers(paths, n_frames), rng), rng, **options)
 
 
 def first_detections(scene, name):
@@ -44,7 +44,7 @@ def test_two_people_who_cross_are_distinguished(seed):
     crossing = scene(seed)
     for person in range(2):
         selected = target(crossing, person)
-        owner, visible = whose(crossing, selected)
+        owner, visible = identities(crossing, selected)
         assert set(owner.ravel().tolist()) <= {-1, person}
         in_two_views = visible[:, :, person].sum(axis=1) >= 2
         assert (owner == person).any(axis=0)[in_two_views].mean() >= 0.95
@@ -70,7 +70,7 @@ def test_a_person_who_leaves_and_returns_has_one_track(caplog):
             crossing.people[name] = People(name, "COCO_17", crossing.people[name].frames, tuple(rows))
     with caplog.at_level(logging.INFO):
         selected = target(crossing, 1)
-    owner, _ = whose(crossing, selected)
+    owner, _ = identities(crossing, selected)
     assert set(owner.ravel().tolist()) == {-1, 1}
     tracked = (owner == 1).any(axis=0)
     assert tracked[:14].all()
@@ -82,7 +82,7 @@ def test_a_person_who_leaves_and_returns_has_one_track(caplog):
 
 def test_exchanged_sides_are_corrected_and_counted(caplog):
     rng = np.random.default_rng(3)
-    correct = shown(CAMERAS, walkers(CROSSING[:1], 40), rng)
+    correct = projections(CAMERAS, walkers(CROSSING[:1], 40), rng)
     exchanged = crowd(CAMERAS, correct, rng, missing=0.0, lost_joints=0.0, swapped=0.15)
     n_swapped = sum(int(swaps.sum()) for swaps_of_view in exchanged.swapped.values() for swaps in swaps_of_view)
     assert n_swapped > 10
@@ -129,7 +129,7 @@ def test_rays_that_do_not_intersect_are_an_error():
     single = scene(0, CROSSING[:1], missing=0.0)
     rng = np.random.default_rng(1)
     elevated = [joints + np.array([0.0, 0.0, 1.0]) for joints in walkers(CROSSING[1:])]
-    other = crowd(CAMERAS, shown(CAMERAS, elevated, rng), rng, missing=0.0)
+    other = crowd(CAMERAS, projections(CAMERAS, elevated, rng), rng, missing=0.0)
     inconsistent = {"front": single.people["front"], "left": other.people["left"]}
     with pytest.raises(InputError, match="front, left: expected a person in two cameras at once"):
         select_target(inconsistent, single.cameras, RATE_HZ)
@@ -182,7 +182,7 @@ ALL_JOINTS = np.ones(15, dtype=bool)
 
 def detected_walker(names, n_frames=40):
     """Return the views and the detections (V, T, J, 3) of a walker; a single view has no calibration."""
-    detections = shown(
+    detections = projections(
         {name: CAMERAS[name] for name in names}, walkers(CROSSING[:1], n_frames), np.random.default_rng(0)
     )
     calibrated = len(names) > 1

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from seen_walkers import HEIGHT_M
+from observed_walkers import HEIGHT_M
 
 from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT

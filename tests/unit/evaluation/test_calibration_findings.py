@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from seen_walkers import HEIGHT_M, around, seen_by, walked
+from observed_walkers import HEIGHT_M, camera_arc, observed_joints, walker_joints
 
 from workbench.body.camera import plain_camera
 from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
@@ -24,29 +24,29 @@ def problems(observed, height_m=HEIGHT_M):
 
 
 def test_exact_keypoints_are_triangulated_to_the_joints_under_lens_distortion():
-    cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in around())
-    observed = seen_by(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulate(cameras, observed.keypoints), walked(), atol=1e-5)
+    cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in camera_arc())
+    observed = observed_joints(cameras, sigma_px=0.0)
+    np.testing.assert_allclose(triangulate(cameras, observed.keypoints), walker_joints(), atol=1e-5)
     observed.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
     assert np.isnan(triangulate(cameras, observed.keypoints)[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_correct_calibration_has_no_problems(n):
-    check = check_calibration(seen_by(around(n)), HEIGHT_M)
+    check = check_calibration(observed_joints(camera_arc(n)), HEIGHT_M)
     assert check.level == "trustworthy", check.findings
     assert check.floor_m == pytest.approx(0.0, abs=0.08)
 
 
 def test_exchanged_cameras_are_reported():
-    cameras = around(3)
-    observed = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
+    cameras = camera_arc(3)
+    observed = observed_joints(cameras, true_cameras=(cameras[1], cameras[0], cameras[2]))
     assert "the videos of c0 and c1 are exchanged" in problems(observed)
     assert check_calibration(observed, None).level == "not usable"
 
 
 def test_a_camera_without_detections_of_the_person_is_reported():
-    observed = seen_by(around(3))
+    observed = observed_joints(camera_arc(3))
     observed.keypoints[1] = np.nan
     assert "c1: the person in the other cameras is not found" in problems(observed)
     observed.searched[1] = False
@@ -54,24 +54,24 @@ def test_a_camera_without_detections_of_the_person_is_reported():
 
 
 def test_a_wrong_unit_of_length_is_reported():
-    cameras = tuple(replace(camera, translation=1.5 * camera.translation) for camera in around(3))
-    assert "2.5" in problems(seen_by(cameras, around(3)), None)
-    assert "expected 1.70 m" in problems(seen_by(cameras, around(3)))
+    cameras = tuple(replace(camera, translation=1.5 * camera.translation) for camera in camera_arc(3))
+    assert "2.5" in problems(observed_joints(cameras, camera_arc(3)), None)
+    assert "expected 1.70 m" in problems(observed_joints(cameras, camera_arc(3)))
 
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_a_world_with_a_horizontal_z_axis_is_reported(n):
-    cameras = around(n)
-    text = problems(seen_by([tilted_world(camera, 90.0) for camera in cameras], cameras))
+    cameras = camera_arc(n)
+    text = problems(observed_joints([tilted_world(camera, 90.0) for camera in cameras], cameras))
     assert "z is not up" in text or "leans" in text
 
 
 def test_a_camera_rolled_by_30_degrees_is_reported_as_a_leaning_person():
-    (camera,) = around(1)
+    (camera,) = camera_arc(1)
     c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
     roll = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     rolled = replace(camera, rotation=roll @ camera.rotation, translation=roll @ camera.translation)
-    assert "leans by 2" in problems(seen_by([rolled], [camera]))  # 25°, as verticals converge in the image
+    assert "leans by 2" in problems(observed_joints([rolled], [camera]))  # 25°, as verticals converge in the image
 
 
 def test_a_camera_tilted_by_15_degrees_is_reported_as_a_sloping_floor():
@@ -79,31 +79,31 @@ def test_a_camera_tilted_by_15_degrees_is_reported_as_a_sloping_floor():
     c, s = np.cos(np.radians(15.0)), np.sin(np.radians(15.0))
     tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
     tilted = replace(camera, rotation=tilt @ camera.rotation, translation=tilt @ camera.translation)
-    assert problems(seen_by([camera])) == ""
-    assert "floor" in problems(seen_by([tilted], [camera]))
+    assert problems(observed_joints([camera])) == ""
+    assert "floor" in problems(observed_joints([tilted], [camera]))
 
 
 def test_an_optical_axis_far_from_the_image_centre_is_reported_as_another_image_size():
-    (camera,) = around(1)
+    (camera,) = camera_arc(1)
     doubled = replace(camera, matrix=camera.matrix * [[2, 1, 2], [1, 2, 2], [1, 1, 1]])
-    assert "another image size" in problems(seen_by([doubled]))
+    assert "another image size" in problems(observed_joints([doubled]))
 
 
 def test_a_calibration_without_keypoints_is_doubtful():
-    observed = seen_by(around(2))
+    observed = observed_joints(camera_arc(2))
     assert check_calibration(replace(observed, keypoints=observed.keypoints[:, :0]), None).level == "doubtful"
 
 
 def test_the_position_of_an_upright_person_is_exact():
-    (camera,) = around(1)
+    (camera,) = camera_arc(1)
     feet = np.array([[0.5, 0.2, 0.1], [-1.0, 1.5, 0.1]])
     positions = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
     np.testing.assert_allclose(positions, feet, atol=1e-9)
 
 
 def test_axes_and_keypoints_are_drawn_at_their_projections():
-    camera = around(3)[0]  # a side view, in which no axis hides another
-    observed = seen_by([camera], sigma_px=0.0)
+    camera = camera_arc(3)[0]  # a side view, in which no axis hides another
+    observed = observed_joints([camera], sigma_px=0.0)
     overlay = draw_overlay(camera, observed.images[0], observed.keypoints[0, 0], np.full((15, 3), np.nan), 0.0)
     assert overlay.shape == (960, 1280, 3)
     for end, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):

@@ -1,4 +1,4 @@
-"""What a run comes from is recorded so that it can be repeated; equal identities are equal runs."""
+"""Provenance records what a run needs to be repeated; runs with equal identities are equal."""
 
 import dataclasses
 import hashlib
@@ -17,13 +17,13 @@ from workbench.priors.smooth import Smooth
 
 
 def git(folder, *arguments):
-    who = ["-c", "user.name=a", "-c", "user.email=a@b"]
-    return subprocess.run(["git", "-C", folder, *who, *arguments], check=True, capture_output=True, text=True).stdout
+    author = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    return subprocess.run(["git", "-C", folder, *author, *arguments], check=True, capture_output=True, text=True).stdout
 
 
 @pytest.fixture
 def clone(tmp_path):
-    """A small clone with one commit."""
+    """Yield a small repository with one commit."""
     git(tmp_path, "init", "-q")
     for name in ("workbench/a.py", "conf/a.yaml", "README.md"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -35,13 +35,13 @@ def clone(tmp_path):
     code_state.cache_clear()
 
 
-def test_a_clean_clone_is_its_commit(clone):
+def test_a_clean_clone_is_described_by_its_commit(clone):
     assert code_state(clone) == {"commit": git(clone, "rev-parse", "HEAD").strip(), "changed": "no"}
     assert has_commit(clone, code_state(clone)["commit"])
     assert not has_commit(clone, "0" * 40)
 
 
-def test_the_difference_brings_changed_and_new_code_back(clone, tmp_path_factory):
+def test_the_difference_restores_changed_and_new_code(clone, tmp_path_factory):
     (clone / "workbench" / "a.py").write_text("two\n")
     (clone / "conf" / "new.yaml").write_text("three\n")
     (clone / "README.md").write_text("no code\n")
@@ -55,14 +55,14 @@ def test_the_difference_brings_changed_and_new_code_back(clone, tmp_path_factory
     assert (other / "conf" / "new.yaml").read_text() == "three\n"
 
 
-def test_a_folder_inside_somebody_elses_clone_is_none(clone):
+def test_a_folder_inside_another_clone_has_no_code_state(clone):
     (clone / "inner").mkdir()
     assert code_state(clone / "inner") == {}
 
 
 def config(**changes):
-    """A configuration of two parts, with changes by dotted key written with __."""
-    made = OmegaConf.create(
+    """Return a configuration of two components; keys of changes have __ for dots."""
+    settings = OmegaConf.create(
         {
             "seed": 0,
             "n_threads": None,
@@ -74,13 +74,13 @@ def config(**changes):
         }
     )
     for key, value in changes.items():
-        OmegaConf.update(made, key.replace("__", "."), value)
-    return made
+        OmegaConf.update(settings, key.replace("__", "."), value)
+    return settings
 
 
 @pytest.fixture
 def data(tmp_path):
-    """A folder with recordings; what is in the files does not matter here."""
+    """Return a folder with files of recordings, whose contents have no meaning."""
     folder = tmp_path / "data"
     for name in ("cmu/index.csv", "cmu/35/35.asf", "cmu/35/35_02.amc", "cmu/35/35_03.amc", "bandai/dataset-1/a.bvh"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +98,7 @@ def data(tmp_path):
         {"check__default__absolute": 1.0},
     ],
 )
-def test_where_and_how_it_is_run_does_not_count(changes):
+def test_places_and_resources_do_not_change_the_identity(changes):
     assert identity(config(**changes)) == identity(config())
 
 
@@ -106,18 +106,18 @@ def test_where_and_how_it_is_run_does_not_count(changes):
     "changes",
     [{"seed": 1}, {"dataset__n_frames": 6}, {"dataset__motion": "35_02"}, {"prior__sigma": [0.2, 0.1]}],
 )
-def test_what_is_run_counts(changes):
+def test_settings_change_the_identity(changes):
     assert identity(config(**changes)) != identity(config())
 
 
-def test_another_code_is_another_run(monkeypatch):
+def test_changed_code_changes_the_identity(monkeypatch):
     before = identity(config())
     monkeypatch.setattr(module, "_code", lambda _: "other")
     assert identity(config()) != before
 
 
 @pytest.mark.parametrize("form", ["{}", "{}:walk"])
-def test_a_file_is_its_content_wherever_it_lies(tmp_path, form):
+def test_a_file_is_identified_by_its_contents(tmp_path, form):
     here, there = tmp_path / "motions.h5", tmp_path / "there" / "motions.h5"
     here.write_text("one")
     there.parent.mkdir()
@@ -128,15 +128,15 @@ def test_a_file_is_its_content_wherever_it_lies(tmp_path, form):
     assert identity(config(dataset__motion=form.format(here))) != before
 
 
-def test_a_folder_is_what_is_in_it(tmp_path):
+def test_a_folder_is_identified_by_its_contents(tmp_path):
     (tmp_path / "points").mkdir()
     (tmp_path / "points" / "0.csv").write_text("one")
-    seen = [identity(config(dataset__motion=str(tmp_path / "points")))]
+    identities = [identity(config(dataset__motion=str(tmp_path / "points")))]
     (tmp_path / "points" / "1.csv").write_text("two")
-    seen.append(identity(config(dataset__motion=str(tmp_path / "points"))))
-    (tmp_path / "points" / "1.csv").write_text("owt")  # as long as before
-    seen.append(identity(config(dataset__motion=str(tmp_path / "points"))))
-    assert len(set(seen)) == 3
+    identities.append(identity(config(dataset__motion=str(tmp_path / "points"))))
+    (tmp_path / "points" / "1.csv").write_text("owt")  # of the same length
+    identities.append(identity(config(dataset__motion=str(tmp_path / "points"))))
+    assert len(set(identities)) == 3
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_folder_is_what_is_in_it(tmp_path):
         ({"dataset__motion": ["builtin", "35_03"]}, "cmu/index.csv", "cmu/35/35_02.amc"),
     ],
 )
-def test_recordings_named_without_a_path_are_looked_up(data, changes, read, not_read):
+def test_recordings_are_identified_by_the_contents_of_their_files(data, changes, read, not_read):
     named = config(paths__data=str(data), **changes)
     before = identity(named)
     if not_read is not None:
@@ -159,42 +159,42 @@ def test_recordings_named_without_a_path_are_looked_up(data, changes, read, not_
     assert identity(named) != before
 
 
-class Forgetful:
-    """A part of a stranger's that keeps one of its keys."""
+class PartlyStored:
+    """A component that stores one of its two keys."""
 
-    def __init__(self, *, kept: float = 1.0, spent: float = 2.0) -> None:
-        self.kept = kept
+    def __init__(self, *, stored: float = 1.0, unstored: float = 2.0) -> None:
+        self.stored = stored
 
 
-def test_keys_are_those_that_the_object_has_now():
+def test_keys_have_the_objects_current_values():
     prior = Smooth(damping=2.0)
-    found = object_config(prior)
-    assert found["_target_"] == "workbench.priors.smooth.Smooth"
-    assert (found["damping"], found["initial_pose_scale"], found["lower"]) == (2.0, 2.0, None)
-    assert "not_stored" not in found
+    recorded = object_config(prior)
+    assert recorded["_target_"] == "workbench.priors.smooth.Smooth"
+    assert (recorded["damping"], recorded["initial_pose_scale"], recorded["lower"]) == (2.0, 2.0, None)
+    assert "not_stored" not in recorded
 
 
-def test_a_key_that_is_not_kept_is_not_made_up():
-    assert object_config(Forgetful(kept=3.0)) == {
-        "_target_": f"{__name__}.Forgetful", "kept": 3.0, "not_stored": ["spent"],
+def test_a_key_that_the_object_does_not_store_is_listed():
+    assert object_config(PartlyStored(stored=3.0)) == {
+        "_target_": f"{__name__}.PartlyStored", "stored": 3.0, "not_stored": ["unstored"],
     }  # fmt: skip
 
 
-def test_arrays_are_written_out_or_identified():
+def test_small_arrays_are_listed_and_large_arrays_are_hashed():
     @dataclasses.dataclass
     class Model:
         few: np.ndarray
         many: np.ndarray
 
     many = np.arange(200.0).reshape(20, 10)
-    found = object_config(Model(np.arange(3), many))
-    assert found["few"] == [0, 1, 2]
-    assert found["many"] == f"20×10, sha256 {hashlib.sha256(many.tobytes()).hexdigest()}"
-    assert object_config(Model(np.arange(3), many + 1.0))["many"] != found["many"]
+    recorded = object_config(Model(np.arange(3), many))
+    assert recorded["few"] == [0, 1, 2]
+    assert recorded["many"] == f"20×10, sha256 {hashlib.sha256(many.tobytes()).hexdigest()}"
+    assert object_config(Model(np.arange(3), many + 1.0))["many"] != recorded["many"]
 
 
-def test_a_decorated_class_keeps_what_it_was_built_with():
-    part = records_arguments(type("Own", (Forgetful,), {}))(spent=5.0)
-    assert constructor_arguments(part) == {"kept": 1.0, "spent": 5.0}
-    assert object_config(part)["spent"] == 5.0
+def test_a_decorated_class_records_its_constructor_arguments():
+    component = records_arguments(type("Own", (PartlyStored,), {}))(unstored=5.0)
+    assert constructor_arguments(component) == {"stored": 1.0, "unstored": 5.0}
+    assert object_config(component)["unstored"] == 5.0
     assert constructor_arguments(Keypoints) == {}

@@ -1,4 +1,4 @@
-"""What a configuration leaves out, what does not go together, and of whose likelihood the evidence can be compared."""
+"""Missing values and incompatible choices of a configuration, and likelihoods with comparable evidence."""
 
 import pytest
 from compositions import composed
@@ -9,7 +9,7 @@ NAMES = {"dataset": "video", "body": "height"}
 
 
 @pytest.mark.parametrize(
-    ("words", "reason"),
+    ("overrides", "reason"),
     [
         (["experiment=walk_straight"], "likelihood=ImageMotion is not a density of the data"),
         (["experiment=walk_straight", "likelihood.reduction=sum"], "likelihood=ImageMotion is not"),
@@ -20,13 +20,13 @@ NAMES = {"dataset": "video", "body": "height"}
     ],
     ids=str,
 )
-def test_evidence_is_that_of_a_density_of_the_data(words, reason):
-    found = evidence_problem(composed(*words, "paths.data=null"), {})
-    assert found is None if reason is None else found.startswith(reason)
+def test_evidence_needs_a_density_of_the_data(overrides, reason):
+    problem = evidence_problem(composed(*overrides, "paths.data=null"), {})
+    assert problem is None if reason is None else problem.startswith(reason)
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("overrides", "message"),
     [
         (
             ["experiment=synthesize_run", "prior=smooth"],
@@ -39,13 +39,13 @@ def test_evidence_is_that_of_a_density_of_the_data(words, reason):
     ],
     ids=str,
 )
-def test_a_conflict_is_one_sentence(words, sentence):
-    found = first_conflict(composed(*words, "paths.data=somewhere"), {})
-    assert found is None if sentence is None else found.startswith(f"config: {sentence}")
+def test_a_conflict_is_one_sentence_about_both_choices(overrides, message):
+    conflict = first_conflict(composed(*overrides, "paths.data=somewhere"), {})
+    assert conflict is None if message is None else conflict.startswith(f"config: {message}")
 
 
 @pytest.mark.parametrize(
-    ("words", "names", "sentence"),
+    ("overrides", "names", "message"),
     [
         (
             ["dataset=video"], {"dataset": "video"},
@@ -70,20 +70,20 @@ def test_a_conflict_is_one_sentence(words, sentence):
     ],
     ids=str,
 )  # fmt: skip
-def test_the_first_key_without_a_value_is_named_with_what_it_is(words, names, sentence):
-    found = first_missing(composed("experiment=custom", *words), names)
-    assert found is None if sentence is None else found.startswith(sentence)
+def test_the_first_missing_key_is_named_with_its_description(overrides, names, message):
+    missing = first_missing(composed("experiment=custom", *overrides), names)
+    assert missing is None if message is None else missing.startswith(message)
 
 
 @pytest.mark.parametrize(
     ("experiment", "folder"), [("walk_keypoints", "sports2d_walk"), ("balance_4cam", "pose2sim_balance")]
 )
-def test_absent_recordings_are_named_with_where_they_come_from(experiment, folder, tmp_path):
-    found = first_missing(composed(f"experiment={experiment}", "paths.data=null"), {})
-    assert "paths.data is not set: add paths.data=FOLDER or set WORKBENCH_DATA=FOLDER" in found
-    assert f"the folder must contain {folder}/, {SOURCES[folder]}" in found
-    found = first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {})
-    assert found.startswith("config: dataset.")
-    assert found.endswith(f"paths.data must contain {folder}/: {SOURCES[folder]}")
+def test_missing_recordings_are_named_with_their_source(experiment, folder, tmp_path):
+    message = first_missing(composed(f"experiment={experiment}", "paths.data=null"), {})
+    assert "paths.data is not set: add paths.data=FOLDER or set WORKBENCH_DATA=FOLDER" in message
+    assert f"the folder must contain {folder}/, {SOURCES[folder]}" in message
+    message = first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {})
+    assert message.startswith("config: dataset.")
+    assert message.endswith(f"paths.data must contain {folder}/: {SOURCES[folder]}")
     (tmp_path / folder).mkdir()
     assert first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {}) is None

@@ -1,4 +1,4 @@
-"""Options are typed by the class that line 1 names, say where they depart from it, and compose as a paper writes."""
+"""Options are typed by the class on line 1, list only changed defaults, and compose to a paper's configuration."""
 
 import inspect
 import re
@@ -26,7 +26,7 @@ def hydra_is_ready():
         yield
 
 
-def test_every_option_names_its_class_on_line_1_and_notes_keys_of_it():
+def test_every_option_names_its_class_and_describes_only_its_keys():
     for option in [options(group)[choice] for group, choice in CHOICES]:
         assert option.about
         assert {key.partition(".")[0] for key in option.notes} <= set(config_keys(import_target(option.target))), option
@@ -41,7 +41,7 @@ def test_every_key_has_a_description():
         assert {*config_keys(target)} <= {*option.all_notes, *(name.strip() for name in described)}, option
 
 
-def test_notes_continue_and_are_shared():
+def test_notes_may_continue_and_apply_to_several_keys():
     text = "_target_: a.B\n# About.\n#   one, two: first\n#     second\n#   one.key: third\nthree: 3 # fourth\n"
     option = Option("a", "prior", "b", text)
     assert option.about == "About"
@@ -51,13 +51,13 @@ def test_notes_continue_and_are_shared():
     assert walk.notes.items() <= balance.all_notes.items()
 
 
-def test_no_default_stands_twice():
-    """A YAML file repeats no default of its classes."""
+def test_no_option_repeats_a_default():
+    """A YAML file lists only values that differ from the defaults of its classes."""
     for option in [options(group)[choice] for group, choice in CHOICES] + list(options("experiment").values()):
         for node in _with_target(yaml.safe_load(option.text)):
             keys = config_keys(import_target(node["_target_"]))
-            own = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
-            assert [key for key, value in own.items() if value == _plain(keys[key][1])] == [], option
+            values = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
+            assert [key for key, value in values.items() if value == _plain(keys[key][1])] == [], option
 
 
 def _with_target(value):
@@ -74,10 +74,10 @@ def _plain(default):
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.slow
 def test_a_typo_in_any_group_names_the_key(group):
-    usual = ["experiment=learn_walk"] if group == "study" else []  # the one group that is empty by default
+    overrides = ["experiment=learn_walk"] if group == "study" else []  # the only group that is empty by default
     with pytest.raises(HydraException, match="no_such_key"):
-        compose("config", overrides=[*usual, f"{group}.no_such_key=1"])
-    forced = compose("config", overrides=[*usual, f"+{group}.no_such_key=1"])  # this skips the schema
+        compose("config", overrides=[*overrides, f"{group}.no_such_key=1"])
+    forced = compose("config", overrides=[*overrides, f"+{group}.no_such_key=1"])  # bypasses the schema
     with pytest.raises(InputError, match="no_such_key"):
         build(forced[group])
 
@@ -93,18 +93,18 @@ def test_a_typo_in_any_group_names_the_key(group):
         ("prior=no_such_prior", "no_such_prior"),
     ],
 )
-def test_typos_within_parts_and_at_the_top_are_named_too(override, match):
-    with pytest.raises(HydraException) as caught:
+def test_a_typo_in_a_nested_or_top_level_key_is_named(override, match):
+    with pytest.raises(HydraException) as error:
         compose("config", overrides=["experiment=walk_multi_cue", override])
-    assert match in f"{caught.value} {caught.value.__cause__}"
+    assert match in f"{error.value} {error.value.__cause__}"
 
 
 @pytest.mark.parametrize("plus", ["", "+"])
-def test_mappings_that_a_class_leaves_empty_are_filled_without_a_plus_and_with_one(plus):
+def test_empty_mappings_are_filled_with_and_without_a_plus(plus):
     files = [f"{plus}dataset.sources={{a: a.mp4, b: b.mp4}}", f"{plus}dataset.keypoints={{a: a.csv}}"]
     files += ["+prior.sigma_velocity.elbow=4.0" if plus else "prior.sigma_velocity={elbow: 4.0}"]
-    words = ["experiment=custom", "dataset=multi_view", "dataset.calibration_file=c.toml", "prior=smooth", *files]
-    config = compose("config", overrides=words)
+    overrides = ["experiment=custom", "dataset=multi_view", "dataset.calibration_file=c.toml", "prior=smooth", *files]
+    config = compose("config", overrides=overrides)
     assert (config.dataset.sources, config.dataset.keypoints) == ({"a": "a.mp4", "b": "b.mp4"}, {"a": "a.csv"})
     assert config.prior.sigma_velocity.elbow == 4.0
 
@@ -119,12 +119,12 @@ def test_mappings_that_a_class_leaves_empty_are_filled_without_a_plus_and_with_o
         ("_target_: os.system", "mine.yaml.*os.system"),
     ],
 )  # fmt: skip
-def test_a_file_with_a_key_that_is_none_is_named(text, match):
+def test_an_unknown_key_or_target_is_rejected_with_its_file(text, match):
     with pytest.raises(HydraException, match=match):
         typed(OmegaConf.to_container(OmegaConf.create(text)), "conf/prior/mine.yaml")
 
 
-def test_the_terms_of_a_product_are_built_with_the_live_objects():
+def test_the_terms_of_a_product_get_the_runs_objects():
     config = compose("config", overrides=["likelihood=product", "likelihood.terms.background.effective_pixels=0.7"])
     body, clip = person(from_height(1.7)), object()
     product = build(config.likelihood, body=body, clip=clip)
@@ -134,20 +134,19 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     assert all(term.body is body for term in product.terms.values())
     assert product.terms["background"].clip is clip
     assert product.terms["background"].effective_pixels == 0.7
-    assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
+    assert product.terms["edges"].cache == config.paths.cache  # interpolations are resolved
 
 
 @pytest.mark.parametrize(
     "target", ["os.system", "workbench", "workbench.", "workbench.cli.run.os", "workbench.cli.run.hydra", 3, None]
 )
-def test_only_targets_of_the_workbench_pass(target):
+def test_only_components_of_the_workbench_are_accepted(target):
     with pytest.raises(InputError, match=r"a\.b\[0\]\._target_"):
         check_targets(OmegaConf.create({"a": {"b": [{"_target_": target}]}}))
     check_targets(OmegaConf.create({"a": {"_target_": "workbench.priors.from_motions.walking"}}))
 
 
-def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
-    """Though an option names it."""
+def test_a_name_that_a_module_only_imports_is_not_a_component(monkeypatch):
     target = "workbench.experiment.config.instantiate.import_module"
     monkeypatch.setattr("workbench.experiment.config.instantiate.targets", lambda: {target})
     with pytest.raises(InputError, match="expected a component of the workbench"):
@@ -160,12 +159,12 @@ def literal_of(option):
 
 EXPERIMENTS = options("experiment")
 OF_PAPERS = sorted(name for name, option in EXPERIMENTS.items() if literal_of(option) is not None)
-AS_IT_STANDS = {"learn_walk_run", "impute_gaps"}
-"""Those in which we do what the paper writes."""
+UNCHANGED = {"learn_walk_run", "impute_gaps"}
+"""Experiments whose default configuration is the published one."""
 
 
 def leaves(value, place=""):
-    """Every value of a mapping with its place, but for what refers to something else."""
+    """Return the values of a mapping with their keys, without interpolations."""
     if isinstance(value, dict):
         return {leaf for key, item in value.items() for leaf in leaves(item, f"{place}.{key}")}
     return set() if "${" in str(value) else {(place, str(value))}
@@ -177,40 +176,40 @@ def composed(*overrides):
 
 @pytest.mark.parametrize("experiment", OF_PAPERS)
 @pytest.mark.slow
-def test_an_experiment_of_a_paper_composes_as_it_is_written(experiment):
-    """All that is said comes to be; where nothing is said, ours is what the paper writes."""
+def test_a_papers_experiment_composes_to_the_published_values(experiment):
+    """All values of `paper.literal` are set; without any, the default configuration is the published one."""
     literal = composed(f"experiment={experiment}", "paper=literal")
     assert literal.pop("paper") == "literal"
     for place, keys in literal_of(EXPERIMENTS[experiment]).items():
         group, _, option = place.partition(".")
         if not option or literal[group]["_target_"] == options(group)[option].target:
             assert leaves(keys) <= leaves(literal[group]), place
-    if experiment in AS_IT_STANDS:
+    if experiment in UNCHANGED:
         ours = composed(f"experiment={experiment}")
         assert ours.pop("paper") == "ours"
         assert ours == literal
 
 
 @pytest.mark.parametrize("experiment", ["walk_multi_cue", "coverage", "custom"])
-def test_an_experiment_of_no_paper_is_refused_in_one_sentence(experiment):
+def test_paper_literal_is_rejected_for_an_experiment_of_no_paper(experiment):
     with pytest.raises(HydraException, match=f"paper=literal: experiment={experiment} is in none of the papers"):
         composed(f"experiment={experiment}", "paper=literal")
 
 
-def test_the_command_line_wins_over_the_paper():
+def test_the_command_line_overrides_the_paper():
     config = composed("experiment=walk_straight", "paper=literal", "likelihood.reduction=mean", "prior.n_components=3")
     assert (config["likelihood"]["reduction"], config["likelihood"]["occlusion"]) == ("mean", "limb")
     assert (config["prior"]["n_components"], config["prior"]["transition"]) == (3, "A")
 
 
-def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_writes_it():
+def test_a_prior_chosen_on_the_command_line_has_its_published_values():
     prior = composed("experiment=arm_smooth_300", "prior=implicit", "paper=literal")["prior"]
     assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 1.0)
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)
-def test_the_runs_seed_is_that_of_every_component_with_one_unless_it_has_its_own(group, option):
+def test_a_component_has_the_runs_seed_unless_it_sets_its_own(group, option):
     if "seed" in config_keys(import_target(options(group)[option].target)):
-        for words, seed in (((), 3), ((f"{group}.seed=1",), 1)):
-            config = compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", *words])
+        for overrides, seed in (((), 3), ((f"{group}.seed=1",), 1)):
+            config = compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", *overrides])
             assert config[group].seed == seed

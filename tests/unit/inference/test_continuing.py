@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_gaussian import MEAN0, LookOf, Memoryless, Position, TwoJoints, frames, simulate, streams
+from linear_gaussian import MEAN0, Memoryless, MemorylessFrameLikelihood, Position, TwoJoints, frames, simulate, streams
 
 from workbench.core.filter_state import ResumePoint
 from workbench.core.step import Resumable
@@ -44,7 +44,7 @@ class Drifting(Memoryless):
         return Position(self.measured - self.learned).log_prob(previous, frame, previous_pose, pose)
 
     def prepare(self, previous, frame):
-        frame_likelihood = LookOf(self, previous, frame)
+        frame_likelihood = MemorylessFrameLikelihood(self, previous, frame)
         frame_likelihood.remember = lambda expected: Drifting(self.measured, 0.9 * self.learned + 0.1 * expected[0])
         return frame_likelihood
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_up_looks import MadeUpLook
+from stub_likelihoods import StubFrameLikelihood
 
 from workbench.core.likelihood import DenseLikelihood, Derivatives
 from workbench.inference.ekf.dense_refinement import refine_pose
@@ -12,7 +12,7 @@ D, JOINTS = 5, np.ones(3, dtype=np.bool_)
 WIDE = np.tile([-10.0, 10.0], (D, 1))
 
 
-class Image(MadeUpLook):
+class Image(StubFrameLikelihood):
     """Points are likeliest at `points`, with a precision; layers at `layers`, with `sharp` in every direction."""
 
     def __init__(self, points, precision, layers, sharp):

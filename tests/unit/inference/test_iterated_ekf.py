@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_looks import MadeUpLook
+from stub_likelihoods import StubFrameLikelihood
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -46,7 +46,7 @@ def model(rng):
     return LinearMotion(30.0, gain, np.zeros(N), covariance, np.zeros((N, N - 4)), np.zeros(N), start)
 
 
-class Seen(MadeUpLook):
+class Seen(StubFrameLikelihood):
     """A likelihood that sees every number of a pose with noise, but for the first frame; its misfit widens nothing."""
 
     n_levels, informative = 1, False
@@ -204,7 +204,7 @@ def test_constant_velocity_is_a_gaussian_prior():
     assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
 
 
-class Bowl(MadeUpLook):
+class Bowl(StubFrameLikelihood):
     """A look whose log likelihood is that of seeing every number at `marks` (P,) with noise, at two smoothings."""
 
     def __init__(self, marks, sigma):

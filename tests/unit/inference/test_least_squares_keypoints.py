@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from keypoint_scenes import BODY, CAMERA, NOTHING, PX_M, errors_mm, frames, keypoints, streams, walk
-from least_squares_scenes import Knowing, SineModel
+from least_squares_scenes import PriorStub, SineModel
 
 from workbench.core.frame import Frame
 from workbench.core.observations import observe, observed_kinds
@@ -26,7 +26,7 @@ def observed(shown):
 
 
 def run(shown, start=None, model=True, problem=STEADY, **given):
-    prior = Knowing(motion=SineModel()) if model else None
+    prior = PriorStub(motion=SineModel()) if model else None
     inference = LeastSquares(BODY, KeypointLikelihood(BODY, **given), prior, problem=problem, n_particles=20)
     return list(inference.run(shown, start, streams()))
 
@@ -37,7 +37,7 @@ def found(steps):
 
 def test_the_gradient_over_frames_is_that_of_finite_differences():
     times, phases, poses = walk(4)
-    shown = frames(times, keypoints(poses, sigma_px=4.0, missed=0.2))
+    shown = frames(times, keypoints(poses, sigma_px=4.0, missing=0.2))
     residuals = [views_residual(BODY.skeleton, one.keypoints, 3.0) for one in observed(shown)]
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
     problem = fit_problem(decoder, FitData(residuals, times, Loss("huber", 2.0)), 1)
@@ -55,7 +55,7 @@ SLOW = [pytest.param(heading, marks=pytest.mark.slow) for heading in (0, 130, 18
 @pytest.mark.slow
 def test_a_walk_is_found_in_keypoints_from_nothing(heading_deg):
     times, phases, poses = walk(8, heading=np.radians(heading_deg))
-    steps = run(frames(times, keypoints(poses, sigma_px=3.0, missed=0.1)))
+    steps = run(frames(times, keypoints(poses, sigma_px=3.0, missing=0.1)))
     everywhere, across = errors_mm(found(steps), poses)
     # in the image a single joint's noise, of which the motion averages most; depth is known by the person's size
     assert across < 3.0 * 1e3 * PX_M

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from least_squares_scenes import Knowing, SineModel
+from least_squares_scenes import PriorStub, SineModel
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
@@ -78,7 +78,7 @@ def run(inference, shown, start=None):
 
 def fitting(problem=None, likelihood=None, model=True, **given):
     likelihood = SurfacePoints(BODY) if likelihood is None else likelihood
-    prior = Knowing(motion=SineModel()) if model else None
+    prior = PriorStub(motion=SineModel()) if model else None
     return LeastSquares(BODY, likelihood, prior, problem=problem, **given)
 
 
@@ -177,7 +177,7 @@ def test_without_a_choice_the_prior_says_which_problem():
     assert fitting(model=False).problem == SmoothFit()
     assert fitting(model=False).space.names == BODY.skeleton.dof_names
     stiff = Smoothness(phase=0.005)
-    assert LeastSquares(BODY, SurfacePoints(BODY), Knowing(smoothness=stiff)).smoothness is stiff
+    assert LeastSquares(BODY, SurfacePoints(BODY), PriorStub(smoothness=stiff)).smoothness is stiff
     assert fitting().smoothness == Smoothness()
 
 

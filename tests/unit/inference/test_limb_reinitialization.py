@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_looks import MadeUpLook
+from stub_likelihoods import StubFrameLikelihood
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -20,7 +20,7 @@ SKELETON = person_skeleton(from_height(1.75))
 ARM = np.array([k for k, name in enumerate(SKELETON.dof_names) if name.startswith(("left_shoulder", "left_elbow"))])
 
 
-class Image(MadeUpLook):
+class Image(StubFrameLikelihood):
     """Likeliest, by `height` nats, where the arm is at `place`; asked for the arm alone or for everything."""
 
     def __init__(self, place, height, wide=0.5):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_looks import MadeUpLook
+from stub_likelihoods import StubFrameLikelihood
 
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
@@ -27,7 +27,7 @@ ARM, LEG = (
 PIXELS = 50.0
 
 
-class Image(MadeUpLook):
+class Image(StubFrameLikelihood):
     """Pixels that are likelier by the sum of a pose's arm, twice that of its leg, and what these do to each other."""
 
     def __init__(self, together=0.0):

@@ -5,7 +5,7 @@ import pytest
 from linear_gaussian import (
     MEAN0,
     LinearPrior,
-    LookOf,
+    MemorylessFrameLikelihood,
     Position,
     assert_agree,
     exact,
@@ -161,7 +161,7 @@ class Forgets(Position):
     """Judges as `Position`, but knows of no measurement after its frame any more."""
 
     def prepare(self, previous, frame):
-        frame_likelihood = LookOf(Position(self.measured), previous, frame)
+        frame_likelihood = MemorylessFrameLikelihood(Position(self.measured), previous, frame)
         frame_likelihood.remember = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
         return frame_likelihood
 

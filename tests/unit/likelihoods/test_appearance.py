@@ -34,7 +34,7 @@ def flat_frame(level, index=0):
 
 @pytest.mark.parametrize("difference", [0, 10, 100])
 def test_the_log_ratio_of_a_uniform_limb_is_the_closed_form(difference):
-    likelihood = scenes.begun(
+    likelihood = scenes.after_first_frame(
         Appearance(ROD, effective_pixels=2.0, sigma=SIGMA, outlier_fraction=EPSILON), flat_frame(100), scenes.root()[0]
     )
     log_prob = scenes.log_prob(
@@ -73,7 +73,9 @@ def test_cells_are_ordered_by_azimuth():
 def test_an_unobserved_side_has_a_log_ratio_of_zero_until_it_is_observed():
     """A body that turns by 180° shows its other side."""
     front, back = scenes.root(), scenes.root(heading=np.pi)
-    likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, outlier_fraction=EPSILON), flat_frame(100), front[0])
+    likelihood = scenes.after_first_frame(
+        Appearance(ROD, sigma=SIGMA, outlier_fraction=EPSILON), flat_frame(100), front[0]
+    )
     assert scenes.log_prob(likelihood, flat_frame(100), flat_frame(100, 1), back, back)[0] == 0.0
     likelihood = likelihood.prepare(flat_frame(100), flat_frame(200, 1)).update(back[0])
     both = np.concatenate([front, back])
@@ -104,7 +106,7 @@ def test_outliers_and_unobserved_cells_do_not_change_the_template():
 def test_an_occluded_limb_does_not_change_the_template():
     """A rod is 50 cm behind a wider one."""
     body = scenes.rods(((-0.5, 0.0, -0.2), (-0.5, 0.0, 0.2), 0.05), ((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.3))
-    n = scenes.begun(Appearance(body), flat_frame(100), scenes.root()[0]).state.by_camera["front"].n
+    n = scenes.after_first_frame(Appearance(body), flat_frame(100), scenes.root()[0]).state.by_camera["front"].n
     assert not n[0].any()
     assert n[1].any()
 
@@ -115,7 +117,7 @@ def test_the_maximum_is_at_the_displacement_of_the_texture():
     shifted = image.copy()
     shifted[90:150, 150:180] = image[90:150, 145:175]
     first = scenes.frame(0, (scenes.FRONT, image))
-    likelihood = scenes.begun(Appearance(ROD), first, scenes.root()[0])
+    likelihood = scenes.after_first_frame(Appearance(ROD), first, scenes.root()[0])
     shifts = np.arange(-8, 9)
     poses = np.repeat(scenes.root(), len(shifts), axis=0)
     poses[:, 1] = shifts / 75.0
@@ -124,7 +126,7 @@ def test_the_maximum_is_at_the_displacement_of_the_texture():
 
 
 def test_a_pose_that_is_not_finite_changes_nothing_and_is_noted_once():
-    initial = scenes.begun(Appearance(ROD), flat_frame(100), scenes.root()[0])
+    initial = scenes.after_first_frame(Appearance(ROD), flat_frame(100), scenes.root()[0])
     assert initial.prepare(flat_frame(100), flat_frame(150, 1)).notes == ()
     updated = initial.prepare(flat_frame(100), flat_frame(150, 1)).update(np.full(25, np.nan))
     assert updated.state.by_camera == initial.state.by_camera

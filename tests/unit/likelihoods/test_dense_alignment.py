@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dense_walker import third, tracked, walker
+from dense_walker import third_frame, tracked, walker
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
@@ -279,7 +279,7 @@ def test_an_outstretched_arm_is_not_an_occluder():
 
 
 def test_the_true_pose_has_the_highest_likelihood():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     rng = np.random.default_rng(0)
     perturbed = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
     log_prob = frame_likelihood.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, perturbed])).log_prob
@@ -287,7 +287,7 @@ def test_the_true_pose_has_the_highest_likelihood():
 
 
 def test_the_gradient_points_towards_the_true_pose():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     assert isinstance(frame_likelihood, DifferentiableLikelihood)
     assert frame_likelihood.informative
     for seed in range(5):
@@ -301,7 +301,7 @@ def test_the_gradient_points_towards_the_true_pose():
 
 
 def test_a_displaced_limb_increases_the_loss_of_its_joints():
-    (frame_likelihood, truth), skeleton = third(), BODY.skeleton
+    (frame_likelihood, truth), skeleton = third_frame(), BODY.skeleton
     moved = truth.copy()
     moved[skeleton.dof("left_shoulder_flexion")] += 0.8
     true_loss, moved_loss = frame_likelihood.mean_loss(truth), frame_likelihood.mean_loss(moved)

@@ -102,7 +102,7 @@ def test_interpolated_values_and_gradients_are_those_of_scipy():
     image = smoothed_image((255.0 * rng.random((50, 70))).astype(np.float32), 1.2)
     pixels = np.column_stack([rng.uniform(2.0, 66.9, 300), rng.uniform(2.0, 46.9, 300)])
     pixels[:20] = np.rint(pixels[:20])
-    for computed, expected in zip(interpolate(image, pixels), oracle.picture_at(image, pixels), strict=True):
+    for computed, expected in zip(interpolate(image, pixels), oracle.interpolated(image, pixels), strict=True):
         np.testing.assert_allclose(computed, expected, atol=1e-9)
 
 
@@ -120,7 +120,7 @@ def test_the_background_model_is_compared_and_updated_as_in_numpy(threads, monke
     expected = oracle.background_log_ratio(model, image, 0.05)
     np.testing.assert_allclose(model.log_ratio(image, 0.05), expected, rtol=1e-5, atol=1e-5)
     covered, level_before = rng.random(model.level.shape) < 0.001, model.level.copy()
-    updated, expected_update = model.updated(image, covered), oracle.scene_seen(model, image, covered)
+    updated, expected_update = model.updated(image, covered), oracle.updated_background(model, image, covered)
     np.testing.assert_array_equal(updated.n, expected_update.n)
     np.testing.assert_allclose(updated.level, expected_update.level, rtol=1e-12)
     assert (updated.n > model.n).any()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
-from dense_walker import third
+from dense_walker import third_frame
 
 from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
@@ -109,7 +109,7 @@ def test_log_ratios_do_not_depend_on_the_number_of_threads(monkeypatch):
 
 @pytest.mark.parametrize("limb", ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])
 def test_a_limb_has_the_highest_likelihood_in_its_true_pose(limb):
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     assert isinstance(frame_likelihood, DenseLikelihood)
     limb_dofs = [k for k, name in enumerate(SKELETON.dof_names) if name.startswith(limb)]
     rng, candidates = np.random.default_rng(0), np.repeat(truth[None], 40, axis=0)
@@ -120,7 +120,7 @@ def test_a_limb_has_the_highest_likelihood_in_its_true_pose(limb):
 
 
 def test_omitting_a_visible_arm_decreases_the_likelihood():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     all_joints = np.ones(len(SKELETON.names), dtype=bool)
     arms = [joints_from(f"{side}_shoulder") for side in ("left", "right")]
     visible_arm = max(arms, key=lambda arm: frame_likelihood.compare(truth[None], arm)[0])
@@ -129,7 +129,7 @@ def test_omitting_a_visible_arm_decreases_the_likelihood():
 
 
 def test_occluded_pixels_have_no_likelihood():
-    frame_likelihood, truth = third()
+    frame_likelihood, truth = third_frame()
     (view_likelihood, template), = frame_likelihood.view_likelihoods  # fmt: skip
     occluded_view = replace(view_likelihood, unoccluded=np.zeros_like(view_likelihood.unoccluded))
     occluded = replace(frame_likelihood, view_likelihoods=((occluded_view, template),))

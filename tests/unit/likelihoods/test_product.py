@@ -43,7 +43,7 @@ def test_a_term_with_zero_weight_is_not_evaluated():
     product = Product({"off": Fixed(np.nan, np.nan, np.nan, np.nan), "a": Fixed(0, 1, 2, 3)}, {"a": 1.0, "off": 0.0})
     np.testing.assert_array_equal(evaluate(product).log_prob, [0.0, 1.0, 2.0, 3.0])
     assert set(evaluate(product).diagnostics) == {"constant", "variance_fraction_a"}
-    updated = scenes.begun(product, FRAME, POSES[0])
+    updated = scenes.after_first_frame(product, FRAME, POSES[0])
     assert {name: term.updated for name, term in updated.terms.items()} == {"off": 0, "a": 1}
     assert list(updated.terms) == ["off", "a"]
 
@@ -72,7 +72,7 @@ def test_terms_are_updated_and_their_notes_and_diagnostics_are_passed_on():
     assert first.notes == ("careful of the frame",)
     assert evaluate(product).notes == ("careful",)
     assert evaluate(product).diagnostics == {"constant": 3.0, "variance_fraction_a": 1.0, "variance_fraction_b": 0.0}
-    updated = scenes.begun(first.update(POSES[0]), FRAME, POSES[0])
+    updated = scenes.after_first_frame(first.update(POSES[0]), FRAME, POSES[0])
     assert updated.terms["a"].updated == 2
     assert terms["a"].updated == 0
 

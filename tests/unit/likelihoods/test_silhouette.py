@@ -56,7 +56,7 @@ def test_the_value_of_a_rod_is_the_mean_ratio_of_its_pixels():
     empty = scenes.flat(100)
     cache, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
     likelihood = Silhouette(ROD, cache, effective_pixels=2.0, dilation_px=0.0)
-    likelihood = scenes.begun(likelihood, frames[0], scenes.root()[0])
+    likelihood = scenes.after_first_frame(likelihood, frames[0], scenes.root()[0])
     poses = np.concatenate([scenes.root((0.0, y, 0.0)) for y in (0.8, -0.8, 0.0)])
     values = scenes.log_prob(likelihood, frames[2], frames[3], poses, poses)
     tolerance = 1 / 40  # one of the rod's 46 rows may be added or omitted

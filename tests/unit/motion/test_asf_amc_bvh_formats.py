@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-import sound_files
+import valid_files
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -196,11 +196,11 @@ def write_asf(path, names, parents, directions, lengths, unit, axes, orders, cha
 
 
 def test_the_skeleton_file_can_be_chosen(tmp_path):
-    (tmp_path / "5.asf").write_text(sound_files.ASF)
-    (tmp_path / "5_01.amc").write_text(sound_files.AMC)
+    (tmp_path / "5.asf").write_text(valid_files.ASF)
+    (tmp_path / "5_01.amc").write_text(valid_files.AMC)
     clip = read_amc(tmp_path / "5_01.amc")
     assert (len(clip), clip.first_frame) == (2, 5)
-    (tmp_path / "elsewhere.asf").write_text(sound_files.ASF.replace("length 7", "length 14"))
+    (tmp_path / "elsewhere.asf").write_text(valid_files.ASF.replace("length 7", "length 14"))
     longer = read_amc(tmp_path / "5_01.amc", asf=tmp_path / "elsewhere.asf")
     assert longer.offsets == pytest.approx(2 * clip.offsets)
     with pytest.raises(InputError, match="expected a rate of"):
@@ -208,17 +208,17 @@ def test_the_skeleton_file_can_be_chosen(tmp_path):
 
 
 def amc(folder, text, name="5_01.amc", asf="5.asf"):
-    (folder / asf).write_text(sound_files.ASF)
+    (folder / asf).write_text(valid_files.ASF)
     (folder / name).write_text(text)
     return folder / name
 
 
 def test_the_skeleton_is_the_one_in_the_folder(tmp_path, caplog):
-    path = amc(tmp_path, sound_files.AMC, "subject7-walk-01.amc", "other.asf")
+    path = amc(tmp_path, valid_files.AMC, "subject7-walk-01.amc", "other.asf")
     assert len(read_amc(path)) == 2
     assert "its skeleton is taken to be that of other.asf" in caplog.text
     caplog.clear()
-    (tmp_path / "subject7.asf").write_text(sound_files.ASF.replace("length 7", "length 14"))
+    (tmp_path / "subject7.asf").write_text(valid_files.ASF.replace("length 7", "length 14"))
     (tmp_path / "subj.asf").write_text("not this one")
     assert np.abs(read_amc(path, rate_hz=60.0).offsets).max() == pytest.approx(14 * 0.0254 / 0.45)
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
@@ -229,12 +229,12 @@ def test_the_skeleton_is_the_one_in_the_folder(tmp_path, caplog):
 
 
 def test_the_rate_is_chosen_or_read_or_assumed(tmp_path, caplog):
-    path = amc(tmp_path, sound_files.AMC)
+    path = amc(tmp_path, valid_files.AMC)
     assert read_amc(path).rate_hz == 120.0
     assert "an AMC file has no rate; read at 120 Hz" in caplog.text
     caplog.clear()
     assert read_amc(path, rate_hz=30.0).rate_hz == 30.0
-    path = amc(tmp_path, sound_files.AMC.replace(":DEGREES", ":samples-per-second 60\n:degrees"))
+    path = amc(tmp_path, valid_files.AMC.replace(":DEGREES", ":samples-per-second 60\n:degrees"))
     assert read_amc(path).rate_hz == 60.0
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
@@ -261,7 +261,7 @@ def test_a_missing_bone_repeats_its_last_value(tmp_path, caplog):
 
 
 def test_the_unit_and_the_vertical_axis_can_be_chosen(tmp_path):
-    path = amc(tmp_path, sound_files.AMC)
+    path = amc(tmp_path, valid_files.AMC)
     default, metres, z_up = read_amc(path), read_amc(path, unit="m"), read_amc(path, up="z")
     np.testing.assert_allclose(metres.offsets, default.offsets * 0.45 / 0.0254)
     np.testing.assert_allclose(z_up.positions[..., [2, 0, 1]], default.positions, atol=1e-15)

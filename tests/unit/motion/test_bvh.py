@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sound_files import BVH
+from valid_files import BVH
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height

@@ -145,7 +145,7 @@ def test_the_search_kernel_agrees_with_numpy():
     tree = kd_tree(coefficients)
     for probe in rng.normal(size=(10, 11)):
         searched, visited = search_distribution(tree, probe, 0.1)
-        expected, expected_visited = oracle.found_distribution(tree, probe, 0.1)
+        expected, expected_visited = oracle.search_distribution(tree, probe, 0.1)
         assert searched == pytest.approx(expected, rel=1e-3, abs=1e-9)  # float32 distances over 2β
         assert visited == expected_visited
 

@@ -4,8 +4,8 @@ from importlib.util import find_spec
 
 import psutil
 import pytest
-from run_folders import leave
-from small_recordings import leave_recorded
+from run_folders import write_run
+from small_recordings import write_recorded_run
 
 from workbench.results import gallery as module
 from workbench.results.gallery import gallery
@@ -19,7 +19,7 @@ served_by_catalog = pytest.mark.skipif(find_spec("datafusion") is None, reason="
 def root(tmp_path_factory):
     root = tmp_path_factory.mktemp("gallery")
     for k, (prior, n) in enumerate([("smooth", 100), ("smooth", 400), ("walking", 100)]):
-        leave_recorded(root / str(k), f"run {k}", prior=prior, n=n, error=10.0 + k / 3, day=1 + k)
+        write_recorded_run(root / str(k), f"run {k}", prior=prior, n=n, error=10.0 + k / 3, day=1 + k)
     return root
 
 
@@ -71,9 +71,9 @@ def test_the_catalog_listens_on_this_machine_only(root):
 
 @served_by_catalog
 def test_runs_without_a_readable_recording_of_their_own_are_omitted(root, tmp_path):
-    leave_recorded(tmp_path / "duplicate", "run 1", prior="other_prior", day=1)
-    leave(tmp_path / "failed", status="failed")
-    leave(tmp_path / "truncated")
+    write_recorded_run(tmp_path / "duplicate", "run 1", prior="other_prior", day=1)
+    write_run(tmp_path / "failed", status="failed")
+    write_run(tmp_path / "truncated")
     content = (root / "0" / "run.rrd").read_bytes()
     (tmp_path / "truncated" / "run.rrd").write_bytes(content[: len(content) // 2])
     with gallery(read_runs(root, tmp_path)) as served:
@@ -90,9 +90,9 @@ def test_runs_without_a_readable_recording_of_their_own_are_omitted(root, tmp_pa
 @served_by_catalog
 def test_hostile_texts_become_printable_titles_and_short_columns(tmp_path):
     hostile = "<script>alert(1)</script>\n../../\x1b[31m" + "x" * 10_000
-    leave_recorded(tmp_path / "hostile", "../../../etc/passwd", prior=hostile, experiment=hostile,
+    write_recorded_run(tmp_path / "hostile", "../../../etc/passwd", prior=hostile, experiment=hostile,
                    settings={hostile: 1.0, "prior": {"_target_": hostile}, "a": {"b": hostile}, "": 3})  # fmt: skip
-    leave_recorded(tmp_path / "valid", "valid", day=2)
+    write_recorded_run(tmp_path / "valid", "valid", day=2)
     with gallery(read_runs(tmp_path)) as served:
         table = rows(served)
     assert served.n_runs == 2

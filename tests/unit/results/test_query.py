@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from run_folders import leave, leave_sweep
+from run_folders import write_run, write_sweep
 
 from workbench.results.formatting import number
 from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps, values_of
@@ -15,8 +15,8 @@ from workbench.utils.errors import InputError
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
-    leave_sweep(root / "sweep")
-    leave(root / "lost", prior="implicit", status="failed", error=400.0, day=28)
+    write_sweep(root / "sweep")
+    write_run(root / "lost", prior="implicit", status="failed", error=400.0, day=28)
     return read_runs(root)
 
 

@@ -4,7 +4,7 @@ import os
 import shutil
 
 import pytest
-from run_folders import leave, leave_sweep
+from run_folders import write_run, write_sweep
 
 from workbench.experiment.summary import set_aside
 from workbench.results.removal import check_removable, consequence, remove, size_of
@@ -18,7 +18,7 @@ STARTED = "2026-11-02T15:00:00"
 
 @pytest.fixture
 def root(tmp_path):
-    leave_sweep(tmp_path / "home" / "sweep", priors=["smooth"], ns=[100], seeds=[0, 1])
+    write_sweep(tmp_path / "home" / "sweep", priors=["smooth"], ns=[100], seeds=[0, 1])
     return tmp_path / "home"
 
 
@@ -38,7 +38,7 @@ def test_a_removed_run_is_deleted_and_the_others_are_not(root, folder):
 def test_removal_restores_the_earlier_run_of_a_folder(root, folder):
     for k in range(3):  # run k replaces the earlier one
         (folder / "summary.json").unlink()
-        leave(root / f"new{k}", seed=10 + k, status="complete" if k < 2 else "failed", day=2)
+        write_run(root / f"new{k}", seed=10 + k, status="complete" if k < 2 else "failed", day=2)
         os.replace(root / f"new{k}" / "summary.json", folder / "summary.json")
         (root / f"new{k}").rmdir()
         if k < 2:
@@ -70,21 +70,21 @@ def test_parts_of_earlier_attempts_are_removed_with_their_run(folder):
 
 
 def baseline(root):
-    leave(root / "baselines" / "a")
+    write_run(root / "baselines" / "a")
 
 
 def running(root):
-    leave(root / "busy", status="running")
+    write_run(root / "busy", status="running")
 
 
 def outside(root):
-    leave(root.parent / "outside" / "a")
+    write_run(root.parent / "outside" / "a")
     (root / "link").symlink_to(root.parent / "outside" / "a")
 
 
 def nested(root):
-    leave(root / "outer")
-    leave(root / "outer" / "deep" / "inner")
+    write_run(root / "outer")
+    write_run(root / "outer" / "deep" / "inner")
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_run_can_start_in_a_folder_while_it_is_removed(root, folder, monkeypat
     def start_run(removed, **options):
         assert not folder.exists()
         assert list(read_runs(root)["path"]) == [str(root / "sweep" / "0")]
-        leave(folder, seed=7)
+        write_run(folder, seed=7)
         monkeypatch.undo()
         rmtree(removed, **options)
 

@@ -6,8 +6,8 @@ import shutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from run_folders import leave, leave_sweep, summary
-from small_recordings import leave_recorded
+from run_folders import summary, write_run, write_sweep
+from small_recordings import write_recorded_run
 
 import workbench as wb
 from workbench.results.table import FIELDS, read_run, read_runs, records_of
@@ -17,8 +17,8 @@ from workbench.utils.run_lock import locked
 
 @pytest.fixture
 def root(tmp_path):
-    leave_sweep(tmp_path / "sweeps" / "a")
-    leave(tmp_path / "runs" / "b", prior="implicit", status="failed", error=400.0, day=30)
+    write_sweep(tmp_path / "sweeps" / "a")
+    write_run(tmp_path / "runs" / "b", prior="implicit", status="failed", error=400.0, day=30)
     return tmp_path
 
 
@@ -49,13 +49,13 @@ def test_the_python_interface_returns_a_data_frame_with_short_names(root, monkey
     monkeypatch.chdir(root)
     with pytest.raises(InputError, match="recordings: expected a folder of runs"):
         wb.runs()
-    leave(root / "recordings" / "a")
+    write_run(root / "recordings" / "a")
     assert list(wb.runs()["path"]) == ["recordings/a"]
 
 
 @pytest.mark.usefixtures("trusted")
 def test_a_recording_without_summary_is_a_run(tmp_path):
-    leave_recorded(tmp_path / "a", "a", experiment="arm_twist")
+    write_recorded_run(tmp_path / "a", "a", experiment="arm_twist")
     assert list(read_runs(tmp_path)["path"]) == [str(tmp_path / "a")]
     (tmp_path / "a" / "summary.json").unlink()
     (tmp_path / "junk.rrd").write_bytes(b"no recording")
@@ -65,7 +65,7 @@ def test_a_recording_without_summary_is_a_run(tmp_path):
 
 
 def test_a_running_run_without_a_process_is_killed(tmp_path):
-    leave(tmp_path / "a", status="running")
+    write_run(tmp_path / "a", status="running")
     assert list(read_runs(tmp_path)["status"]) == ["killed"]
     with locked(tmp_path / "a"):
         assert list(read_runs(tmp_path)["status"]) == ["running"]
@@ -91,7 +91,7 @@ SUMMARIES = JSON.map(lambda value: json.dumps(summary(settings=value)))
 @given(content=st.text(max_size=40) | JSON.map(json.dumps) | SUMMARIES)
 def test_any_content_of_a_summary_leaves_the_other_runs_readable(tmp_path_factory, content):
     root = tmp_path_factory.mktemp("hostile")
-    leave(root / "valid")
+    write_run(root / "valid")
     (root / "invalid").mkdir()
     (root / "invalid" / "summary.json").write_text(content, encoding="utf-8", errors="surrogatepass")
     status = read_runs(root).set_index("path")["status"]

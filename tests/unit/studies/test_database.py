@@ -1,4 +1,4 @@
-"""Studies of the database: probes from clips left out, fidelity and histograms against direct computations."""
+"""Studies of the database: held-out probes, and distances and histograms against direct computations."""
 
 import numpy as np
 import pytest
@@ -45,42 +45,41 @@ def histograms(prior):
 def test_the_probe_is_the_window_that_ends_at_the_frame(prior, motions):
     name = prior.windows.clips[2]
     probes = held_out_probes(prior, name, 25, 6, rng())
-    own = prior.start_after(motions[2].poses[25 - prior.windows.window_frames : 26], 1)
-    assert probes.coefficients[0] == pytest.approx(own[0, prior.space.slices["coefficients"]], abs=1e-4)
+    state = prior.start_after(motions[2].poses[25 - prior.windows.window_frames : 26], 1)
+    assert probes.coefficients[0] == pytest.approx(state[0, prior.space.slices["coefficients"]], abs=1e-4)
     assert prior.windows.rows[probes.truth, :19] == pytest.approx(motions[2].poses[26, 6:], abs=1e-6)
     assert name in probes.description
     assert "frame 25" in probes.description
 
 
 @pytest.mark.parametrize("clip", [None, 5])
-def test_no_window_of_a_probes_clip_can_be_drawn(prior, clip):
+def test_windows_of_a_probes_clip_are_not_in_the_database(prior, clip):
     name = None if clip is None else prior.windows.clips[clip]
     probes = held_out_probes(prior, name, None, 12, rng())
-    left = probes.prior.windows
-    kept = {(left.clip_of[i], tuple(left.coefficients[i])) for i in range(len(left))}
+    windows = probes.prior.windows
     assert len(probes.coefficients) == 12
     for probe in probes.coefficients:
         (entry,) = np.flatnonzero((prior.windows.coefficients == probe.astype(np.float32)).all(axis=1))
-        assert prior.windows.clip_of[entry] not in {clip for clip, _ in kept}
-    assert len(set(left.clip_of)) == 6  # a quarter of eight clips is left out
-    assert len(probes.prior.tree.order) == len(left)
+        assert prior.windows.clip_of[entry] not in windows.clip_of
+    assert len(set(windows.clip_of)) == 6  # a quarter of eight clips is held out
+    assert len(probes.prior.tree.order) == len(windows)
 
 
-def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
+def test_the_metrics_equal_those_of_an_enumeration(temperature, prior):
     probes = held_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
     c = probes.prior.windows.coefficients
     tree = sign_tree(c)
-    apart = [
+    distances = [
         total_variation(np.exp(exact_log_prob(c, probe, 0.2)), np.exp(log_proposal(tree, probe, 0.2)))
         for probe in probes.coefficients
     ]
-    assert temperature.metrics["tv_sign_tree"] == pytest.approx(np.mean(apart))
+    assert temperature.metrics["tv_sign_tree"] == pytest.approx(np.mean(distances))
     assert temperature.metrics["tv_search"] <= prior.tail_probability
     assert 0.0 < temperature.metrics["visited_pct"] < 100.0
     assert temperature.metrics["distance_sign_tree"] > temperature.metrics["distance_exact"]
 
 
-def test_histograms_are_densities_over_the_probes_gaussian(histograms, prior):
+def test_histograms_are_densities_compared_with_the_probes_gaussian(histograms, prior):
     probe = held_out_probes(prior, prior.windows.clips[2], 25, 1, rng()).coefficients[0]
     bars = {figure.name: figure for figure in histograms.figures}
     assert list(bars) == [f"coefficients/{search}, c{k}" for search in ("sign tree", "our search") for k in (1, 3)]
@@ -90,14 +89,14 @@ def test_histograms_are_densities_over_the_probes_gaussian(histograms, prior):
             assert isinstance(figure, Bars)
             width = figure.x[1] - figure.x[0]
             assert figure.heights.sum() * width == pytest.approx(1.0)
-            # a bin's mass over its width against the density in its middle: to second order in the width
+            # the mean density of a bin differs from that at its centre to second order in the width
             assert figure.model == pytest.approx(norm.pdf(figure.x, probe[k - 1], 1.0), abs=0.1 * width**2)
             direct = 0.5 * (np.abs(figure.heights - figure.model).sum() * width + 1.0 - figure.model.sum() * width)
             assert histograms.metrics[f"tv_c{k}_{name}"] == pytest.approx(direct)
 
 
-def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
-    """Against simulated counts; the formula's normal approximation of binomials is good to a few per cent."""
+def test_the_sampling_distance_is_that_of_gaussian_samples(histograms):
+    """Against simulated counts; the formula's normal approximation of binomials has an error of a few per cent."""
     simulated = []
     for figure in histograms.figures:
         mass = figure.model * (figure.x[1] - figure.x[0])
@@ -107,16 +106,16 @@ def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
 
 
 @pytest.mark.parametrize(
-    ("study", "words"),
+    ("study", "message"),
     [
         (lambda prior: Temperature(Smooth()), "implicit"), (lambda prior: TreeBalance(Smooth()), "implicit"),
-        (lambda prior: Temperature(prior, clip="nobody"), "nobody"),
+        (lambda prior: Temperature(prior, clip="no_such_clip"), "no_such_clip"),
         (lambda prior: Temperature(prior, clip=prior.windows.clips[0], frame=3), "between 10 and"),
         (lambda prior: Temperature(prior, betas=(0.1, 0.0)), "betas"),
         (lambda prior: CoefficientHistograms(prior, components=(0,)), "components"),
         *((lambda prior, each=each: ImputeGaps(fractions=each), "fractions") for each in ((), (0.0,), (0.2, 1.0))),
     ],
 )  # fmt: skip
-def test_bad_input_of_a_study_is_refused(prior, study, words):
-    with pytest.raises(InputError, match=words):
+def test_bad_input_of_a_study_is_rejected(prior, study, message):
+    with pytest.raises(InputError, match=message):
         study(prior).run(rng())

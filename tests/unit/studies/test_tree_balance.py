@@ -1,4 +1,4 @@
-"""The balance of the sign tree: node sizes against direct counts, numbers of trees whose shape is known."""
+"""The balance of the sign tree: node sizes against direct counts, and metrics of trees of known shape."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def result(prior):
     return TreeBalance(prior).run(np.random.default_rng(0))
 
 
-def test_the_nodes_of_a_level_hold_the_entries_with_their_signs(prior):
+def test_the_nodes_of_a_level_contain_the_entries_with_their_signs(prior):
     tree = sign_tree(prior.windows.coefficients)
     for level in (0, 1, 3):
         signs = prior.windows.coefficients[:, :level] >= 0.0
@@ -33,8 +33,8 @@ def test_the_nodes_of_a_level_hold_the_entries_with_their_signs(prior):
         assert node_sizes(tree, level).tolist() == np.bincount(codes, minlength=1 << level).tolist()
 
 
-def test_a_tree_that_is_full_and_one_that_is_a_single_path():
-    """Every sign pattern of three components once; and eight entries of one pattern."""
+def test_metrics_of_a_full_tree_and_of_a_single_path():
+    """One tree has every sign pattern of three components once, the other eight entries of one pattern."""
     signs = np.array([[1 - 2 * (code >> level & 1) for level in range(3)] for code in range(8)], dtype=np.float32)
     assert balance(sign_tree(signs)) == {
         "empty_pct": 0.0, "largest_leaf": 1.0, "leaf_size": 1.0, "bits": pytest.approx(3.0), "one_child_pct": 0.0,
@@ -44,7 +44,7 @@ def test_a_tree_that_is_full_and_one_that_is_a_single_path():
     }  # fmt: skip
 
 
-def test_leaves_are_sorted_by_powers_of_two():
+def test_leaves_are_grouped_by_powers_of_two():
     of_leaves, of_entries = by_size(np.array([0, 1, 2, 3, 4, 0, 0, 10]), 5)
     assert of_leaves.tolist() == [37.5, 12.5, 25.0, 12.5, 12.5]
     assert of_entries.tolist() == [0.0, 5.0, 25.0, 20.0, 50.0]
@@ -62,5 +62,5 @@ def test_recorded_motion_fills_fewer_leaves_than_independent_components(result, 
     assert metrics["empty_pct_gaussian"] == pytest.approx(100.0 * (1.0 - 0.5**b) ** n, rel=0.1)
 
 
-def test_the_same_rng_gives_the_same_numbers(result, prior):
+def test_equal_generators_give_equal_metrics(result, prior):
     assert TreeBalance(prior).run(np.random.default_rng(0)).metrics == result.metrics

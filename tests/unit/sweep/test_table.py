@@ -5,7 +5,7 @@ import os
 import shutil
 
 import pytest
-from run_folders import leave, summary
+from run_folders import summary, write_run
 
 from workbench.sweep import table as module
 from workbench.sweep.plan import Plan, read_plan
@@ -28,8 +28,8 @@ def replace_summary(folder, day, **fields):
 
 def test_a_requeued_job_has_the_status_of_its_last_run(tmp_path, progress, capsys):
     """Slurm requeues a job after its time limit or a preemption."""
-    leave(tmp_path / "0", day=1)
-    job = leave(tmp_path / "1", day=1, status="interrupted")
+    write_run(tmp_path / "0", day=1)
+    job = write_run(tmp_path / "1", day=1, status="interrupted")
     progress.stop()
     assert progress.not_ended() == []
     assert progress.not_complete() == {1: "interrupted by a signal"}
@@ -46,7 +46,7 @@ def test_a_requeued_job_has_the_status_of_its_last_run(tmp_path, progress, capsy
 
 
 def test_incomplete_jobs_are_killed_never_begun_or_running(tmp_path, progress):
-    leave(tmp_path / "0", status="running")
+    write_run(tmp_path / "0", status="running")
     progress.stop()
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
     with locked(tmp_path / "0"):
@@ -55,8 +55,8 @@ def test_incomplete_jobs_are_killed_never_begun_or_running(tmp_path, progress):
 
 
 def test_jobs_of_an_earlier_sweep_count_once_they_are_reused_or_repeated(tmp_path, capsys):
-    leave(tmp_path / "0")
-    leave(tmp_path / "1", status="failed")
+    write_run(tmp_path / "0")
+    write_run(tmp_path / "1", status="failed")
     progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)))
     assert progress.not_begun() == [0, 1]
     (tmp_path / "0" / "summary.json").touch()
@@ -79,7 +79,7 @@ sweep: {job_ids: null}
 def sweep(tmp_path):
     (tmp_path / "multirun.yaml").write_text(PLAN)
     os.utime(tmp_path / "multirun.yaml", (1e9, 1e9))
-    leave(tmp_path / "0", seed=0)
+    write_run(tmp_path / "0", seed=0)
     return tmp_path
 
 
@@ -112,7 +112,7 @@ def watch_briefly(sweep, monkeypatch):
 
 @pytest.mark.parametrize("running", ["", "1"], ids=["launcher", "job"])
 def test_a_sweep_is_watched_while_its_launcher_or_a_job_runs(sweep, capsys, monkeypatch, running):
-    leave(sweep / "1", status="running")
+    write_run(sweep / "1", status="running")
     with locked(sweep / running):
         assert watch_briefly(sweep, monkeypatch) is None
     assert watch_briefly(sweep, monkeypatch) == 1

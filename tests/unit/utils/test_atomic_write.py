@@ -1,4 +1,4 @@
-"""A file appears whole or not at all."""
+"""A file appears complete or not at all."""
 
 import errno
 import os
@@ -15,15 +15,15 @@ def write_half(path):
         raise KeyboardInterrupt
 
 
-def test_what_ends_well_takes_the_name(tmp_path):
+def test_a_complete_file_gets_its_name(tmp_path):
     with whole_file(tmp_path / "deep" / "a.txt", parents=True) as part:
-        part.write_text("whole")
+        part.write_text("complete")
         assert not (tmp_path / "deep" / "a.txt").exists()
-    assert (tmp_path / "deep" / "a.txt").read_text() == "whole"
+    assert (tmp_path / "deep" / "a.txt").read_text() == "complete"
     assert os.listdir(tmp_path / "deep") == ["a.txt"]
 
 
-def test_what_breaks_off_leaves_the_old_file(tmp_path):
+def test_an_interrupted_write_leaves_the_old_file(tmp_path):
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(KeyboardInterrupt):
         write_half(tmp_path / "a.txt")
@@ -31,7 +31,7 @@ def test_what_breaks_off_leaves_the_old_file(tmp_path):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_a_folder_that_is_none_is_said(tmp_path):
+def test_a_path_inside_a_file_is_rejected(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(InputError, match=r"a\.txt: cannot be written"),
@@ -42,15 +42,15 @@ def test_a_folder_that_is_none_is_said(tmp_path):
 
 @pytest.fixture
 def full(monkeypatch):
-    """A disk on which no file can be made."""
+    """Simulate a full disk."""
 
-    def refuse(*paths):
+    def no_space(*paths):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "replace", refuse)
+    monkeypatch.setattr(os, "replace", no_space)
 
 
-def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
+def test_on_a_full_disk_a_text_is_overwritten_within_its_size(tmp_path, full):
     path = tmp_path / "a.json"
     path.write_text("{}".ljust(20))
     replace_text(path, "[1, 2]")
@@ -68,11 +68,11 @@ def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
     "error",
     [OSError(28, "No space left on device"), RuntimeError("Can't decrement id"), NotWrittenError("x: cannot be")],
 )
-def test_what_cannot_be_kept_in_a_cache_is_told_once(error, caplog):
+def test_a_failed_cache_write_is_reported_once(error, caplog):
     for _ in range(2):
         with optional_cache():
             raise error
-    (told,) = caplog.messages
-    assert told.endswith("the run continues without the cache")
+    (message,) = caplog.messages
+    assert message.endswith("the run continues without the cache")
     with pytest.raises(InputError, match="expected"), optional_cache():
         raise InputError("expected something else")

@@ -1,4 +1,4 @@
-"""Bounds on numbers of files and configurations, checked before arrays of that size are made."""
+"""Limits on numbers in files and configurations, checked before arrays are allocated."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def refusal(check, *arguments, **keys):
     return str(caught.value)
 
 
-def test_a_message_is_short_text_whatever_it_quotes():
+def test_a_message_is_short_and_encodable():
     message = str(InputError(f"a.toml: expected b, found {'x' * 3_000_000!r}"))
     assert len(message) == LONGEST
     assert message.startswith("a.toml: expected b, found 'xxx")
@@ -35,19 +35,19 @@ def test_a_message_is_short_text_whatever_it_quotes():
 
 
 @pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf"), 1e300, 0.01])
-def test_rates(rate, tmp_path):
+def test_rates_out_of_range_are_rejected(rate, tmp_path):
     assert "found" in refusal(check_rate, "a.bvh", rate)
     assert "rate_hz must be between 0.1 and 100000 Hz" in refusal(PointFiles, str(tmp_path), rate_hz=rate)
     assert check_rate("a.bvh", 30.0) == 30.0
 
 
 @pytest.mark.parametrize("name", ["none", "\x00", "folder"])
-def test_what_is_no_file(tmp_path, name):
+def test_a_path_without_a_regular_file_is_rejected(tmp_path, name):
     (tmp_path / "folder").mkdir()
     assert name in refusal(check_file, tmp_path / name)
 
 
-def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
+def test_implausible_limbs_and_motions_are_rejected(tmp_path, monkeypatch):
     assert f"at most {LONGEST_LIMB_M} m" in refusal(from_height, 1.7, thigh=1.6)
     (subject,) = subjects(1, np.random.default_rng(0))
     write_bandai_like(tmp_path / "a.bvh", walker(subject, 0.2, 30.0))
@@ -63,13 +63,13 @@ def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
         ("a.n_points", 10**8), ("dataset.focal_px", 1e308), ("dataset.focal_px", -1e308), ("dataset.person_px", np.inf),
         ("likelihood.sigma", np.nan), ("prior.sigma", 1e10), ("inference.max_points", 10**10),
         ("dataset.n_frames", 0), ("inference.n_particles", -3), ("likelihood.terms.a.n_particles", 0),
-        pytest.param("seed", 1 << 20_000, id="more digits than Python writes"),
+        pytest.param("seed", 1 << 20_000, id="more digits than Python prints"),
     ],
 )  # fmt: skip
-def test_numbers_that_no_run_can_have(place, value):
-    """Each is refused with its place, alone and in a list."""
-    for found in (value, [1, value]):
-        config = found
+def test_numbers_out_of_range_are_rejected_with_their_key(place, value):
+    """As single values and in lists."""
+    for entry in (value, [1, value]):
+        config = entry
         for key in reversed(place.split(".")):
             config = {key: config}
         assert refusal(check_sizes, config).startswith(f"config: {place}: expected a number of ")
@@ -84,7 +84,7 @@ def test_numbers_that_no_run_can_have(place, value):
         {"inference.n_paths": 1_000_000, "dataset.n_frames": 1_000_000}, {"inference.n_particles": 10**9},
     ],
 )  # fmt: skip
-def test_sizes_that_only_keys_together_have(keys, monkeypatch):
+def test_products_of_keys_above_the_memory_are_rejected(keys, monkeypatch):
     monkeypatch.setattr("workbench.utils.input_limits._memory_bytes", lambda: 24_000_000_000)
     config = {}
     for key, value in keys.items():

@@ -1,4 +1,4 @@
-"""Cached kernels and models are made again when anything that went into them is edited, and only then."""
+"""Cached kernels and models are renewed if and only if a source file that they depend on changes."""
 
 import os
 import shutil
@@ -40,7 +40,7 @@ if __name__ == "workbench.a_kernel":
 
 @pytest.fixture
 def package(tmp_path):
-    """A copy of the package that can be edited."""
+    """Return an editable copy of the package."""
     copy = tmp_path / "workbench"
     shutil.copytree(Path(workbench.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__", "conf"))
     return copy
@@ -54,20 +54,20 @@ def python(package, *arguments):
 
 
 def run(package):
-    """What the kernel returns in a process of its own, and whether it came from the cache."""
+    """Return the kernel's value in a subprocess and its number of cache hits."""
     value, hits = python(package, "-c", "import workbench.a_kernel")[0].split()
     return float(value), int(hits)
 
 
 def edit(path, old, new):
-    """Replace a text in a file, which gets longer: by its size and the second Python notices that byte code is old."""
+    """Replace a text in a file and lengthen the file, because Python detects old byte code by size and second."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new) + "\n")
 
 
 @pytest.mark.slow
-def test_an_edited_helper_in_another_file_is_compiled_again(package):
+def test_a_changed_helper_in_another_file_is_recompiled(package):
     (package / "a_helper.py").write_text(HELPER)
     (package / "a_kernel.py").write_text(KERNEL)
     assert run(package) == (20.0, 0)
@@ -77,10 +77,10 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
     edit(package / "a_helper.py", "OFFSET = 0.0", "OFFSET = 1.0")
     assert run(package) == (31.0, 0)
     assert run(package) == (31.0, 1)
-    edit(package / "cli" / "run.py", "\n", "\n")  # which no kernel depends on
+    edit(package / "cli" / "run.py", "\n", "\n")  # no kernel depends on it
     assert run(package) == (31.0, 1)
     cached = list((package / "__pycache__" / "kernels").rglob("*offset_twice*.nbc"))
-    assert len(cached) == 1  # nothing outdated is left
+    assert len(cached) == 1  # no obsolete file remains
 
 
 def test_an_interruption_waits_until_a_cached_kernel_is_loaded(monkeypatch):
@@ -107,7 +107,7 @@ def test_a_kernel_that_cannot_be_cached_still_runs(package):
     (package / "a_helper.py").write_text(HELPER)
     (package / "a_kernel.py").write_text(KERNEL)
     (package / "__pycache__").mkdir()
-    (package / "__pycache__" / "kernels").write_text("in the place of the folder")
+    (package / "__pycache__" / "kernels").write_text("not a folder")
     output, warnings = python(package, "-c", "import workbench.a_kernel")
     assert output == "20.0 0\n"
     assert warnings.count("compiled kernels cannot be cached") >= 1
@@ -126,7 +126,7 @@ from workbench.priors.implicit_tree import draw, sign_tree
 
 
 def report(name, *values):
-    print(name, hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in values)).hexdigest())
+    print(name, hashlib.sha256(b"".join(np.ascontiguousarray(value).tobytes() for value in values)).hexdigest())
 
 
 rng = np.random.default_rng(0)
@@ -135,15 +135,15 @@ for name, build in contract.BUILDERS.items():
     likelihood = build().prepare(None, frames[0]).update(np.zeros(25))
     report(name, likelihood.prepare(*frames[:2]).evaluate(contract.poses(500), contract.poses(500, 2)).log_prob)
 rows, probes = rng.normal(size=(3000, 8)).astype(np.float32), rng.normal(size=(300, 8))
-found = search(kd_tree(rows), probes, np.ones(300, dtype=np.int64), 0.5, rng.random(300))
-report("search", found.entries, found.log_mass, nearest_entries(kd_tree(rows), probes, 0.5))
+result = search(kd_tree(rows), probes, np.ones(300, dtype=np.int64), 0.5, rng.random(300))
+report("search", result.entries, result.log_mass, nearest_entries(kd_tree(rows), probes, 0.5))
 report("tree", draw(sign_tree(rows), probes, 0.5, rng.random((300, 9))))
 """
 
 
 @pytest.mark.slow
-def test_kernels_just_compiled_and_cached_kernels_give_the_same_bits(package):
-    """Of every likelihood, and of the searches of the implicit prior."""
+def test_compiled_and_cached_kernels_are_bitwise_identical(package):
+    """For every likelihood and the searches of the implicit prior."""
     tests = Path(__file__).parents[2]
     (package / "conf").symlink_to(tests.parent / "conf")
     command = ["-c", EVALUATED, str(tests / "scenes"), str(tests / "contract")]
@@ -155,19 +155,19 @@ def test_kernels_just_compiled_and_cached_kernels_give_the_same_bits(package):
 
 SOURCES = {
     "workbench.a": b"from workbench.b import (\n    one,\n    two,\n)\n",
-    "workbench.b": b"def late():\n    from workbench.rooms import c\n",
-    "workbench.rooms": b"",
-    "workbench.rooms.c": b"import numpy",
-    "workbench.aside": b"import workbench.a",
+    "workbench.b": b"def late():\n    from workbench.package import c\n",
+    "workbench.package": b"",
+    "workbench.package.c": b"import numpy",
+    "workbench.unrelated": b"import workbench.a",
 }
 
 
-@pytest.mark.parametrize(("edited", "matters"), [("a", True), ("b", True), ("rooms.c", True), ("aside", False)])
-def test_it_is_of_all_that_a_module_imports(edited, matters):
-    changed = SOURCES | {f"workbench.{edited}": SOURCES[f"workbench.{edited}"] + b"# edited"}
-    assert (digest_of(changed, ["workbench.a"]) != digest_of(SOURCES, ["workbench.a"])) == matters
+@pytest.mark.parametrize(("edited", "changes"), [("a", True), ("b", True), ("package.c", True), ("unrelated", False)])
+def test_the_digest_covers_all_imports_of_a_module(edited, changes):
+    sources = SOURCES | {f"workbench.{edited}": SOURCES[f"workbench.{edited}"] + b"# edited"}
+    assert (digest_of(sources, ["workbench.a"]) != digest_of(SOURCES, ["workbench.a"])) == changes
 
 
-def test_it_is_the_modules_own():
+def test_digests_of_modules_differ():
     assert len({code_digest(), code_digest(walking), code_digest(windows), code_digest(walking, windows)}) == 4
     assert code_digest(walking) == code_digest(walking)

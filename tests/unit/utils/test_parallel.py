@@ -1,4 +1,4 @@
-"""Work on parts is done once and errors reach the caller; a clock that stands still while kernels are compiled."""
+"""Parallel work covers every item once and passes on errors; working time excludes the compilation of kernels."""
 
 import logging
 import signal
@@ -12,10 +12,12 @@ import numba
 import numpy as np
 import pytest
 
-from workbench.utils import parallel as threads
+from workbench.utils import parallel
 from workbench.utils.parallel import parallel_for
 from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
+
+two_threads = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="numba has one thread only")
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +29,7 @@ def _two_threads():
 
 
 @pytest.mark.parametrize(("n", "step"), [(0, 1), (1, 1), (7, 1), (100, 16), (33, 32), (5000, 3)])
-def test_every_item_is_worked_on_once_in_parts_that_begin_at_the_step(n, step):
+def test_every_item_is_covered_once_by_parts_that_start_at_multiples_of_the_step(n, step):
     counts = np.zeros(n, dtype=int)
 
     def work(first, last):
@@ -38,24 +40,25 @@ def test_every_item_is_worked_on_once_in_parts_that_begin_at_the_step(n, step):
     assert (counts == 1).all()
 
 
-def test_what_a_part_raises_reaches_the_caller_once_no_part_is_at_work_any_more():
-    at_work = set()
+@two_threads
+def test_an_error_is_raised_after_all_parts_have_ended():
+    running = set()
 
     def work(first, last):
-        at_work.add(first)
+        running.add(first)
         try:
             if first == 3:
                 raise ValueError("part 3")
         finally:
-            at_work.discard(first)
+            running.discard(first)
 
     with pytest.raises(ValueError, match="part 3"):
         parallel_for(work, 8, 1)
-    assert not at_work
+    assert not running
 
 
-def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
-    """Each does all of its own work where nobody is free to help; within a part, there may be parts again."""
+def test_a_caller_does_not_wait_for_busy_helpers():
+    """Callers do all of their work if no helper is free; parts may be nested."""
     others_done, counts = Event(), np.zeros(4, dtype=int)
 
     def inner(first, last):
@@ -73,24 +76,25 @@ def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
     assert (counts == 2).all()
 
 
-def test_an_interruption_while_threads_start_leaves_none_that_python_would_wait_for(monkeypatch):
-    """Python waits at its end for a thread that a pool has started; where the pool has not listed it, for ever."""
+@two_threads
+def test_an_interruption_during_thread_start_leaves_no_unlisted_thread(monkeypatch):
+    """At its end, Python would wait forever for a thread that the pool started but did not list."""
 
     def start_and_interrupt(thread, start=Thread.start):
         start(thread)
         signal.raise_signal(signal.SIGTERM)
 
-    threads._helpers.cache_clear()
+    parallel._helpers.cache_clear()
     monkeypatch.setattr(Thread, "start", start_and_interrupt)
     before = set(all_threads())
     with pytest.raises(Interrupted), interruptible():
         parallel_for(lambda first, last: None, 100, 1)
-    assert all(each in pools._threads_queues for each in set(all_threads()) - before)
+    assert all(thread in pools._threads_queues for thread in set(all_threads()) - before)
     monkeypatch.undo()
     parallel_for(lambda first, last: None, 100, 1)
 
 
-def test_compiling_takes_no_time_on_this_clock():
+def test_working_time_excludes_compilation():
     wall, working, compiled = perf_counter(), working_s(), compiled_s()
     with compiling(quiet=True):
         numba.njit(lambda x: x + 1.0)(2.0)
@@ -101,7 +105,7 @@ def test_compiling_takes_no_time_on_this_clock():
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_kernels_are_counted_with_their_helpers_as_one_and_once(caplog, quiet):
+def test_a_kernel_and_its_helpers_are_counted_as_one_and_once(caplog, quiet):
     @numba.njit
     def helper(x):
         return x + 1

@@ -1,4 +1,4 @@
-"""The lock of a folder: one process at a time, released by the operating system."""
+"""The lock of a folder: held by one process at a time and released by the operating system."""
 
 import os
 import signal
@@ -24,14 +24,14 @@ with locked(Path(sys.argv[1])):
 
 @contextmanager
 def holder(folder):
-    """Another process that holds the lock of the folder."""
+    """Run another process that holds the lock of the folder."""
     with subprocess.Popen([sys.executable, "-c", HOLDER, str(folder)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "locked\n"
         yield process
         process.kill()
 
 
-def test_a_second_process_is_refused_by_name_until_the_first_is_killed(tmp_path):
+def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path):
     with holder(tmp_path) as process:
         assert is_locked(tmp_path)
         with (
@@ -46,7 +46,7 @@ def test_a_second_process_is_refused_by_name_until_the_first_is_killed(tmp_path)
             assert f"process {os.getpid()} on " in (tmp_path / ".lock").read_text()
 
 
-def test_one_that_waits_gets_the_lock_after_the_other(tmp_path):
+def test_a_waiting_thread_gets_the_lock_after_the_first(tmp_path):
     order = []
 
     def second():
@@ -62,15 +62,15 @@ def test_one_that_waits_gets_the_lock_after_the_other(tmp_path):
     assert order == ["first", "second"]
 
 
-def test_tests_of_the_lock_do_not_refuse_a_run_that_begins(tmp_path):
-    """Each holds a shared lock for a moment."""
-    over = threading.Event()
+def test_checks_of_the_lock_do_not_reject_a_starting_run(tmp_path):
+    """A check holds a shared lock for a moment."""
+    finished = threading.Event()
 
-    def look():
-        while not over.is_set():
+    def check():
+        while not finished.is_set():
             is_locked(tmp_path)
 
-    readers = [threading.Thread(target=look) for _ in range(2)]
+    readers = [threading.Thread(target=check) for _ in range(2)]
     for reader in readers:
         reader.start()
     try:
@@ -78,6 +78,6 @@ def test_tests_of_the_lock_do_not_refuse_a_run_that_begins(tmp_path):
             with locked(tmp_path):
                 pass
     finally:
-        over.set()
+        finished.set()
         for reader in readers:
             reader.join()

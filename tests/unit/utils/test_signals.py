@@ -1,4 +1,4 @@
-"""Signals that ask a process to end."""
+"""Signals that interrupt a process."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ def test_a_signal_interrupts_once_and_handlers_are_restored(number):
     def work():
         try:
             os.kill(os.getpid(), number)
-        finally:  # closing is not interrupted
+        finally:  # cleanup is not interrupted
             os.kill(os.getpid(), signal.SIGTERM)
             closed.append(number)
 
@@ -28,7 +28,7 @@ def test_a_signal_interrupts_once_and_handlers_are_restored(number):
     assert signal.getsignal(number) is before
 
 
-def test_an_interruption_waits_for_the_outermost_deferred_block():
+def test_an_interruption_is_deferred_to_the_end_of_the_outermost_block():
     reached = []
 
     def work():
@@ -63,14 +63,14 @@ def test_an_interruption_lost_in_a_callback_is_raised_at_the_next_check():
     with pytest.raises(Interrupted, match="SIGTERM"), interruptible():
         work()
     assert reached == ["after the callback"]
-    check_interrupted()  # nothing is left of it outside the block
+    check_interrupted()  # no interruption is pending outside the block
 
 
-def test_ignored_signals_stay_ignored_and_handlers_of_the_caller_stay():
+def test_ignored_signals_and_the_callers_handlers_are_unchanged():
     def own_handler(number, frame):
-        seen.append(number)
+        received.append(number)
 
-    seen = []
+    received = []
     hup, term = signal.signal(signal.SIGHUP, signal.SIG_IGN), signal.signal(signal.SIGTERM, own_handler)
     try:
         with interruptible():
@@ -80,4 +80,4 @@ def test_ignored_signals_stay_ignored_and_handlers_of_the_caller_stay():
     finally:
         signal.signal(signal.SIGHUP, hup)
         signal.signal(signal.SIGTERM, term)
-    assert seen == [signal.SIGTERM]
+    assert received == [signal.SIGTERM]

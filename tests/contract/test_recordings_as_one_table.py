@@ -1,14 +1,14 @@
-"""Recordings of all kinds are rows of one table: each component is of one type, and either static or over frames.
+"""All kinds of recordings fit into one table: each component has one type and is either static or temporal.
 
-Rerun's catalog refuses a recording whose columns differ from those of another, or are static in one and over frames in
-the other where they are unions, as bars and tensors are.
+Rerun's catalog rejects recordings whose columns differ in type. It also rejects a union, such as bars and tensors, that
+is static in one recording and temporal in another.
 """
 
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from kinds_of_recordings import leave_kinds
+from kinds_of_recordings import write_kinds
 from rerun.chunk import RrdReader
 
 from workbench.results.gallery import gallery
@@ -19,10 +19,10 @@ BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 
 @pytest.fixture(scope="module")
 def fresh(tmp_path_factory):
-    return leave_kinds(tmp_path_factory.mktemp("kinds"))
+    return write_kinds(tmp_path_factory.mktemp("kinds"))
 
 
-def test_a_component_is_of_one_type_and_logged_in_one_way(fresh):
+def test_a_component_has_one_type_and_is_logged_in_one_way(fresh):
     kinds: dict[tuple[str, str], dict[tuple[bool, str], str]] = {}
     for path in (*BASELINES.glob("*.rrd"), *fresh.glob("*.rrd")):
         for chunk in RrdReader(path).stream():
@@ -32,16 +32,16 @@ def test_a_component_is_of_one_type_and_logged_in_one_way(fresh):
                     kind = (chunk.is_static, str(field.type))
                     kinds.setdefault((chunk.entity_path, field.name), {})[kind] = path.name
     assert len(kinds) > 500
-    assert {component: found for component, found in kinds.items() if len(found) > 1} == {}
+    assert {component: files for component, files in kinds.items() if len(files) > 1} == {}
 
 
 @pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
 @pytest.mark.slow
-def test_all_baselines_and_all_kinds_are_in_one_gallery(fresh, monkeypatch):
+def test_one_gallery_holds_all_baselines_and_all_kinds(fresh, monkeypatch):
     monkeypatch.setattr(
         "workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set()
-    )  # a process for each takes long
-    found = read_runs(*sorted(BASELINES.glob("*.rrd")), fresh)
-    with gallery(found) as served:
+    )  # starting the sandbox is slow
+    runs = read_runs(*sorted(BASELINES.glob("*.rrd")), fresh)
+    with gallery(runs) as served:
         assert served.left_out == []
-        assert served.n_runs == len(list(BASELINES.glob("*.rrd"))) + 3 == len(found)
+        assert served.n_runs == len(list(BASELINES.glob("*.rrd"))) + 3 == len(runs)

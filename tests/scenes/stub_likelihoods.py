@@ -1,12 +1,12 @@
-"""Looks at made-up images, for the tests of the Kalman filter: what a test does not need of them."""
+"""Stubs of frame likelihoods for the tests of the extended Kalman filter."""
 
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 
 
-class MadeUpLook:
-    """A likelihood and its look at once, the same in every frame; what is not asked in a test raises."""
+class StubFrameLikelihood:
+    """A likelihood that is its own frame likelihood; methods that a test must not call raise."""
 
     n_levels, informative, notes, diagnostics = 2, True, (), {}
 

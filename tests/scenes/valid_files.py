@@ -1,4 +1,4 @@
-"""Small sound files of every format that is read."""
+"""Small valid files of every input format."""
 
 import h5py
 import numpy as np

@@ -1,4 +1,4 @@
-"""What continues goes on from any frame with the same bits: every inference, every prior, and cues that remember."""
+"""A run resumed from any frame is bitwise identical to the uninterrupted run, with every inference and prior."""
 
 from dataclasses import replace
 
@@ -26,19 +26,19 @@ CUES = (
     "likelihood.weights.background=0.5", "likelihood.weights.appearance=0.5", "likelihood.weights.silhouette=0.5",
     "likelihood.terms.silhouette.background_from_first_pose=true",
 )  # fmt: skip
-CONTINUE = (
+RESUMABLE = (
     "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "reinitializing",
     "tempered_smc",
 )  # fmt: skip
-PRIORS = sorted(set(options("prior")) - {"fitted_rest", "fitted_rest_implicit"})  # which need joints of several cameras
+PRIORS = sorted(set(options("prior")) - {"fitted_rest", "fitted_rest_implicit"})  # these need several cameras
 
 
 @pytest.fixture(scope="module")
-def made(cache):
-    """Parts by the options that differ from the usual; InputError for those that do not go together."""
+def assembled(cache):
+    """Return a function that assembles a run's components from overrides of the default scene."""
     prepare_hydra()
 
-    def parts(*overrides):
+    def components(*overrides):
         cues = () if any(text.startswith("likelihood=") for text in overrides) else CUES
         with initialize_config_module("workbench.conf", version_base="1.3"):
             config = compose("config", overrides=[*SCENE, *cues, *overrides, f"paths.cache={cache}"])
@@ -46,55 +46,54 @@ def made(cache):
             config.inference.n_particles = 40
         return assemble(config)
 
-    return parts
+    return components
 
 
-def assert_it_goes_on_with_the_same_bits(parts):
+def assert_resumed_runs_are_identical(parts):
     run = parts.inference.run
-    whole = list(run(parts.clip, parts.start, rng_streams(0)))
+    uninterrupted = list(run(parts.clip, parts.start, rng_streams(0)))
     for k in range(1, N_FRAMES):
-        expected = np.stack([step.filter_state.filtered_pose for step in whole[:k]])
-        found = list(run(parts.clip, ResumePoint(expected, whole[k - 1].filter_state), rng_streams(5)))
-        assert [step.frame.index for step in found] == list(range(k, N_FRAMES))
-        for one, other in zip(found, whole[k:], strict=True):
+        poses = np.stack([step.filter_state.filtered_pose for step in uninterrupted[:k]])
+        resumed = list(run(parts.clip, ResumePoint(poses, uninterrupted[k - 1].filter_state), rng_streams(5)))
+        assert [step.frame.index for step in resumed] == list(range(k, N_FRAMES))
+        for first, second in zip(resumed, uninterrupted[k:], strict=True):
             for name in ("particles", "poses", "log_weights", "ancestors", "expected_pose"):
-                np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
-            assert repr((one.log_evidence, dict(one.diagnostics))) == repr(
-                (other.log_evidence, dict(other.diagnostics))
-            )
-            assert one.warnings == other.warnings
+                np.testing.assert_array_equal(getattr(first, name), getattr(second, name), name)
+            numbers = [repr((step.log_evidence, dict(step.diagnostics))) for step in (first, second)]
+            assert numbers[0] == numbers[1]
+            assert first.warnings == second.warnings
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(options("inference")))
-def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
-    usual = (
+def test_every_resumable_inference_resumes_identically(assembled, name):
+    overrides = (
         ("prior=linear", "training.motions=builtin", "likelihood=dense_alignment")
         if name == "iterated_ekf"
         else ("prior=ar_offsets",)
     )
     try:
-        parts = made(f"inference={name}", *usual)
+        parts = assembled(f"inference={name}", *overrides)
     except InputError:
-        assert name not in CONTINUE
+        assert name not in RESUMABLE
         return
     resumable = isinstance(parts.inference, Resumable) and parts.inference.resumable
-    assert resumable == (name in CONTINUE)
+    assert resumable == (name in RESUMABLE)
     if resumable:
-        assert_it_goes_on_with_the_same_bits(parts)
+        assert_resumed_runs_are_identical(parts)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("prior", PRIORS)
-def test_it_goes_on_with_every_prior(made, prior):
-    assert_it_goes_on_with_the_same_bits(
-        made(f"prior={prior}", "inference=fixed_lag", "inference.min_effective_ancestors=5")
+def test_a_run_with_any_prior_resumes_identically(assembled, prior):
+    assert_resumed_runs_are_identical(
+        assembled(f"prior={prior}", "inference=fixed_lag", "inference.min_effective_ancestors=5")
     )
 
 
 @pytest.mark.slow
-def test_it_goes_on_where_the_rest_of_the_body_follows_a_trajectory(made):
-    parts = made("prior=smooth", "prior.parameters=[right_arm]", "inference=reinitializing")
+def test_a_run_with_fitted_joints_resumes_identically(assembled):
+    parts = assembled("prior=smooth", "prior.parameters=[right_arm]", "inference=reinitializing")
     poses = np.linspace(parts.start, parts.start + 0.1, N_FRAMES)
     fitted_rest = FittedRest(parts.prior, lambda: Trajectory(np.arange(N_FRAMES) / 30.0, poses))
-    assert_it_goes_on_with_the_same_bits(replace(parts, inference=parts.inference.rebuilt(prior=fitted_rest)))
+    assert_resumed_runs_are_identical(replace(parts, inference=parts.inference.rebuilt(prior=fitted_rest)))

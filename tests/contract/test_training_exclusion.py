@@ -1,4 +1,4 @@
-"""Who is tracked is not learned from: every experiment, by the names of the motions that its priors say they know."""
+"""No experiment's prior is trained on motions of the people that the experiment tracks."""
 
 import re
 
@@ -15,20 +15,20 @@ from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import find_motion
 
 TRACKED = sorted(set(TRACKING) - {"synthesize_run"})
-"""Experiments that track somebody: synthesis starts from a clip, which alone is not in its database."""
+"""Experiments that track people. Synthesis starts from a clip, and excludes only this clip from its database."""
 GENERATED = ("ablation_inference", "coverage", "walk_circle", "walk_cyclic", "walk_straight")
-"""Experiments that show a generated person, unless they are told otherwise."""
+"""Experiments that show a generated person by default."""
 CMU = ("02_01", "02_03", "05_01", "06_01", "07_01", "08_01", "16_15", "32_02", "35_02", "35_15", "38_02", "39_02")
-BANDAIS = [f"dataset-{k}_{kind}_normal_001" for k in (1, 2) for kind in ("walk", "run", "byebye")]
+BANDAI_CLIPS = [f"dataset-{k}_{kind}_normal_001" for k in (1, 2) for kind in ("walk", "run", "byebye")]
 
 
-class AskedError(Exception):
-    """Raised in place of learning; holds the names of the motions that would be learned from."""
+class TrainingStartedError(Exception):
+    """Raised in place of training; holds the names of the training motions."""
 
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """A folder with the names of recordings, and nothing in them."""
+    """Return a folder of empty files with the names of recordings."""
     folder = tmp_path_factory.mktemp("recordings")
     for clip in CMU:
         file = folder / "cmu" / clip[:2] / f"{clip}.amc"
@@ -38,7 +38,7 @@ def recordings(tmp_path_factory):
     (folder / "cmu" / "index.csv").write_text(
         "clip,subject,activity,frames,first_frame_number,rate_hz\n" + "".join(rows)
     )
-    for clip in BANDAIS:
+    for clip in BANDAI_CLIPS:
         file = folder / "bandai" / clip[:9] / f"{clip}.bvh"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
@@ -46,20 +46,20 @@ def recordings(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_read(monkeypatch):
-    """Importing gives motions that have but the names that files and index say; learning only asks for names."""
+def no_training(monkeypatch):
+    """Import motions by name without reading files, and stop when training starts."""
 
     def imported(clips, cache, name):
-        return tuple(map(named_only, clips))
+        return tuple(map(named_motion, clips))
 
-    def asked(sources, *others):
-        raise AskedError(sources)
+    def training_started(sources, *others):
+        raise TrainingStartedError(sources)
 
     monkeypatch.setattr(training, "_imported", imported)
-    monkeypatch.setattr(training, "Provenance", asked)
+    monkeypatch.setattr(training, "Provenance", training_started)
 
 
-def named_only(file):
+def named_motion(file):
     bandai = file.suffix == ".bvh"
     subject = BANDAI[file.stem[:9]] if bandai else file.stem[:2]
     activity = file.stem.split("_")[1] if bandai else "walk"
@@ -68,32 +68,32 @@ def named_only(file):
 
 
 def person_of(name):
-    """Who moves, by a motion's name: CMU's number, Bandai's data set, somebody generated."""
-    found = re.fullmatch(r"(\d+)_\d+|(dataset-\d+)_.*|((?:walker|runner)_.+)_straight", name)
-    assert found, name
-    return found[1] or found[2] or found[3]
+    """Return the person of a motion by its name: CMU's number, Bandai's data set or a generated person."""
+    match = re.fullmatch(r"(\d+)_\d+|(dataset-\d+)_.*|((?:walker|runner)_.+)_straight", name)
+    assert match, name
+    return match[1] or match[2] or match[3]
 
 
-def learned(node):
-    """Every part of a configuration that learns from motions, in whatever prior."""
+def trained_components(node):
+    """Yield the components of a configuration that are trained on motions, at any depth."""
     if isinstance(node, dict):
         if "motions" in node and "exclude" in node:
             yield node
-        for each in node.values():
-            yield from learned(each)
+        for value in node.values():
+            yield from trained_components(value)
 
 
-def trained_on(node):
-    """The people whose motions a part says it learned from."""
+def training_people(node):
+    """Return the people whose motions a component is trained on."""
     keys = {key: value for key, value in node.items() if key != "_target_"}
-    with pytest.raises(AskedError) as asked:
+    with pytest.raises(TrainingStartedError) as error:
         import_target(node["_target_"])(**keys)
-    (sources,) = asked.value.args
+    (sources,) = error.value.args
     return {person_of(source.rpartition("#")[2]) for source in sources}
 
 
-def tracked(dataset):
-    """The people whom a dataset shows; nobody of the recordings in a video."""
+def tracked_people(dataset):
+    """Yield the people that a dataset shows; a video shows none of the recorded people."""
     names = dataset.get("motion") or []
     for name in map(clip_name, map(str, names if isinstance(names, list) else [names])):
         if name == "builtin_arm":
@@ -105,44 +105,44 @@ def tracked(dataset):
 
 
 def check(recordings, *overrides):
-    """Compose, and compare who is tracked with who is learned from; returns who is tracked."""
+    """Compose, assert that no tracked person is in the training motions, and return the tracked people."""
     config = OmegaConf.to_container(composed(*overrides), resolve=True)
-    shown = set(tracked(config["dataset"]))
-    for part in learned(config["prior"]):
-        if part["data"] is not None or part["motions"] == "builtin":
-            known = trained_on({**part, "data": part["data"] and recordings})
-            assert known
-            assert not known & shown, (overrides, part["_target_"])
-    return shown
+    tracked = set(tracked_people(config["dataset"]))
+    for component in trained_components(config["prior"]):
+        if component["data"] is not None or component["motions"] == "builtin":
+            trained = training_people({**component, "data": component["data"] and recordings})
+            assert trained
+            assert not trained & tracked, (overrides, component["_target_"])
+    return tracked
 
 
 @pytest.mark.parametrize("experiment", TRACKED)
 @pytest.mark.slow
-def test_whoever_an_experiment_tracks_is_not_learned_from(experiment, recordings):
+def test_tracked_people_are_not_in_the_training_motions(experiment, recordings):
     check(recordings, f"experiment={experiment}")
 
 
 @pytest.mark.parametrize(
     "experiment", [name if name in GENERATED else pytest.param(name, marks=pytest.mark.slow) for name in TRACKED]
 )
-def test_nor_is_whoever_it_is_told_to_track(experiment, recordings):
-    chosen = [f"experiment={experiment}", "training.motions=recorded"]
-    if "motion" in composed(f"experiment={experiment}").dataset:  # a video shows whom it shows
-        assert check(recordings, *chosen, "dataset.motion=35_02") == {"35"}
+def test_people_chosen_by_the_user_are_not_in_the_training_motions(experiment, recordings):
+    overrides = [f"experiment={experiment}", "training.motions=recorded"]
+    if "motion" in composed(f"experiment={experiment}").dataset:  # videos have no motion
+        assert check(recordings, *overrides, "dataset.motion=35_02") == {"35"}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", TRACKED)
-def test_nor_without_recordings(experiment):
+def test_generated_people_are_not_in_the_training_motions(experiment):
     check(None, f"experiment={experiment}", "paths.data=null")
 
 
 @pytest.mark.parametrize(
     "prior", ["walking", "gait", "cyclic", "activity", "implicit", "kinematic_flips", "ar_offsets_gait"]
 )
-def test_nor_by_any_other_prior(prior, recordings):
+def test_any_other_prior_excludes_the_tracked_people(prior, recordings):
     check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "training.motions=recorded")
 
 
-def test_nor_by_the_database_that_an_arm_is_tracked_with(recordings):
+def test_the_database_for_an_arm_excludes_the_tracked_person(recordings):
     assert check(recordings, "experiment=arm_smooth_300", "prior=implicit") == {"dataset-1"}

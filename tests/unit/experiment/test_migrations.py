@@ -1,4 +1,4 @@
-"""What an earlier workbench recorded is understood, and said in today's words."""
+"""Settings of earlier versions are migrated to the current keys and values."""
 
 import warnings
 from pathlib import Path
@@ -15,23 +15,23 @@ POINTS = "workbench.datasets.point_files.PointFiles"
 
 @pytest.mark.parametrize("target", [VIDEO, MULTI])
 @pytest.mark.parametrize(
-    ("recorded", "today"),
+    ("recorded", "current"),
     [
         ({"first_frame": 64, "last_frame": 160}, {"first_frame": 64, "n_frames": 97}),
         ({"first_frame": 64, "last_frame": 160, "n_frames": 10}, {"first_frame": 64, "n_frames": 10}),
         ({"first_frame": 64, "last_frame": 70, "n_frames": 10}, {"first_frame": 64, "n_frames": 7}),
     ],
 )
-def test_the_last_frame_is_a_number_of_frames(target, recorded, today):
-    with pytest.warns(UserWarning, match=rf"dataset.last_frame=\d+ is dataset.n_frames={today['n_frames']} today"):
-        found = migrated(PATH, {"seed": 1, "dataset": {"_target_": target, **recorded}})
-    assert found == {"seed": 1, "dataset": {"_target_": target, **today}}
+def test_last_frame_becomes_n_frames(target, recorded, current):
+    with pytest.warns(UserWarning, match=rf"dataset.last_frame=\d+ is dataset.n_frames={current['n_frames']} today"):
+        migrated_settings = migrated(PATH, {"seed": 1, "dataset": {"_target_": target, **recorded}})
+    assert migrated_settings == {"seed": 1, "dataset": {"_target_": target, **current}}
 
 
-def test_the_first_frame_of_a_truth_is_where_it_begins():
+def test_first_frame_of_points_becomes_truth_first_frame():
     with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first_frame=-2 today"):
-        found = migrated(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
-    assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first_frame": -2}
+        migrated_settings = migrated(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
+    assert migrated_settings["dataset"] == {"_target_": POINTS, "source": "x", "truth_first_frame": -2}
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_the_first_frame_of_a_truth_is_where_it_begins():
         {"dataset": {"_target_": "workbench.datasets.synthetic.Synthetic", "first_frame": 3}},
     ],
 )  # fmt: skip
-def test_what_is_said_migrated_stays(settings):
+def test_current_settings_stay_unchanged(settings):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert migrated(PATH, settings) == settings
@@ -52,7 +52,7 @@ SCENE = "workbench.datasets.points.Points"
 
 
 @pytest.mark.parametrize(
-    ("target", "recorded", "today"),
+    ("target", "recorded", "current"),
     [
         (SCENE, {"exact": True, "departures": {"camera": 0.01}}, {"perturb": False, "perturbations": {"camera": 0.01}}),
         (SCENE, {"exact": False, "start": "given"}, {"perturb": True, "initialization": "perturbed_truth"}),
@@ -62,9 +62,9 @@ SCENE = "workbench.datasets.points.Points"
         ("workbench.datasets.person.of_height", {"feet": True}, {"neck_and_feet": True}),
     ],
 )
-def test_renamed_keys_of_datasets_have_todays_names(target, recorded, today):
+def test_renamed_keys_of_datasets_get_the_current_names(target, recorded, current):
     dataset = migrated(PATH, {"dataset": {"_target_": target, **recorded}})["dataset"]
-    assert dataset == {"_target_": target, **today}
+    assert dataset == {"_target_": target, **current}
 
 
 PRODUCT = {"_target_": "workbench.likelihoods.product.Product", "weights": {"edges": 0.5}}
@@ -72,7 +72,7 @@ WRAPPED = {"likelihood": {"_target_": "my.Wrapped", "device": "tpu"}, "terms": [
 
 
 @pytest.mark.parametrize("device", ["cpu", None])
-def test_a_key_that_is_gone_is_removed_wherever_it_is(device):
+def test_a_removed_key_is_dropped_at_any_depth(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         recorded = {"likelihood": {**WRAPPED, "terms": {"both": {**PRODUCT, "device": device}}}}
@@ -81,44 +81,44 @@ def test_a_key_that_is_gone_is_removed_wherever_it_is(device):
 
 
 @pytest.mark.parametrize("device", ["gpu", ["cpu"], {"cpu": 1}])
-def test_another_value_of_a_key_that_is_gone_is_refused_with_its_place(device):
+def test_an_unsupported_value_of_a_removed_key_is_rejected_with_its_place(device):
     with pytest.raises(InputError, match=r"run\.rrd: likelihood\.device: expected cpu, .* found "):
         migrated(PATH, {"likelihood": {**PRODUCT, "device": device}})
 
 
-def test_a_component_that_is_none_any_more_is_refused_with_its_place():
+def test_a_removed_component_is_rejected_with_its_place():
     recorded = {"_target_": "my.Wrapper", "base": {"_target_": "workbench.priors.partwise.Partwise"}}
     with pytest.raises(InputError, match=r"run\.rrd: prior\.base\._target_: .*Partwise was removed"):
         migrated(PATH, {"prior": recorded})
 
 
-@pytest.mark.parametrize("found", [3.0, 5.0])
-def test_a_key_that_is_fixed_today_is_removed_or_refused(found):
+@pytest.mark.parametrize("value", [3.0, 5.0])
+def test_a_key_with_a_fixed_value_is_dropped_or_rejected(value):
     smooth = {"_target_": "workbench.priors.smooth.Smooth"}
-    if found == 3.0:
-        assert migrated(PATH, {"prior": {**smooth, "start_velocity": found}}) == {"prior": smooth}
+    if value == 3.0:
+        assert migrated(PATH, {"prior": {**smooth, "start_velocity": value}}) == {"prior": smooth}
     else:
         with pytest.raises(InputError, match=r"prior\.start_velocity: expected 3\.0, which is fixed today, found 5\.0"):
-            migrated(PATH, {"prior": {**smooth, "start_velocity": found}})
+            migrated(PATH, {"prior": {**smooth, "start_velocity": value}})
 
 
-def test_keys_outside_of_components_and_experiments_get_todays_names():
+def test_keys_outside_components_and_experiments_get_the_current_names():
     recorded = {
         "seed": 1, "threads": 2, "parts": [], "learn": {"motions": "cmu", "leave_out": ["35"]},
         "clips": {"half": "choose", "report": ["02_01"]}, "protocol": {"half": "report", "shown": "a board passing"},
     }  # fmt: skip
-    today = {
+    current = {
         "seed": 1, "n_threads": 2, "component_packages": [], "training": {"motions": "cmu", "exclude": ["35"]},
         "clips": {"split": "validation", "test": ["02_01"]}, "protocol": {"split": "test", "occlusion": "moving board"},
     }  # fmt: skip
-    assert migrated(PATH, recorded) == migrated(PATH, today) == today
-    words = {"experiment": "walk_best", "choices": ["experiment=walk_best", "prior=track"], "seed": 3}
+    assert migrated(PATH, recorded) == migrated(PATH, current) == current
+    recorded_provenance = {"experiment": "walk_best", "choices": ["experiment=walk_best", "prior=track"], "seed": 3}
     renamed = {"experiment": "walk_multi_cue", "choices": ["experiment=walk_multi_cue", "prior=track"], "seed": 3}
-    assert renamed_properties({"provenance": words})["provenance"] == renamed
+    assert renamed_properties({"provenance": recorded_provenance})["provenance"] == renamed
 
 
-def test_likelihoods_get_the_keys_and_values_of_today():
+def test_likelihoods_get_the_current_keys_and_values():
     motion = {"_target_": "workbench.likelihoods.image_motion.ImageMotion"}
     recorded = {"likelihood": {**motion, "k": 2.0, "exponent": "sum", "points": "drawn", "background": "still"}}
-    today = {**motion, "effective_pixels": 2.0, "reduction": "sum", "sampling": "random", "background": "static"}
-    assert migrated(PATH, recorded) == {"likelihood": today}
+    current = {**motion, "effective_pixels": 2.0, "reduction": "sum", "sampling": "random", "background": "static"}
+    assert migrated(PATH, recorded) == {"likelihood": current}

@@ -1,4 +1,4 @@
-"""The curve of a literal row's constant, and the table of deviations."""
+"""The curve of a constant in a published configuration, and the table of deviations from the papers."""
 
 import sys
 
@@ -9,32 +9,32 @@ from analysis.figures import cached_runs
 from analysis.figures.unrecorded import Result
 
 
-def test_the_curve_has_a_row_for_each_value(tmp_path, monkeypatch, capsys):
-    seen = []
+def test_the_curve_has_one_row_per_value(tmp_path, monkeypatch, capsys):
+    calls = []
 
     def measured(config, experiment):
-        seen.append((experiment, config.paper, config))
+        calls.append((experiment, config.paper, config))
         numbers = dict.fromkeys(literal_constants.MEASURED, float(config.likelihood.sigma + config.seed))
         return Result({**numbers, "tracked": float(config.likelihood.sigma == 50.0)}, {}, 1.0)
 
     monkeypatch.setattr(cached_runs, "measured", measured)
     arguments = ["walk_circle", "likelihood.sigma", "20", "50", "--clips", "builtin", "--seeds", "100", "102"]
-    more = ["--set", "likelihood.p_occluded=0.1", "--data", str(tmp_path), "--runs", str(tmp_path / "runs")]
-    monkeypatch.setattr(sys, "argv", ["literal_constants", *arguments, *more])
+    options = ["--set", "likelihood.p_occluded=0.1", "--data", str(tmp_path), "--runs", str(tmp_path / "runs")]
+    monkeypatch.setattr(sys, "argv", ["literal_constants", *arguments, *options])
     for _ in range(2):
         assert literal_constants.main() == 0
         rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
         assert [row[0] for row in rows] == ["| likelihood.sigma=20", "| likelihood.sigma=50"]
         assert [(row[1], row[-1]) for row in rows] == [("121.0", "0 of 2 |"), ("151.0", "2 of 2 |")]
-    assert len(seen) == 4  # the second time from the cache
-    for experiment, paper, config in seen:
+    assert len(calls) == 4  # the second command reads the cache
+    for experiment, paper, config in calls:
         assert (experiment, paper, config.likelihood.p_occluded) == ("walk_circle", "literal", 0.1)
         assert not config.dataset.perturb
         assert config.dataset.seed == config.seed
 
 
 @pytest.mark.parametrize("entry", deviations.DEVIATIONS, ids=lambda entry: f"{entry.paper} {entry.place}")
-def test_a_deviation_is_one_row_with_its_reason(entry):
+def test_a_deviation_is_one_row_of_the_page(entry):
     assert all(entry)
     assert not any("|" in cell for cell in entry)
     assert f"| {' | '.join(entry)} |" in deviations.page().splitlines()

@@ -1,6 +1,6 @@
-"""Every component refuses what it cannot take, in one sentence that names the key or the other component.
+"""Every component rejects invalid values and combinations with a message that names the key or the other component.
 
-The ranges themselves are tested in tests/unit/core/test_checks.py; here, that every class states its own.
+The range checks themselves are tested in tests/unit/core/test_checks.py; these tests check that every class uses them.
 """
 
 import numpy as np
@@ -46,40 +46,40 @@ def filtered(algorithm, prior=PRIOR, **options):
     return ParticleFilter(prior, None, algorithm=algorithm, **options)
 
 
-def still_clip():
+def static_clip():
     return clip_of(*[np.full((240, 320), 100, np.uint8)] * 3)[0]
 
 
-def of_camera(prior, **options):
+def flips(prior, **options):
     return KinematicFlips(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
 
 
 MAKERS = {
-    "filter": lambda cache, **given: ParticleFilter(PRIOR, None, **given),
-    "bootstrap": lambda cache, **given: Bootstrap(**given),
-    "auxiliary": lambda cache, **given: Auxiliary(**given),
-    "gauss_newton": lambda cache, **given: GaussNewton(**given),
-    "partitioned": lambda cache, **given: Partitioned(**given),
-    "tempered_smc": lambda cache, **given: TemperedSMC(**given),
-    "annealed": lambda cache, **given: Annealed(**given),
-    "reinitializing": lambda cache, **given: Reinitializing(PLAIN, **given),
-    "fixed_lag": lambda cache, **given: FixedLag(PLAIN, **given),
-    "backward_simulation": lambda cache, **given: BackwardSimulation(PLAIN, **given),
-    "motion_fit": lambda cache, **given: MotionFit(**given),
-    "synthesis": lambda cache, **given: Synthesis(Smooth(), BODY, **given),
-    "ar_offsets": lambda cache, **given: AROffsets(Smooth(), **given),
-    "kinematic_flips": lambda cache, **given: of_camera(Smooth(parameters=["left_arm"]), **given),
-    "walking": lambda cache, **given: from_motions.walking(motions="builtin", cache=cache, n_components=3, **given),
-    "smooth": lambda cache, **given: Smooth(**given),
-    "implicit": lambda cache, **given: Implicit(learn_windows(builtin_motions(n_subjects=1)), **given),
-    "image_motion": lambda cache, **given: ImageMotion(BODY, **given),
-    "background": lambda cache, **given: Background(BODY, still_clip(), **given),
-    "appearance": lambda cache, **given: Appearance(BODY, **given),
-    "edges": lambda cache, **given: Edges(BODY, **given),
-    "silhouette": lambda cache, **given: Silhouette(BODY, still_clip(), **given),
-    "keypoints": lambda cache, **given: KeypointLikelihood(BODY, **given),
-    "surface_points": lambda cache, **given: SurfacePoints(BODY, **given),
-    "dense_alignment": lambda cache, **given: DenseAlignment(BODY, still_clip(), **given),
+    "filter": lambda cache, **options: ParticleFilter(PRIOR, None, **options),
+    "bootstrap": lambda cache, **options: Bootstrap(**options),
+    "auxiliary": lambda cache, **options: Auxiliary(**options),
+    "gauss_newton": lambda cache, **options: GaussNewton(**options),
+    "partitioned": lambda cache, **options: Partitioned(**options),
+    "tempered_smc": lambda cache, **options: TemperedSMC(**options),
+    "annealed": lambda cache, **options: Annealed(**options),
+    "reinitializing": lambda cache, **options: Reinitializing(PLAIN, **options),
+    "fixed_lag": lambda cache, **options: FixedLag(PLAIN, **options),
+    "backward_simulation": lambda cache, **options: BackwardSimulation(PLAIN, **options),
+    "motion_fit": lambda cache, **options: MotionFit(**options),
+    "synthesis": lambda cache, **options: Synthesis(Smooth(), BODY, **options),
+    "ar_offsets": lambda cache, **options: AROffsets(Smooth(), **options),
+    "kinematic_flips": lambda cache, **options: flips(Smooth(parameters=["left_arm"]), **options),
+    "walking": lambda cache, **options: from_motions.walking(motions="builtin", cache=cache, n_components=3, **options),
+    "smooth": lambda cache, **options: Smooth(**options),
+    "implicit": lambda cache, **options: Implicit(learn_windows(builtin_motions(n_subjects=1)), **options),
+    "image_motion": lambda cache, **options: ImageMotion(BODY, **options),
+    "background": lambda cache, **options: Background(BODY, static_clip(), **options),
+    "appearance": lambda cache, **options: Appearance(BODY, **options),
+    "edges": lambda cache, **options: Edges(BODY, **options),
+    "silhouette": lambda cache, **options: Silhouette(BODY, static_clip(), **options),
+    "keypoints": lambda cache, **options: KeypointLikelihood(BODY, **options),
+    "surface_points": lambda cache, **options: SurfacePoints(BODY, **options),
+    "dense_alignment": lambda cache, **options: DenseAlignment(BODY, static_clip(), **options),
 }
 OUT_OF_RANGE = """
 filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5
@@ -108,13 +108,13 @@ RANGES = [
 
 
 @pytest.mark.parametrize(("name", "key", "text"), RANGES)
-def test_a_value_out_of_range_is_named(name, key, text, cache):
+def test_a_value_out_of_range_is_rejected_with_its_key(name, key, text, cache):
     value = text if text.isalpha() else float(text)
     with pytest.raises(InputError, match=rf"\b{key}\b.*found|\b{key}\b.*must"):
         MAKERS[name](str(cache), **{key: value})
 
 
-LIST_OF_OPTIONS = [
+INVALID_COLLECTIONS = [
     ("ar_offsets", {"parameters": ["root_x"]}, "parameters"),
     ("walking", {"sigma_rotation": (0.1, 0.1)}, "sigma_rotation"),
     ("implicit", {"sigma_position": (0.1, 0.2)}, "sigma_position"),
@@ -131,13 +131,13 @@ LIST_OF_OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "given", "said"), LIST_OF_OPTIONS)
-def test_what_a_list_or_a_mapping_may_not_hold_is_named(name, given, said, cache):
-    with pytest.raises(InputError, match=said):
-        MAKERS[name](str(cache), **given)
+@pytest.mark.parametrize(("name", "options", "message"), INVALID_COLLECTIONS)
+def test_an_invalid_item_of_a_list_or_mapping_is_rejected_by_name(name, options, message, cache):
+    with pytest.raises(InputError, match=message):
+        MAKERS[name](str(cache), **options)
 
 
-TOGETHER = {
+CONFLICTS = {
     "can only be sampled from": [
         lambda: filtered(TemperedSMC(), DRAWN_ONLY), lambda: filtered(Annealed(), DRAWN_ONLY),
         lambda: filtered(Auxiliary(), DRAWN_ONLY), lambda: filtered(GaussNewton(), DRAWN_ONLY),
@@ -153,14 +153,16 @@ TOGETHER = {
     "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
-    "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: of_camera(Smooth(parameters=["root"]))],
+    "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: flips(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("said", "make"), [(said, make) for said, makers in TOGETHER.items() for make in makers])
-def test_what_does_not_go_together_is_refused(said, make):
-    with pytest.raises(InputError, match=said):
+@pytest.mark.parametrize(
+    ("message", "make"), [(message, make) for message, makers in CONFLICTS.items() for make in makers]
+)
+def test_incompatible_components_are_rejected(message, make):
+    with pytest.raises(InputError, match=message):
         make()
