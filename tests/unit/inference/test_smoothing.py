@@ -162,7 +162,7 @@ class Forgets(Position):
 
     def prepare(self, previous, frame):
         frame_likelihood = LookOf(Position(self.measured), previous, frame)
-        frame_likelihood.remember = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
+        frame_likelihood.update = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
         return frame_likelihood
 
 
