@@ -1,4 +1,4 @@
-"""The particle filter against the exact posterior of a linear Gaussian model, and resampling against expected counts."""
+"""The particle filter against the exact posterior of a linear Gaussian model, and resampling against mean counts."""
 
 import weakref
 from dataclasses import dataclass, field
