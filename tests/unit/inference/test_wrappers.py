@@ -151,7 +151,7 @@ FIT_SIGMA = 0.05
 
 
 class CyclicPrior(IsDensity):
-    """A prior with the columns that the hybrid requires: a coefficient, a phase and its speed, root and root velocity."""
+    """A prior with the columns that the hybrid requires: coefficient, phase, phase speed, root and root velocity."""
 
     units = ("rad", "cycle", "cycle/s", *["m"] * 3, *["m/s"] * 3)
     space = StateSpace(NAMES, units, {"phase": slice(1, 2), "phase_speed": slice(2, 3), "root_velocity": slice(6, 9)})
