@@ -17,6 +17,7 @@ from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import PriorCapabilities
 from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.initialization.poses import (
+    MIN_SEPARATION_M,
     fit_annotations,
     initial_poses,
     placed_costs,
@@ -130,7 +131,7 @@ def test_all_examples_with_a_similar_error_are_selected():
     positions = joints(SKELETON, poses)
     distances = np.linalg.norm(positions[:, None] - positions, axis=3).mean(axis=2)
     assert len(poses) > 1
-    assert distances[~np.eye(len(poses), dtype=bool)].min() > 0.03  # APART_M
+    assert distances[~np.eye(len(poses), dtype=bool)].min() > MIN_SEPARATION_M
     assert errors_px(poses, truth).max() < 15.0
     assert np.all(poses[0] == poses_from_examples(examples()[::-1], SKELETON, annotation)[0])  # in any order
 
