@@ -297,7 +297,7 @@ def test_a_resumed_run_is_bitwise_identical():
             covariances = (one.filter_state.arrays["covariance"] for one in (step, expected))
             np.testing.assert_array_equal(*covariances)
             assert step.log_evidence == expected.log_evidence
-    two_passes = IteratedEkf(prior, Measured(measured), BODY)
+    two_passes = replace(tracker, second_pass=True)
     assert not two_passes.resumable
     with pytest.raises(InputError, match="second_pass=false"):
         list(two_passes.run(frames, point, rng_streams(0)))

@@ -24,13 +24,13 @@ def particles(n_particles, algorithm):
     return lambda prior, likelihood: ParticleFilter(prior, likelihood, algorithm=algorithm, n_particles=n_particles)
 
 
-EXACT = {
-    "particle_filter": particles(1500, Bootstrap()),
-    "auxiliary": particles(1000, Auxiliary()),
-    "partitioned": particles(600, Partitioned(partitions=ARM)),
-    "gauss_newton": particles(600, GaussNewton()),
-    "tempered_smc": particles(400, TemperedSMC()),
-    "fixed_lag": lambda prior, likelihood: FixedLag(ParticleFilter(prior, likelihood, n_particles=5000)),
+EXACT = {  # with the numbers of particles of conf/inference, but for the last
+    "particle_filter": particles(5000, Bootstrap()),
+    "auxiliary": particles(2500, Auxiliary()),
+    "partitioned": particles(1500, Partitioned(partitions=ARM)),
+    "gauss_newton": particles(2000, GaussNewton()),
+    "tempered_smc": particles(1000, TemperedSMC()),
+    "fixed_lag": lambda prior, likelihood: FixedLag(ParticleFilter(prior, likelihood)),
     "backward_simulation": lambda prior, likelihood: BackwardSimulation(
         ParticleFilter(prior, likelihood, n_particles=1500), n_paths=250
     ),

@@ -190,8 +190,8 @@ def test_followers_are_the_remaining_rows_of_the_clip(windows, motions):
     assert windows.clips == tuple(motion.name for motion in motions)
 
 
-def test_look_ahead_avoids_windows_whose_successors_are_far_from_the_library():
-    """The successors of every second window are."""
+def test_look_ahead_avoids_windows_with_successors_far_from_the_library():
+    """The successors of every second window are far from all windows."""
     n_pose, coefficients = len(POSE_NAMES), np.array([[0.0], [0.1], [0.0], [0.1]])
 
     def predict(states, entries, noise):
