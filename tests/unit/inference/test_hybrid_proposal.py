@@ -8,7 +8,7 @@ from workbench.motion.models.training import activity_model
 from workbench.priors.activity import Activity
 
 DT = 1 / 14
-N = 200_000
+N = 50_000
 
 
 @pytest.fixture(scope="module")

@@ -143,7 +143,7 @@ class Refitted(Measured):
 
 def test_two_passes_are_fused_as_two_samples():
     prior, measured, frames = simulated()
-    options = {"n_particles": 40_000, **GAUSSIAN}
+    options = {"n_particles": 10_000, **GAUSSIAN}
     first, second, fused = (
         run(IteratedEkf(prior, likelihood, BODY, **options), frames)
         for likelihood in (Measured(measured), Measured(measured + 0.02), Refitted(measured))
@@ -152,8 +152,8 @@ def test_two_passes_are_fused_as_two_samples():
         difference = one.expected_pose - two.expected_pose
         assert np.allclose(step.expected_pose, 0.5 * (one.expected_pose + two.expected_pose), atol=2e-4)
         expected = np.cov(two.poses.T) + 0.5 * np.outer(difference, difference)
-        # A covariance of 40 000 samples has a standard error of 0.7 %; seven times that.
-        assert np.allclose(np.cov(step.poses.T), expected, atol=0.05 * expected.diagonal().max())
+        # A covariance of 10 000 samples has a standard error of 1.4 %; seven times that.
+        assert np.allclose(np.cov(step.poses.T), expected, atol=0.1 * expected.diagonal().max())
     assert np.abs(difference[:5]).max() > 1e-3
 
 

@@ -57,6 +57,17 @@ def test_a_filter_of_a_walk_is_calibrated():
 
 
 @pytest.mark.slow
+def test_more_particles_widen_the_too_narrow_intervals_of_a_long_walk():
+    """The coefficients hardly change, so that few ancestors remain, most of all in the last frames."""
+    few, many = (
+        filtered(particles(n, Bootstrap()), walking_prior(), n_frames=30, n_replicates=10) for n in (500, 3000)
+    )
+    assert few.coverage(0.9) < many.coverage(0.9) - 0.03
+    assert few.coverage(0.9) < MIN_COVERAGE
+    assert Simulated(many.ranks[:, :12]).coverage(0.9) > many.coverage(0.9)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("frames_per_style", [1, 10], ids=["varying style", "constant style"])
 def test_least_squares_of_a_walk_are_calibrated(frames_per_style):
     assert_calibrated(fitted(frames_per_style, n_frames=10, n_replicates=50))
