@@ -28,20 +28,20 @@ def particle_filter(measured, **model):
     return ParticleFilter(LinearPrior(), Position(measured, **model))
 
 
-def moments_of_runs(smoother, h=0.0):
+def moments_of_runs(smoother, **model):
     """Return mean and variance (T, n_seeds, 4) of every frame, and the measurements (T,)."""
-    measured = simulate(T, seed=3, h=h)
-    runs = [smoother(particle_filter(measured, h=h)).run(frames(T), MEAN0, streams(seed)) for seed in range(SEEDS)]
+    measured = simulate(T, seed=3, **model)
+    runs = [smoother(particle_filter(measured, **model)).run(frames(T), MEAN0, streams(seed)) for seed in range(SEEDS)]
     estimates = [[np.concatenate(moments(step)) for step in steps] for steps in runs]
     return np.array(estimates).swapaxes(0, 1), measured
 
 
-@pytest.mark.parametrize("h", [0.0, -0.9])
-def test_backward_simulation_converges_to_the_smoother(h):
+@pytest.mark.parametrize("model", [{}, {"h": -0.9, "sigma": 0.1}], ids=["position", "previous pose"])
+def test_backward_simulation_converges_to_the_smoother(model):
     """With h the likelihood depends on the previous pose, as image motion does."""
     options = {"n_particles": 150, "n_paths": 150, "n_mcmc_steps": 2, "min_effective_ancestors": 1}
-    estimates, measured = moments_of_runs(lambda filter_: BackwardSimulation(filter_, **options), h)
-    mean, variance, _ = exact(measured, h=h)
+    estimates, measured = moments_of_runs(lambda filter_: BackwardSimulation(filter_, **options), **model)
+    mean, variance, _ = exact(measured, **model)
     for t in (0, 5, T - 1):
         assert_agree(estimates[t], [*mean[t], *variance[t]])
 
