@@ -40,7 +40,7 @@ class Constant(Memoryless):
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RecordingLikelihood:
     """A likelihood that records its updates (frame index, pose), and the frames that it is prepared for."""
 
     updates: tuple = ()
@@ -48,12 +48,12 @@ class Recording:
 
     def prepare(self, previous, frame):
         self.prepared.append((previous, frame, self.updates))
-        return RecordingFrame(self, previous, frame)
+        return RecordingFrameLikelihood(self, previous, frame)
 
 
 @dataclass(frozen=True, eq=False)
-class RecordingFrame:
-    likelihood: Recording
+class RecordingFrameLikelihood:
+    likelihood: RecordingLikelihood
     previous: Frame | None
     frame: Frame
     diagnostics = {}  # noqa: RUF012
@@ -67,7 +67,9 @@ class RecordingFrame:
         return Evaluation(pose[:, 0], ("evaluated", "evaluated"))
 
     def update(self, expected_pose):
-        return Recording((*self.likelihood.updates, (self.frame.index, expected_pose)), self.likelihood.prepared)
+        return RecordingLikelihood(
+            (*self.likelihood.updates, (self.frame.index, expected_pose)), self.likelihood.prepared
+        )
 
 
 def run(n_particles, seed, measured, **options):
@@ -78,7 +80,7 @@ def run(n_particles, seed, measured, **options):
 
 
 def test_the_likelihood_is_prepared_once_per_frame_and_updated_with_the_expected_pose():
-    sequence, likelihood = frames(4), Recording()
+    sequence, likelihood = frames(4), RecordingLikelihood()
     steps = list(ParticleFilter(LinearPrior(), likelihood, n_particles=20).run(sequence, MEAN0, streams(1)))
     pairs = [(previous, frame) for previous, frame, _ in likelihood.prepared]
     assert pairs == [(None, sequence[0]), *pairwise(sequence)]
@@ -89,14 +91,14 @@ def test_the_likelihood_is_prepared_once_per_frame_and_updated_with_the_expected
 
 
 def test_warnings_of_the_frame_and_of_its_evaluations_are_reported_once():
-    steps = list(ParticleFilter(LinearPrior(), Recording(), n_particles=20).run(frames(3), MEAN0, streams(1)))
+    steps = list(ParticleFilter(LinearPrior(), RecordingLikelihood(), n_particles=20).run(frames(3), MEAN0, streams(1)))
     expected = [("prepared 0",), ("prepared 1", "evaluated"), ("prepared 2", "evaluated")]
     assert [step.warnings for step in steps] == expected
 
 
 def test_a_missing_initial_pose_is_rejected():
     with pytest.raises(InputError, match="start"):
-        list(ParticleFilter(LinearPrior(), Recording()).run(frames(2), None, streams(0)))
+        list(ParticleFilter(LinearPrior(), RecordingLikelihood()).run(frames(2), None, streams(0)))
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))
