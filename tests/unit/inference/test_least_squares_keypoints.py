@@ -1,4 +1,4 @@
-"""Least squares on 2-D keypoints of one camera: derivatives, automatic initialization, missing and wrong keypoints."""
+"""Least squares on 2-D keypoints of one camera: automatic initialization, missing and wrong keypoints."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,10 @@ from least_squares_scenes import Knowing, SineModel
 
 from workbench.core.frame import Frame
 from workbench.core.observations import observe, observed_kinds
-from workbench.core.residual import Loss
-from workbench.inference.least_squares.all_frames import fit_problem
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.single_frame import FitData, MotionDecoder
+from workbench.inference.least_squares.single_frame import MotionDecoder
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 
@@ -38,19 +35,6 @@ def estimates(steps):
 def phase_error(steps, phases):
     mu = np.array([step.particles[:, 2].mean() for step in steps])
     return np.abs((mu - phases + 0.5) % 1.0 - 0.5).max()
-
-
-def test_the_gradient_over_frames_equals_finite_differences():
-    times, phases, poses = walk(4)
-    sequence = frames(times, keypoints(poses, sigma_px=4.0, missed=0.2))
-    residuals = [views_residual(BODY.skeleton, frame.keypoints, 3.0) for frame in observed(sequence)]
-    decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
-    problem = fit_problem(decoder, FitData(residuals, times, Loss("huber", 2.0)), 1)
-    x = problem.unknowns(decoder.states(np.array([0.2, 0.1]), phases + 0.05, poses[:, :6] + 0.03))
-    moves = 1e-6 * np.eye(len(x))
-    exact = np.array([(problem.expand(x + move).cost - problem.expand(x - move).cost) / 2e-6 for move in moves])
-    # The cost is in the hundreds: its rounding error divided by the step is about 1e-7.
-    np.testing.assert_allclose(problem.expand(x).gradient, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("heading_deg", [0, 50, 130, 180, 270])

@@ -135,14 +135,6 @@ def test_robust_losses_have_smaller_errors_with_outliers():
     assert geman_mcclure < huber < squared
 
 
-def test_a_single_frame_is_fitted_from_the_true_pose_without_a_motion_model():
-    poses = truth()[:1]
-    inference = least_squares(FrameByFrame(), model=False, n_particles=10)
-    steps = run(inference, frames(poses, outliers=0.0, sigma_m=0.0), poses[0])
-    assert error_mm(steps, poses) < 15.0
-    assert steps[0].space.names == BODY.skeleton.dof_names
-
-
 def test_the_pose_prior_bounds_the_angles_of_single_frames():
     poses = truth()
     steps = run(least_squares(FrameByFrame(pose_prior=True), n_particles=10), frames(poses), poses[0])

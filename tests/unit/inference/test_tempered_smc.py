@@ -73,17 +73,10 @@ def test_the_next_temperature_keeps_the_effective_sample_size():
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_evaluations_are_counted_and_a_run_is_determined_by_its_seed(name):
-    measured = simulate(T, seed=1)
-
-    def particles(seed):
-        likelihood = Position(measured)
-        steps = list(ALL[name](TwoJoints(), likelihood, 40).run(frames(T), MEAN0, streams(seed)))
-        assert sum(step.evaluations for step in steps) == likelihood.evaluated > 0
-        return np.concatenate([step.particles for step in steps])
-
-    assert (particles(4) == particles(4)).all()
-    assert not (particles(4) == particles(5)).all()
+def test_evaluations_are_counted(name):
+    likelihood = Position(simulate(T, seed=1))
+    steps = list(ALL[name](TwoJoints(), likelihood, 40).run(frames(T), MEAN0, streams(4)))
+    assert sum(step.evaluations for step in steps) == likelihood.evaluated > 0
 
 
 class Degenerate(Position):
