@@ -1,4 +1,4 @@
-"""The benchmark of the batch fit gives scipy the same problem that we solve."""
+"""The benchmark of the batch fit solves the same problem with SciPy."""
 
 import least_squares_scenes as scenes
 import numpy as np
@@ -22,18 +22,19 @@ def start():
     return scenes.disturbed(scenes.walk(6)[1])
 
 
-def test_the_dense_residuals_have_the_cost_and_its_gradient(problem, start):
+def test_dense_residuals_have_the_cost_and_gradient_of_the_problem(problem, start):
     x, dense = problem.unknowns(start), Dense(problem)
     expected = problem.expand(x)
-    found, slopes = dense.residuals(x), dense.jacobian(x)
-    assert 0.5 * found @ found == pytest.approx(expected.cost, rel=1e-12)
-    np.testing.assert_allclose(slopes.T @ found, expected.gradient, rtol=1e-9, atol=1e-9 * abs(expected.gradient).max())
+    residuals, jacobian = dense.residuals(x), dense.jacobian(x)
+    assert 0.5 * residuals @ residuals == pytest.approx(expected.cost, rel=1e-12)
+    gradient, tolerance = jacobian.T @ residuals, 1e-9 * abs(expected.gradient).max()
+    np.testing.assert_allclose(gradient, expected.gradient, rtol=1e-9, atol=tolerance)
 
 
-def test_both_end_at_the_same_cost(problem, start):
-    _, _, ours = fit_motion(problem, start, tolerance=TOLERANCE)
-    theirs = by_scipy(problem, start)
-    # each stops where another step promises less than TOLERANCE of the cost; near the minimum steps shrink by far more
-    # than a half, so that what is left to gain is at most that
-    assert problem.expand(theirs.x).cost == pytest.approx(ours.costs[-1], rel=2.0 * TOLERANCE)
-    assert ours.costs[-1] < 0.5 * ours.costs[0]
+def test_both_solvers_reach_the_same_cost(problem, start):
+    _, _, search = fit_motion(problem, start, tolerance=TOLERANCE)
+    scipy_result = by_scipy(problem, start)
+    # Each stops where the predicted decrease is below TOLERANCE of the cost. Near the minimum the steps shrink by more
+    # than half, so the remaining decrease is smaller still.
+    assert problem.expand(scipy_result.x).cost == pytest.approx(search.costs[-1], rel=2.0 * TOLERANCE)
+    assert search.costs[-1] < 0.5 * search.costs[0]

@@ -1,4 +1,4 @@
-"""Dense refinement: the joint mode of prior, points and layers, and no step where layers are uninformative."""
+"""Dense refinement finds the joint mode of prior, points and layers, and takes no step for uninformative layers."""
 
 import numpy as np
 import pytest
@@ -13,76 +13,81 @@ WIDE = np.tile([-10.0, 10.0], (D, 1))
 
 
 class Image(StubFrameLikelihood):
-    """Points are likeliest at `points`, with a precision; layers at `layers`, with `sharp` in every direction."""
+    """Gaussian points with mean `points` and a precision matrix; Gaussian layers with mean `layers` and a precision."""
 
-    def __init__(self, points, precision, layers, sharp):
-        self.points, self.precision, self.layers, self.sharp, self.asked = points, precision, layers, sharp, 0
+    def __init__(self, points, precision, layers, layer_precision):
+        self.points, self.precision, self.layers, self.layer_precision = points, precision, layers, layer_precision
+        self.n_compared = 0
 
     def derivatives(self, pose, level, derive=True):
         assert level == 1
-        off = pose - self.points
-        return Derivatives(-0.5 * float(off @ self.precision @ off), -self.precision @ off, self.precision)
+        deviation = pose - self.points
+        gradient = -self.precision @ deviation
+        return Derivatives(0.5 * float(deviation @ gradient), gradient, self.precision)
 
     def compare(self, poses, moved):
         assert moved is JOINTS
-        self.asked += len(poses)
-        return -0.5 * self.sharp * ((poses - self.layers) ** 2).sum(axis=1)
+        self.n_compared += len(poses)
+        return -0.5 * self.layer_precision * ((poses - self.layers) ** 2).sum(axis=1)
 
 
-def scene(seed, sharp, unseen=0):
-    """A prior, points whose precision shares no axes with it, 100 times as sharp but in `unseen` directions."""
+def scene(seed, layer_precision, n_unobserved=0):
+    """Return an image, a prior, the mode of prior and points, their precision and the directions without information.
+
+    Relative to the prior, the points have precision 100, or 0.01 in the first `n_unobserved` of their directions.
+    """
     rng = np.random.default_rng(seed)
-    root, turned = rng.standard_normal((2, D, D)) / np.sqrt(D)
+    root, directions = rng.standard_normal((2, D, D)) / np.sqrt(D)
     covariance = root @ root.T + 0.1 * np.eye(D)
-    own = np.linalg.inv(np.linalg.cholesky(covariance)).T @ np.linalg.qr(turned)[0]
-    precision = (own * np.repeat([0.01, 100.0], [unseen, D - unseen])) @ own.T
+    axes = np.linalg.inv(np.linalg.cholesky(covariance)).T @ np.linalg.qr(directions)[0]
+    precision = (axes * np.repeat([0.01, 100.0], [n_unobserved, D - n_unobserved])) @ axes.T
     mean, points, layers = 0.3 * rng.standard_normal((3, D))
-    prior = heavy_tailed_prior(mean, covariance, np.zeros(D, dtype=np.int64), 1e-300)  # so unlikely that it is Gaussian
-    frame_likelihood = Image(points, precision, layers, sharp)
-    assert isinstance(frame_likelihood, DenseLikelihood)
-    alone = np.linalg.inv(covariance) + precision
-    start = np.linalg.solve(alone, np.linalg.solve(covariance, mean) + precision @ points)
-    return frame_likelihood, prior, start, alone, own[:, :unseen]
+    prior = heavy_tailed_prior(mean, covariance, np.zeros(D, dtype=np.int64), 1e-300)  # practically Gaussian
+    image = Image(points, precision, layers, layer_precision)
+    assert isinstance(image, DenseLikelihood)
+    total = np.linalg.inv(covariance) + precision
+    start = np.linalg.solve(total, np.linalg.solve(covariance, mean) + precision @ points)
+    return image, prior, start, total, axes[:, :n_unobserved]
+
+
+def refined(image, prior, start, limits=WIDE):
+    return refine_pose(image, prior, start, image.derivatives(start, 1), limits, JOINTS)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_it_climbs_to_the_peak_of_three_gaussians(seed):
-    frame_likelihood, prior, start, alone, _ = scene(seed, 500.0)
-    pose, slope, count = refine_pose(
-        frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS
-    )
-    expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * frame_likelihood.layers)
+def test_the_result_is_the_mode_of_three_gaussians(seed):
+    image, prior, start, precision, _ = scene(seed, 500.0)
+    pose, derivatives, count = refined(image, prior, start)
+    joint_precision = precision + 500.0 * np.eye(D)
+    mode = np.linalg.solve(joint_precision, precision @ start + 500.0 * image.layers)
 
-    def below(place):
-        off = place - expected
-        return 0.5 * off @ (alone + 500.0 * np.eye(D)) @ off
+    def cost(pose):
+        return 0.5 * (pose - mode) @ joint_precision @ (pose - mode)
 
-    assert below(pose) < 0.02 * below(start)  # what is shared off the axes is not looked at
-    assert slope.log_prob == frame_likelihood.derivatives(pose, 1).log_prob
-    assert count == frame_likelihood.asked
+    assert cost(pose) < 0.02 * cost(start)  # the layers' curvature is taken to be diagonal along the axes
+    assert derivatives.log_prob == image.derivatives(pose, 1).log_prob
+    assert count == image.n_compared
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
-    frame_likelihood, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
-    pose, _, count = refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS)
-    moved = np.abs(pose - start).max()
-    np.testing.assert_allclose(unseen.T @ (pose - start), 0.0, atol=1e-6 * moved)
-    assert moved > 0.01
-    assert count == frame_likelihood.asked
+def test_directions_without_information_from_points_are_not_searched(seed):
+    image, prior, start, _, unobserved = scene(seed, 500.0, n_unobserved=2)
+    pose, _, count = refined(image, prior, start)
+    change = np.abs(pose - start).max()
+    np.testing.assert_allclose(unobserved.T @ (pose - start), 0.0, atol=1e-6 * change)
+    assert change > 0.01
+    assert count == image.n_compared
 
 
-def test_it_stays_at_the_peak_of_the_points_where_layers_say_nothing():
-    frame_likelihood, prior, start, *_ = scene(0, 0.0)
-    np.testing.assert_array_equal(
-        refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), WIDE, JOINTS)[0], start
-    )
+def test_uninformative_layers_leave_the_mode_of_the_points():
+    image, prior, start, *_ = scene(0, 0.0)
+    np.testing.assert_array_equal(refined(image, prior, start)[0], start)
 
 
-def test_it_keeps_within_limits():
-    frame_likelihood, prior, start, *_ = scene(1, 500.0)
+def test_the_result_is_within_the_limits():
+    image, prior, start, *_ = scene(1, 500.0)
     limits = np.stack([start - 0.01, start + 0.01], axis=1)
-    pose, _, _ = refine_pose(frame_likelihood, prior, start, frame_likelihood.derivatives(start, 1), limits, JOINTS)
+    pose, _, _ = refined(image, prior, start, limits)
     assert (pose >= limits[:, 0]).all()
     assert (pose <= limits[:, 1]).all()
     assert (pose != start).any()

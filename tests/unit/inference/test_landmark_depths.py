@@ -1,4 +1,4 @@
-"""Signs of bones' depths by world landmarks: against plain NumPy, by finite differences, and what they determine."""
+"""Depth signs of bones from world landmarks: cost and derivatives, and the limb flips that they resolve."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ SKELETON, CAMERA, SIGMA_M = BODY.skeleton, CAMERAS[0], 0.1
 
 
 def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
-    """Observations with world landmarks of a person `scale` times as large, and true poses (T, P)."""
+    """Return times, observations with world landmarks of a person `scale` times as large, and true poses (T, P)."""
     times, poses = swinging(SKELETON, n_frames)
     rng, observations = np.random.default_rng(seed), observed(SKELETON, frames(SKELETON, times, poses, (CAMERA,)))
     places = joints(SKELETON, poses)
@@ -31,21 +31,21 @@ def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
         ray = CAMERA.directions(CAMERA.undistorted(view.marks[:, :2]).mean(axis=0))
         side = np.cross([0.0, 0.0, 1.0], ray)
         side /= np.linalg.norm(side)
-        axes = np.stack([-side, np.cross(ray, -side), ray])  # of a camera that looks at the person
+        axes = np.stack([-side, np.cross(ray, -side), ray])  # of a camera that points at the person
         world = scale * (place - place[0])[view.joints] @ axes.T + noise_m * rng.standard_normal((len(view.joints), 3))
-        marks = view.marks.copy()
-        marks[:, 2] = rng.uniform(0.3, 1.0, len(marks))
-        with_landmarks.append(replace(frame, keypoints=(replace(view, marks=marks, world_landmarks=world),)))
+        keypoints = view.marks.copy()
+        keypoints[:, 2] = rng.uniform(0.3, 1.0, len(keypoints))
+        with_landmarks.append(replace(frame, keypoints=(replace(view, marks=keypoints, world_landmarks=world),)))
     return times, with_landmarks, poses
 
 
 def problem(times, observations, depths=None):
-    marks = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / 3.0)
-    stand = np.zeros((len(times), 2), dtype=bool)
-    return KeypointProblem(SKELETON, marks, times, Loss("huber", 3.0), Smoothness(), stand, depths=depths)
+    keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / 3.0)
+    contacts = np.zeros((len(times), 2), dtype=bool)
+    return KeypointProblem(SKELETON, keypoints, times, Loss("huber", 3.0), Smoothness(), contacts, depths=depths)
 
 
-def test_the_true_pose_has_no_residual_at_any_scale_of_the_landmarks():
+def test_the_true_pose_has_no_depth_cost_at_any_scale_of_the_landmarks():
     times, observations, poses = scene(scale=0.7)
     depths = DepthArrays.of(SKELETON, observations, SIGMA_M)
     same_size = DepthArrays.of(SKELETON, scene()[1], SIGMA_M)
@@ -54,30 +54,31 @@ def test_the_true_pose_has_no_residual_at_any_scale_of_the_landmarks():
     bones = places[frame, depths.ends[:, 1]] - places[frame, depths.ends[:, 0]]
     assert len(bones) > 12
     assert ((bones * depths.directions).sum(axis=1) >= MIN_DEPTH_M).all()
-    costs = [problem(times, observations, given).expand(poses.ravel()).cost for given in (None, depths)]
-    assert costs[0] == costs[1]
+    without, with_depths = (problem(times, observations, arrays).expand(poses.ravel()) for arrays in (None, depths))
+    assert with_depths.cost == without.cost
 
 
-def test_cost_gradient_and_curvature_are_those_of_plain_numpy():
+def test_cost_gradient_and_curvature_equal_those_in_numpy():
     times, observations, poses = scene(noise_m=0.3)
     poses = poses + 0.2 * np.random.default_rng(1).standard_normal(poses.shape)
     without = problem(times, observations).expand(poses.ravel())
     depths = DepthArrays.of(SKELETON, observations, SIGMA_M)
-    found = problem(times, observations, depths).expand(poses.ravel())
+    with_depths = problem(times, observations, depths).expand(poses.ravel())
     cost, gradient, normal = 0.0, np.zeros_like(poses), np.zeros((poses.size, poses.size))
     for t, frame in enumerate(observations):
         residual = depth_residual(SKELETON, frame.keypoints[0], BONES, SIGMA_M)
         values, rows = robust(residual, Loss("huber", DEPTH_LOSS_SCALE))(poses[t])
-        cost, gradient[t], own = cost + 0.5 * values @ values, rows.T @ values, slice(25 * t, 25 * t + 25)
-        normal[own, own] = rows.T @ rows
+        cost, gradient[t], block = cost + 0.5 * values @ values, rows.T @ values, slice(25 * t, 25 * t + 25)
+        normal[block, block] = rows.T @ rows
     assert cost > 5.0
-    assert found.cost - without.cost == pytest.approx(cost, rel=1e-9)
-    np.testing.assert_allclose(found.gradient - without.gradient, gradient.ravel(), atol=1e-9 * np.abs(gradient).max())
-    added = found.normal.dense() - without.normal.dense()
+    assert with_depths.cost - without.cost == pytest.approx(cost, rel=1e-9)
+    added = with_depths.gradient - without.gradient
+    np.testing.assert_allclose(added, gradient.ravel(), atol=1e-9 * np.abs(gradient).max())
+    added = with_depths.normal.dense() - without.normal.dense()
     np.testing.assert_allclose(added, normal, atol=1e-9 * np.abs(normal).max())
 
 
-def test_the_gradient_is_that_of_finite_differences():
+def test_the_gradient_equals_finite_differences():
     times, observations, poses = scene(3, noise_m=0.2)
     batch = problem(times, observations, DepthArrays.of(SKELETON, observations, SIGMA_M))
     x = poses.ravel() + 0.05
@@ -89,13 +90,15 @@ def test_the_gradient_is_that_of_finite_differences():
         assert difference == pytest.approx(gradient[k], rel=1e-4, abs=1e-3)
 
 
-def test_selected_frames_have_their_own_depths():
+def test_selected_frames_have_the_depths_of_these_frames():
     times, observations, poses = scene(noise_m=0.1)
     depths, frames_used = DepthArrays.of(SKELETON, observations, SIGMA_M), np.array([1, 4])
-    part = problem(times, observations, depths).select_frames(frames_used)
-    same = problem(times[frames_used], [observations[t] for t in frames_used])
-    same = replace(same, depths=DepthArrays.of(SKELETON, [observations[t] for t in frames_used], SIGMA_M))
-    assert part.expand(poses[frames_used].ravel()).cost == same.expand(poses[frames_used].ravel()).cost
+    selected, subset = (
+        problem(times, observations, depths).select_frames(frames_used),
+        [observations[1], observations[4]],
+    )
+    expected = problem(times[frames_used], subset, DepthArrays.of(SKELETON, subset, SIGMA_M))
+    assert selected.expand(poses[frames_used].ravel()).cost == expected.expand(poses[frames_used].ravel()).cost
 
 
 @pytest.mark.parametrize("limb", LIMBS)
@@ -104,8 +107,8 @@ def test_a_flipped_limb_costs_more_with_depths(limb):
     wrong = flipped(SKELETON, CAMERA, poses, np.array([SKELETON.joint(name) for name in limb]))
     depths = DepthArrays.of(SKELETON, observations, SIGMA_M)
     without, with_depths = (
-        np.diff([problem(times, observations, given).expand(x.ravel()).cost for x in (poses, wrong)])
-        for given in (None, depths)
+        np.diff([problem(times, observations, arrays).expand(x.ravel()).cost for x in (poses, wrong)])
+        for arrays in (None, depths)
     )
     assert with_depths > without + 0.5
 
@@ -119,14 +122,14 @@ def test_frames_without_landmarks_have_no_depths():
     assert problem(times, observations, depths).expand(x).cost == problem(times, observations).expand(x).cost
 
 
-def test_a_standard_deviation_that_is_not_positive_is_an_error():
+def test_a_standard_deviation_that_is_not_positive_is_rejected():
     for key in ("depth_sigma_m", "sigma_px"):
         with pytest.raises(InputError, match=key):
             KeypointLikelihood(BODY, **{key: 0.0})
     assert KeypointLikelihood(BODY, depth_sigma_m=0.2).observables.depth_sigma_m == 0.2
 
 
-def test_the_keypoints_deviation_follows_from_the_persons_height_in_the_image():
+def test_the_default_deviation_of_keypoints_is_proportional_to_the_height_in_the_image():
     times, poses = swinging(SKELETON, 5)
     clip = frames(SKELETON, times, poses, (CAMERA,))
     heights = [np.ptp(frame.views[0].keypoints[:, 1]) for frame in clip]

@@ -1,4 +1,4 @@
-"""Fusion of two passes: weighted samples, with weights by limb from the image likelihood."""
+"""Fusion of two passes as two samples, with weights of each limb by its distance and its image likelihood."""
 
 from types import SimpleNamespace
 
@@ -21,140 +21,137 @@ from workbench.utils.rng import stream
 N = len(POSE_NAMES)
 SKELETON = person_skeleton(from_height(1.75))
 ARM, LEG = (
-    np.array([k for k, name in enumerate(POSE_NAMES) if name.startswith(words)])
-    for words in (("left_shoulder", "left_elbow"), ("right_hip", "right_knee"))
+    np.array([k for k, name in enumerate(POSE_NAMES) if name.startswith(prefixes)])
+    for prefixes in (("left_shoulder", "left_elbow"), ("right_hip", "right_knee"))
 )
-PIXELS = 50.0
 
 
 class Image(StubFrameLikelihood):
-    """Pixels that are likelier by the sum of a pose's arm, twice that of its leg, and what these do to each other."""
+    """A log likelihood that is the sum of the angles of the arm, twice those of the leg, and an interaction."""
 
-    def __init__(self, together=0.0):
-        self.together = together
+    def __init__(self, interaction=0.0):
+        self.interaction = interaction
 
     def compare(self, poses, moved):
         assert moved.all()
         arm, leg = poses[:, ARM].sum(axis=1), poses[:, LEG].sum(axis=1)
-        return 100.0 * poses[:, 0] + arm + 2.0 * leg + self.together * arm * leg
+        return 100.0 * poses[:, 0] + arm + 2.0 * leg + self.interaction * arm * leg
 
 
 def two_poses(seed):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (2, N))
 
 
-def odds_by_distance(pose, other):
-    one, another = forward_oracle(SKELETON, np.stack([pose, other])).positions
-    return PASS_STD_M**2 / (PASS_STD_M**2 + np.linalg.norm(one - another, axis=1).mean() ** 2)
+def distance_odds(pose, other):
+    first, second = forward_oracle(SKELETON, np.stack([pose, other])).positions
+    return PASS_STD_M**2 / (PASS_STD_M**2 + np.linalg.norm(first - second, axis=1).mean() ** 2)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_limbs_are_weighed_by_how_likely_the_pixels_are_with_them(seed):
+def test_limbs_are_weighted_by_their_image_likelihood(seed):
     pose, other = two_poses(seed)
     assert isinstance(Image(), DenseLikelihood)
-    other = pose + 0.02 * other  # as far apart as looks are
-    told, apart = first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, other), odds_by_distance(pose, other)
-    for limb, likelier in ((ARM, 1.0), (LEG, 2.0)):
-        odds = apart * np.exp(LIKELIHOOD_POWER * likelier * (other[limb] - pose[limb]).sum())
-        np.testing.assert_allclose(told[limb], odds / (1.0 + odds))
+    other = pose + 0.02 * other  # a typical difference of two passes
+    weights, prior_odds = first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, other), distance_odds(pose, other)
+    for limb, gradient in ((ARM, 1.0), (LEG, 2.0)):
+        odds = prior_odds * np.exp(LIKELIHOOD_POWER * gradient * (other[limb] - pose[limb]).sum())
+        np.testing.assert_allclose(weights[limb], odds / (1.0 + odds))
     rest = np.setdiff1d(np.arange(N), [*ARM, *LEG])
-    np.testing.assert_allclose(told[rest], apart / (1.0 + apart))  # wherever the pixels would have the body
+    np.testing.assert_allclose(weights[rest], prior_odds / (1.0 + prior_odds))
 
 
-@pytest.mark.parametrize(("metres", "share"), [(0.0, 0.5), (PASS_STD_M, 1.0 / 3.0), (10.0 * PASS_STD_M, 1.0 / 102.0)])
-def test_the_earlier_look_counts_less_the_farther_it_is(metres, share):
+@pytest.mark.parametrize(
+    ("distance_m", "weight"), [(0.0, 0.5), (PASS_STD_M, 1.0 / 3.0), (10.0 * PASS_STD_M, 1.0 / 102.0)]
+)
+def test_the_weight_of_the_first_pass_decreases_with_the_distance(distance_m, weight):
     pose, _ = two_poses(0)
     other = pose.copy()
-    other[1] += metres
-    np.testing.assert_allclose(first_pass_weights(Image(), SKELETON, [ARM], pose, other), share)
+    other[1] += distance_m
+    np.testing.assert_allclose(first_pass_weights(Image(), SKELETON, [ARM], pose, other), weight)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_neither_body_is_preferred(seed):
+def test_the_image_likelihood_treats_both_passes_alike(seed):
+    """The arm is compared in the middle of both poses of the leg."""
     pose, other = two_poses(seed)
-    frame_likelihood = Image(together=3.0)
-    one, two = (
-        first_pass_weights(frame_likelihood, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose))
+    odds, reversed_odds = (
+        weights[ARM] / (1.0 - weights[ARM])
+        for weights in (
+            first_pass_weights(Image(interaction=3.0), SKELETON, [ARM, LEG], *poses)
+            for poses in ((pose, other), (other, pose))
+        )
     )
-    apart, middle = odds_by_distance(pose, other), 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
-    pixels = np.exp(LIKELIHOOD_POWER * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
-    np.testing.assert_allclose(one[ARM] / (1.0 - one[ARM]), apart * pixels)
-    np.testing.assert_allclose(two[ARM] / (1.0 - two[ARM]), apart / pixels)
+    prior_odds, leg = distance_odds(pose, other), 0.5 * (pose[LEG].sum() + other[LEG].sum())
+    image_odds = np.exp(LIKELIHOOD_POWER * (1.0 + 3.0 * leg) * (other[ARM] - pose[ARM]).sum())
+    np.testing.assert_allclose(odds, prior_odds * image_odds)
+    np.testing.assert_allclose(reversed_odds, prior_odds / image_odds)
 
 
-def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
-    (pose, other), frame_likelihood = two_poses(0), Image()
+def test_a_pass_of_negligible_image_likelihood_has_weight_zero():
+    (pose, other), image = two_poses(0), Image()
     pose[ARM], other[ARM] = 0.0, 1.0
-    frame_likelihood.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
-    for poses, share in (((pose, other), 1.0), ((other, pose), 0.0)):
-        np.testing.assert_array_equal(first_pass_weights(frame_likelihood, SKELETON, [ARM], *poses)[ARM], share)
+    image.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
+    for poses, weight in (((pose, other), 1.0), ((other, pose), 0.0)):
+        np.testing.assert_array_equal(first_pass_weights(image, SKELETON, [ARM], *poses)[ARM], weight)
 
 
-def test_whole_turns_are_no_difference():
+def test_whole_turns_do_not_change_weights_or_means():
     pose, other = two_poses(0)
     turned = other.copy()
     turned[[5, ARM[1]]] += 2.0 * np.pi
-    told = [first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, each) for each in (other, turned)]
-    np.testing.assert_allclose(*told)
+    weights, turned_weights = (first_pass_weights(Image(), SKELETON, [ARM, LEG], pose, end) for end in (other, turned))
+    np.testing.assert_allclose(turned_weights, weights)
     state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
-    around = state.copy()
-    around[5] += 2.0 * np.pi
-    mean, covariance = fuse_passes(around, state, unit, told[0])
+    turned = state.copy()
+    turned[5] += 2.0 * np.pi
+    mean, covariance = fuse_passes(turned, state, unit, weights)
     np.testing.assert_allclose(mean, state)
     np.testing.assert_allclose(covariance, unit)
 
 
-@given(share=st.floats(0.01, 0.99), seed=st.integers(0, 1000))
-def test_both_are_weighed_samples(share, seed):
+@given(weight=st.floats(0.01, 0.99), seed=st.integers(0, 1000))
+def test_the_fused_moments_are_those_of_weighted_samples(weight, seed):
     first, second = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 2 * N))
-    mean, covariance = fuse_passes(first, second, np.zeros((2 * N, 2 * N)), np.full(N, share))
-    np.testing.assert_allclose(mean[:N], share * first[:N] + (1.0 - share) * second[:N])
-    np.testing.assert_allclose(mean[N:], 0.5 * (first[N:] + second[N:]))
+    mean, covariance = fuse_passes(first, second, np.zeros((2 * N, 2 * N)), np.full(N, weight))
+    np.testing.assert_allclose(mean[:N], weight * first[:N] + (1.0 - weight) * second[:N])
+    np.testing.assert_allclose(mean[N:], 0.5 * (first[N:] + second[N:]))  # velocities have equal weights
     samples = np.stack([first, second]).T
-    expected = 2.0 * np.cov(samples[:N], aweights=[share, 1.0 - share], ddof=0)
+    expected = 2.0 * np.cov(samples[:N], aweights=[weight, 1.0 - weight], ddof=0)
     np.testing.assert_allclose(covariance[:N, :N], expected, atol=1e-12)
-    unbiased = np.cov(samples[N:])  # of what counts as much by either
-    np.testing.assert_allclose(covariance[N:, N:], unbiased, atol=1e-12)
+    np.testing.assert_allclose(covariance[N:, N:], np.cov(samples[N:]), atol=1e-12)
 
 
-class Twice(Image):
-    """A likelihood whose points pull an arm to one place, and to another when it looks again; all pixels would have it
-    where it was found first, and say nothing at first."""
+class TwoPasses(Image):
+    """A likelihood with another mode of the arm in the second pass, whose image prefers the mode of the first."""
 
-    def __init__(self, place, pixels=0.0):
+    def __init__(self, mode, image_precision, n_passes=2):
         super().__init__()
-        self.place, self.pixels = place, pixels
+        self.mode, self.image_precision, self.n_passes = mode, image_precision, n_passes
 
     def refitted(self, frame, poses):
-        return Twice(-self.place, PIXELS)
+        return TwoPasses(-self.mode, self.image_precision, n_passes=1)
 
     def compare(self, poses, moved):
-        return -self.pixels * ((poses[:, ARM] - 0.1) ** 2).sum(axis=1)
+        precision = 0.0 if self.n_passes == 2 else self.image_precision
+        return -precision * ((poses[:, ARM] - 0.1) ** 2).sum(axis=1)
 
     def derivatives(self, pose, level, derive=True):
-        off, precision = np.zeros(N), np.zeros((N, N))
-        off[ARM] = pose[ARM] - self.place
+        deviation, precision = np.zeros(N), np.zeros((N, N))
+        deviation[ARM] = pose[ARM] - self.mode
         precision[ARM, ARM] = 1e4
-        return Derivatives(-0.5 * 1e4 * float(off @ off), -1e4 * off, precision)
+        return Derivatives(-0.5 * 1e4 * float(deviation @ deviation), -1e4 * deviation, precision)
 
 
-def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_for():
+@pytest.mark.parametrize("image_precision", [0.0, 50.0])
+def test_the_reported_limb_is_the_weighted_mean_of_both_passes(image_precision):
     frames, body = [Frame(k, k / 30.0, (), None) for k in range(4)], SimpleNamespace(skeleton=SKELETON)
     start = np.clip(np.zeros(N), *SKELETON.limits.T)
     start[ARM] = 0.2
-
-    def told(likelihood):
-        streams = {name: stream(0, name) for name in ("resampling", "prior")}
-        filtered = IteratedEkf(Smooth(), likelihood, body, n_particles=2, curvature_weight=1.0)
-        return np.array([step.expected_pose[ARM] for step in filtered.run(frames, start, streams)])
-
-    silent = Twice(np.full(len(ARM), 0.1))
-    silent.refitted = lambda frame, poses: Twice(-silent.place)
-    first, second = np.repeat(start[None], 2, axis=0)
-    first[ARM], second[ARM] = silent.place, -silent.place
-    apart = odds_by_distance(second, first)
-    for likelihood, odds in (
-        (silent, apart),
-        (Twice(silent.place), apart * np.exp(LIKELIHOOD_POWER * PIXELS * len(ARM) * 0.2**2)),
-    ):
-        np.testing.assert_allclose(told(likelihood)[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)
+    streams = {name: stream(0, name) for name in ("resampling", "prior")}
+    likelihood = TwoPasses(np.full(len(ARM), 0.1), image_precision)
+    tracker = IteratedEkf(Smooth(), likelihood, body, n_particles=2, curvature_weight=1.0)
+    arms = np.array([step.expected_pose[ARM] for step in tracker.run(frames, start, streams)])
+    first, second = start.copy(), start.copy()
+    first[ARM], second[ARM] = 0.1, -0.1
+    odds = distance_odds(second, first) * np.exp(LIKELIHOOD_POWER * image_precision * len(ARM) * 0.2**2)
+    np.testing.assert_allclose(arms[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)

@@ -1,4 +1,4 @@
-"""Reinitialization on a rendered person who is suddenly elsewhere: detection of the loss, and recovery."""
+"""Reinitialization after a jump of a rendered person: detection of the track loss, and recovery."""
 
 from dataclasses import replace
 
@@ -12,65 +12,54 @@ from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
 from workbench.evaluation.pose_errors import step_errors
 from workbench.inference.smc.particle_filter import ParticleFilter
-from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
+from workbench.inference.smc.reinitializing import PATIENCE, REFERENCE_FRAMES, Reinitializing
 from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
 from workbench.likelihoods.product import Product
 from workbench.priors.from_motions import walking
 
-CUT, LEFT_OUT, AFTER = REFERENCE_FRAMES + 4, 15, 10
-"""The clip goes on for so many frames, then so many are missing, half a metre of the way, and then it goes on."""
-PARTICLES = 150
+CUT, OMITTED, REMAINING = REFERENCE_FRAMES + 4, 15, 10
+"""Numbers of frames before a jump by half a metre, of omitted frames, and of frames after it."""
 
 
 @pytest.fixture(scope="module")
 def scene(cache):
-    numba.set_num_threads(1)  # for so few points more than one costs more than it saves
+    numba.set_num_threads(1)  # the particles are too few for more
     size = {"width": 160, "height": 120, "person_px": 65.0, "focal_px": 175.0}
-    dataset = Synthetic(n_frames=CUT + LEFT_OUT + AFTER, keypoint_sigma_px=1.0, perturb=False, **size)
+    dataset = Synthetic(n_frames=CUT + OMITTED + REMAINING, keypoint_sigma_px=1.0, perturb=False, **size)
     prior = walking(motions="builtin", cache=str(cache), n_components=3, sigma_rotation=(0.0, 0.0, 0.0))
-    shown = []
-    for frame in dataset.frames():
-        if not CUT <= frame.index < CUT + LEFT_OUT:
-            index = len(shown)
-            shown.append(replace(frame, index=index, time_s=index / 30.0))
-    yield dataset, prior, shown
+    frames = [frame for frame in dataset.frames() if not CUT <= frame.index < CUT + OMITTED]
+    yield dataset, prior, [replace(frame, index=t, time_s=t / 30.0) for t, frame in enumerate(frames)]
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
 
 
-def blind(frames):
-    """The same frames, in which nobody looked for joints."""
-    return [replace(frame, views=tuple(replace(view, keypoints=None) for view in frame.views)) for frame in frames]
-
-
-def run(scene, make, frames):
-    """Errors, px, of every frame, the width of a forearm, and the steps that started anew."""
-    dataset, prior, _ = scene
+def run(scene, with_keypoints):
+    """Return the errors of all frames and the width of a forearm, px, and the steps with a reinitialization."""
+    dataset, prior, frames = scene
+    if not with_keypoints:
+        frames = [replace(frame, views=(replace(frame.views[0], keypoints=None),)) for frame in frames]
     body = person(dataset.info.shape)
     cues = {"background": Background(body, FrameCache(dataset)), "appearance": Appearance(body)}
     likelihood = Product(cues, dict.fromkeys(cues, 0.5))
-    steps = list(make(prior, likelihood, body).run(frames, dataset.info.initial_pose, streams(0)))
+    tracker = Reinitializing(ParticleFilter(prior, likelihood), body, n_particles=150)
+    steps = list(tracker.run(frames, dataset.info.initial_pose, streams(0)))
     errors = [step_errors(step, body) for step in steps]
-    anew = [step for step in steps if step.diagnostics.get("reinitialized") == 1.0]
-    return np.array([error["mpjpe_px"] for error in errors]), errors[-1]["forearm_width_px"], anew
+    reinitialized = [step for step in steps if step.diagnostics.get("reinitialized") == 1.0]
+    return np.array([error["mpjpe_px"] for error in errors]), errors[-1]["forearm_width_px"], reinitialized
 
 
-def reinitializing(prior, likelihood, body):
-    return Reinitializing(ParticleFilter(prior, likelihood), body, n_particles=PARTICLES)
-
-
-def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):
-    errors, forearm_width_px, anew = run(scene, reinitializing, scene[2])
+def test_a_lost_track_is_recovered_from_detected_joints(scene):
+    errors, forearm_width_px, reinitialized = run(scene, with_keypoints=True)
     assert errors[CUT - 5 : CUT].mean() < forearm_width_px
     assert errors[CUT] > 3.0 * forearm_width_px
-    assert [step.frame.index for step in anew] == [CUT + 3]  # after `patience` bad frames, and not again
-    assert "detected joints" in anew[0].warnings[0]
-    assert errors[CUT + 3] < forearm_width_px
-    assert errors[CUT + 3 :].max() < 0.5 * errors[CUT]  # so few particles may drift from there, but not back
+    assert [step.frame.index for step in reinitialized] == [CUT + PATIENCE]
+    assert "detected joints" in reinitialized[0].warnings[0]
+    assert errors[CUT + PATIENCE] < forearm_width_px
+    assert errors[CUT + PATIENCE :].max() < 0.5 * errors[CUT]  # 150 particles may drift afterwards
 
 
-def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
-    errors, forearm_width_px, anew = run(scene, reinitializing, blind(scene[2]))
+def test_without_joints_the_last_pose_is_tried_repeatedly(scene):
+    errors, forearm_width_px, reinitialized = run(scene, with_keypoints=False)
     assert errors[-1] > forearm_width_px
-    assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
-    assert anew[0].warnings[0].endswith("at the last pose and its mirror image")
+    assert [step.frame.index for step in reinitialized] == [CUT + k * PATIENCE for k in (1, 2, 3)]
+    assert reinitialized[0].warnings[0].endswith("at the last pose and its mirror image")

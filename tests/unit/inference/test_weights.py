@@ -1,4 +1,4 @@
-"""Arithmetic of log weights and the walk of systematic resampling, against SciPy and NumPy."""
+"""The logarithm of a sum of weights and systematic resampling, against SciPy and NumPy."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from workbench.inference.smc.weights import _inverse_cdf, logsumexp, systematic
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_logsumexp_is_scipys(scale):
+def test_logsumexp_equals_that_of_scipy(scale):
     log_weights = scale * np.random.default_rng(0).standard_normal(1000)
     assert logsumexp(log_weights) == pytest.approx(scipy.special.logsumexp(log_weights), rel=1e-13)
     assert logsumexp(np.append(log_weights, -np.inf)) == pytest.approx(logsumexp(log_weights), rel=1e-13)
 
 
-def test_logsumexp_of_nothing_is_minus_infinity_and_of_the_undefined_undefined():
+def test_logsumexp_of_infinite_and_undefined_numbers():
     assert logsumexp(np.full(3, -np.inf)) == -np.inf
     assert np.isnan(logsumexp(np.array([0.0, np.nan])))
     assert logsumexp(np.array([0.0, np.inf])) == np.inf
@@ -29,7 +29,7 @@ def test_logsumexp_of_nothing_is_minus_infinity_and_of_the_undefined_undefined()
     n=st.integers(1, 40),
     seed=st.integers(0, 10**6),
 )
-def test_systematic_ancestors_are_the_same_in_one_walk_as_by_bisection(weights, n, seed):
+def test_systematic_parents_are_those_of_the_inverse_distribution_function(weights, n, seed):
     weights = weights / weights.sum()
     positions = (np.arange(n) + np.random.default_rng(seed).random()) / n
     assert (systematic(weights, np.random.default_rng(seed), n) == _inverse_cdf(weights, positions)).all()

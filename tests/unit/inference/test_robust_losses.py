@@ -1,4 +1,4 @@
-"""The robust losses by closed forms."""
+"""The robust losses against their closed forms."""
 
 import numpy as np
 import pytest
@@ -24,13 +24,12 @@ def test_geman_mcclure():
     rho, weights = geman_mcclure(Z)
     np.testing.assert_allclose(rho, [50 / 101, 0.25, 0.1, 0.0, 5e-7 / (1 + 1e-6), 0.1, 0.25, 0.45])
     np.testing.assert_allclose(weights, [1 / 101**2, 0.25, 0.64, 1.0, (1 + 1e-6) ** -2, 0.64, 0.25, 0.01])
-    far, _ = geman_mcclure(np.array([1e8]))
-    assert far[0] == pytest.approx(0.5)  # no point costs more
+    rho, _ = geman_mcclure(np.array([1e8]))
+    assert rho[0] == pytest.approx(0.5)  # the bound of the cost
 
 
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES.keys())
-def test_the_weight_is_the_slope_over_the_residual(loss):
+def test_the_weight_is_the_derivative_over_the_residual(loss):
     z = np.random.default_rng(0).normal(0.0, 3.0, 200)
-    step = 1e-6
-    slope = (loss(z + step)[0] - loss(z - step)[0]) / (2.0 * step)
-    np.testing.assert_allclose(loss(z)[1] * z, slope, atol=1e-8)
+    derivative = (loss(z + 1e-6)[0] - loss(z - 1e-6)[0]) / 2e-6
+    np.testing.assert_allclose(loss(z)[1] * z, derivative, atol=1e-8)

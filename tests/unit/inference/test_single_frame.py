@@ -1,4 +1,4 @@
-"""Fits frame by frame, residual functions and the automatic start against known truth."""
+"""Fits of single frames, residual functions and the automatic initialization against known truth."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ CAMERA = plain_camera(640, 480, 700.0, (3.0, -3.0, 1.2), (1.3, 2.0, 0.9))
 
 def keypoint_residuals(states):
     return [
-        keypoint_residual(WALKER, CAMERA, EVERY_JOINT, np.column_stack([seen, np.linspace(0.3, 1.0, 8)]), 2.0)
-        for seen in CAMERA.project(joints(WALKER, decoder().poses(states)))
+        keypoint_residual(WALKER, CAMERA, EVERY_JOINT, np.column_stack([pixels, np.linspace(0.3, 1.0, 8)]), 2.0)
+        for pixels in CAMERA.project(joints(WALKER, decoder().poses(states)))
     ]
 
 
 @pytest.mark.parametrize("make", [joint_residuals, keypoint_residuals])
-def test_derivatives_of_residuals_are_those_of_finite_differences(make):
+def test_the_jacobian_of_residuals_equals_finite_differences(make):
     _, states = walk(3)
     for residual, pose in zip(make(states), decoder().poses(disturbed(states)), strict=True):
         step = 1e-6 * np.eye(10)
@@ -43,7 +43,7 @@ def test_derivatives_of_residuals_are_those_of_finite_differences(make):
         np.testing.assert_allclose(residual(pose)[1], exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
 
 
-def test_the_decoder_differentiates_its_poses():
+def test_the_jacobian_of_the_decoder_equals_finite_differences():
     _, states = walk(4)
     step = 1e-6
     moves = step * np.eye(states.shape[1])
@@ -51,37 +51,37 @@ def test_the_decoder_differentiates_its_poses():
     np.testing.assert_allclose(decoder().jacobian(states), np.stack(exact, axis=-1), rtol=1e-6, atol=1e-8)
 
 
-def test_marked_keypoints_over_frames_recover_the_motion():
+def test_keypoints_of_several_frames_determine_the_motion():
     times, states = walk(9)
-    # a mark's deviation of 2 px is 1 cm at the walker's 3.5 m; the priors pull less than that
+    # A keypoint's deviation of 2 px is 1 cm at the walker's distance of 3.5 m; the bias by the priors is smaller.
     problem = fit_problem(
         decoder(), FitData(keypoint_residuals(states), times, Loss("huber", 1.0), Smoothness(style=0.01)), 1
     )
-    found, _, _ = fit_motion(problem, disturbed(states), tolerance=1e-10, max_iterations=60)
+    estimate, _, _ = fit_motion(problem, disturbed(states), tolerance=1e-10, max_iterations=60)
     truth = joints(WALKER, decoder().poses(states))
-    assert np.abs(joints(WALKER, decoder().poses(found)) - truth).max() < 0.01
+    assert np.abs(joints(WALKER, decoder().poses(estimate)) - truth).max() < 0.01
 
 
-def test_the_root_is_found_in_every_frame_from_the_one_before():
+def test_the_root_is_tracked_from_frame_to_frame():
     times, states = walk(12)
     truth = states.copy()
-    states[:, -6:] = states[0, -6:] + np.array([0.05, -0.05, 0.03, 0.05, -0.05, 0.05])  # what follows is not known
-    truth[:, 3] += 2.0 * np.arange(12) / 14.0  # at a runner's speed, 23 cm a frame
-    found = global_motion(decoder(), FitData(joint_residuals(truth), times, ROBUST), states)
-    np.testing.assert_allclose(found, truth, atol=1e-4)
+    states[:, -6:] = states[0, -6:] + np.array([0.05, -0.05, 0.03, 0.05, -0.05, 0.05])  # of the first frame only
+    truth[:, 3] += 2.0 * np.arange(12) / 14.0  # a runner's speed, 23 cm per frame
+    estimate = global_motion(decoder(), FitData(joint_residuals(truth), times, ROBUST), states)
+    np.testing.assert_allclose(estimate, truth, atol=1e-4)
 
 
-def test_root_phase_and_style_are_followed():
+def test_root_phase_and_style_are_tracked():
     times, states = walk(20, rate_hz=1.1)
-    states[10:, 2] += 0.02 * np.arange(10)  # the pace quickens
-    found = follow(decoder(), FitData(joint_residuals(states), times, ROBUST), states[:4])
-    # where the phase bends by one deviation of its prior, at most that is held back; four frames on nothing is
-    np.testing.assert_allclose(found[:, 2], states[:, 2], atol=0.02)
-    np.testing.assert_allclose(found[14:, 2], states[14:, 2], atol=0.002)
-    np.testing.assert_allclose(found[:, 3:], states[:, 3:], atol=0.01)
+    states[10:, 2] += 0.02 * np.arange(10)  # the cycle rate increases
+    estimate = follow(decoder(), FitData(joint_residuals(states), times, ROBUST), states[:4])
+    # The rate changes by one deviation of its prior: the phase lags by at most that, and no more after four frames.
+    np.testing.assert_allclose(estimate[:, 2], states[:, 2], atol=0.02)
+    np.testing.assert_allclose(estimate[14:, 2], states[14:, 2], atol=0.002)
+    np.testing.assert_allclose(estimate[:, 3:], states[:, 3:], atol=0.01)
 
 
-def test_poses_are_tracked_without_a_model():
+def test_poses_are_tracked_without_a_motion_model():
     times, states = walk(6)
     truth = decoder().poses(states)
     fit = fit_poses(PoseDecoder(WALKER), FitData(joint_residuals(states), times, SQUARED), truth[0] + 0.02)
@@ -94,44 +94,45 @@ def test_poses_are_tracked_without_a_model():
         pose = search.x
 
 
-def test_what_nothing_tells_of_keeps_its_place_and_is_uncertain():
+def test_unobserved_angles_do_not_change_and_are_uncertain():
     times, states = walk(1)
     pose = decoder().poses(states)[0]
     foot = np.array([WALKER.joint("left_ankle")])
-    seen = joint_residual(WALKER, foot, joints(WALKER, pose[None])[0, foot] + 0.02, 0.01)
-    fit = fit_poses(PoseDecoder(WALKER), FitData([seen], times, SQUARED), pose)
-    right = [WALKER.dof("right_hip_flexion"), WALKER.dof("right_knee_flexion")]
-    np.testing.assert_array_equal(fit.poses[0, right], pose[right])
-    np.testing.assert_allclose(np.diagonal(fit.covariance[0])[right], 1.0)
+    residual = joint_residual(WALKER, foot, joints(WALKER, pose[None])[0, foot] + 0.02, 0.01)
+    fit = fit_poses(PoseDecoder(WALKER), FitData([residual], times, SQUARED), pose)
+    right_leg = [WALKER.dof("right_hip_flexion"), WALKER.dof("right_knee_flexion")]
+    np.testing.assert_array_equal(fit.poses[0, right_leg], pose[right_leg])
+    np.testing.assert_allclose(np.diagonal(fit.covariance[0])[right_leg], 1.0)
 
 
-def test_a_frame_under_a_gaussian_prior_is_the_closed_form():
+def test_a_linear_frame_with_a_gaussian_prior_has_the_closed_form():
     rng = np.random.default_rng(0)
-    slopes, seen = rng.standard_normal((14, 10)), rng.standard_normal(14)
+    jacobian, measured = rng.standard_normal((14, 10)), rng.standard_normal(14)
     prior = GaussianPrior(rng.standard_normal(10), rng.standard_normal((6, 10)))
-    found = fit_frame(
-        PoseDecoder(WALKER), lambda pose: (slopes @ pose - seen, slopes), SQUARED, np.zeros(10), prior=prior,
+    search = fit_frame(
+        PoseDecoder(WALKER), lambda pose: (jacobian @ pose - measured, jacobian), SQUARED, np.zeros(10), prior=prior,
         tolerance=1e-14,
     )  # fmt: skip
-    normal = slopes.T @ slopes + prior.whitening.T @ prior.whitening
-    right = slopes.T @ seen + prior.whitening.T @ prior.whitening @ prior.mean
-    np.testing.assert_allclose(found.x, np.linalg.solve(normal, right), atol=1e-6)
-    np.testing.assert_allclose(found.quadratic.normal.dense(), normal, rtol=1e-12)
+    precision = prior.whitening.T @ prior.whitening
+    normal = jacobian.T @ jacobian + precision
+    expected = np.linalg.solve(normal, jacobian.T @ measured + precision @ prior.mean)
+    np.testing.assert_allclose(search.x, expected, atol=1e-6)
+    np.testing.assert_allclose(search.quadratic.normal.dense(), normal, rtol=1e-12)
 
 
-def test_the_pose_prior_is_the_gaussian_of_the_models_poses():
+def test_the_pose_prior_has_the_moments_of_the_models_poses():
     rng = np.random.default_rng(1)
-    draws = decoder().states(rng.standard_normal((40_000, 2)), rng.random(40_000), np.zeros(6))
-    angles = decoder().poses(draws)[:, 6:] + 0.05 * rng.standard_normal((40_000, 4))
+    samples = decoder().states(rng.standard_normal((40_000, 2)), rng.random(40_000), np.zeros(6))
+    angles = decoder().poses(samples)[:, 6:] + 0.05 * rng.standard_normal((40_000, 4))
     prior = pose_prior(decoder())
     np.testing.assert_allclose(prior.mean[6:], angles.mean(axis=0), atol=0.01)
     whitened = (angles - prior.mean[6:]) @ prior.whitening[:, 6:].T
-    # the sample's covariance of 40 000 draws is good to √(2/40 000), 0.007; five times that
+    # The covariance of 40 000 samples has a standard error of √(2/40 000) = 0.007; five times that.
     np.testing.assert_allclose(np.cov(whitened.T), np.eye(4), atol=0.035)
     np.testing.assert_array_equal(prior.whitening[:, :6], 0.0)
 
 
-def test_lines_through_a_table_of_costs():
+def test_the_line_of_least_cost_has_the_true_phase_and_rate():
     times, phase, rate = np.arange(8) / 14.0, 0.9, 1.2
     phases = np.arange(12) / 12.0
     costs = 1.0 - np.cos(2.0 * np.pi * (phases - (phase + rate * times)[:, None]))
@@ -141,45 +142,46 @@ def test_lines_through_a_table_of_costs():
     assert all(cost < other for other, _ in others)
 
 
-def recovered(seed):
-    """Whether the phase of a walk at 0.8 or 1.2 of the model's pace is found, to 0.1 cycles, in all first frames."""
+def phase_error(seed):
+    """Return the largest phase error, cycles, of the first frames of a walk at 0.8 or 1.2 times the model's rate."""
     rng = np.random.default_rng(seed)
     _, states = walk(8, rate_hz=rng.choice([0.8, 1.2]), phase=rng.random(), alpha=0.5 * rng.standard_normal(2))
     start = decoder().poses(states)[0]
     start[:6] += rng.standard_normal(6) * np.array([*[0.03] * 3, *[0.05] * 3])
     poses = MotionDecoder(WALKER, decoder().model, start)
     residuals = joint_residuals(states, sigma_m=0.02, noise_m=0.03, outliers=0.15, seed=seed)
-    found = find_phase(poses, FitData(residuals, np.arange(8) / 14.0, ROBUST), start[:6])
-    return np.abs((found[:, 2] - states[:, 2] + 0.5) % 1.0 - 0.5).max() < 0.1
-
-
-def test_the_phase_is_found_by_itself():
-    assert all(recovered(seed) for seed in range(3))
+    estimate = find_phase(poses, FitData(residuals, np.arange(8) / 14.0, ROBUST), start[:6])
+    return np.abs((estimate[:, 2] - states[:, 2] + 0.5) % 1.0 - 0.5).max()
 
 
 @pytest.mark.slow
-def test_the_phase_is_found_by_itself_in_40_trials():
-    assert np.mean([recovered(seed) for seed in range(40)]) >= 0.95
+def test_the_phase_is_estimated_in_95_percent_of_20_walks():
+    assert np.mean([phase_error(seed) < 0.1 for seed in range(20)]) >= 0.95
 
 
-def test_points_tell_where_a_person_is_and_faces():
+def test_points_determine_position_and_heading_of_a_walker():
     times, states = walk(8)
     rng = np.random.default_rng(2)
-    seen = joints(WALKER, decoder().poses(states))
-    clouds = [np.repeat(cloud, 20, axis=0) + 0.05 * rng.standard_normal((160, 3)) for cloud in seen]
+    centres = joints(WALKER, decoder().poses(states))
+    clouds = [np.repeat(points, 20, axis=0) + 0.05 * rng.standard_normal((160, 3)) for points in centres]
     clouds[3] = np.empty((0, 3))
     (root,) = roots_from_points(WALKER, clouds, times)
     assert np.linalg.norm(root[:3] - states[0, 3:6]) < 0.2
     assert abs(root[3] - np.arctan2(0.4, 1.2)) < 0.3
-    standing = roots_from_points(WALKER, [clouds[0]] * 8, times)
-    assert len(standing) == 8
-    assert np.abs(np.diff(np.sort(standing[:, 3]), append=2.0 * np.pi)).max() == pytest.approx(np.pi / 4.0)
-    assert np.linalg.norm(standing[:, :3] - states[0, 3:6], axis=1).max() < 0.3  # a neutral pose all around its middle
+
+
+def test_points_of_a_standing_person_leave_eight_headings():
+    times, states = walk(8)
+    cloud = joints(WALKER, decoder().poses(states))[0]
+    roots = roots_from_points(WALKER, [cloud] * 8, times)
+    assert len(roots) == 8
+    assert np.abs(np.diff(np.sort(roots[:, 3]), append=2.0 * np.pi)).max() == pytest.approx(np.pi / 4.0)
+    assert np.linalg.norm(roots[:, :3] - states[0, 3:6], axis=1).max() < 0.3
     with pytest.raises(InputError, match="expected points in two"):
-        roots_from_points(WALKER, [clouds[0]], times[:1])
+        roots_from_points(WALKER, [cloud], times[:1])
 
 
-def test_a_model_of_another_skeleton_is_an_error():
+def test_a_model_of_another_skeleton_is_rejected():
     model = decoder().model
     model.angles = ("tail_flexion",)
     with pytest.raises(InputError, match="no joint angle called 'tail_flexion'"):
