@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from threadpoolctl import threadpool_limits
 
 import workbench  # noqa: F401 (before NumPy, as in a command, because NumPy's import selects the BLAS kernels)
+from workbench.utils.parallel import single_blas_thread
 
 # Write byte code regardless of the environment; otherwise every worker and subprocess would compile all modules.
 sys.dont_write_bytecode = False
@@ -43,7 +43,7 @@ def default_signals():
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread():
     """Use one BLAS thread, as in a run."""
-    with threadpool_limits(limits=1, user_api="blas"):
+    with single_blas_thread():
         yield
 
 

@@ -11,7 +11,6 @@ from typing import Any
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from threadpoolctl import threadpool_limits
 
 from workbench.experiment.config.options import GROUPS, allow_packages, packages_in
 from workbench.experiment.config.schema import composed, typed
@@ -22,6 +21,7 @@ from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Components
 from workbench.recording.read.reader import Run, read
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import single_blas_thread
 from workbench.utils.run_files import RECORDING
 from workbench.utils.run_lock import run_folder
 
@@ -85,7 +85,7 @@ def record(components: Components, folder: str | Path | None = None, *, seed: in
     config = OmegaConf.create({**settings, "recorder": recorder_keys})
     summary = Summary(PYTHON, seed, place / RECORDING, settings=settings)
     summary.provenance = provenance(config, Command())
-    one_thread = threadpool_limits(limits=1, user_api="blas")  # as `execute` does
+    one_thread = single_blas_thread()  # as `execute` does
     with (
         _reporting_folder(place, quiet), run_folder(place), ending(summary), one_thread,
         recorder_of(config, components, summary) as recorder,

@@ -17,7 +17,6 @@ from functools import partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
-from threadpoolctl import threadpool_limits
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s
@@ -34,6 +33,7 @@ from workbench.inference.least_squares.single_frame import FitData, MotionDecode
 from workbench.inference.least_squares.task import Fit, fit_of
 from workbench.priors.from_motions import activity
 from workbench.utils.arrays import FloatArray
+from workbench.utils.parallel import single_blas_thread
 
 CLIP, N_COMPONENTS = "dataset-2_walk_normal_001", 30
 SIGMA_M, LOSS, SMOOTHNESS = 0.02, Loss("geman_mcclure", 1.5), Smoothness()
@@ -78,7 +78,7 @@ class Scene:
 
 def figures() -> list[Figure]:
     """Return milliseconds a frame, and how many times as long scipy takes."""
-    with threadpool_limits(limits=1, user_api="blas"):
+    with single_blas_thread():
         scene = _scene()
         states = scene.start()
         fit = scene.fit(states)

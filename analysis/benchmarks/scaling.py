@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.style import context
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
-from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from analysis.benchmarks import tracking, video_fit
@@ -25,6 +24,7 @@ from analysis.benchmarks.measuring import fastest_s, machine, peak_gb
 from analysis.figures.style import canvas
 from workbench.recording.study.drawing import DASHES, GREY, HALO, SERIES, STYLE, label_ends
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import single_blas_thread
 
 REPEATS = 4
 PARTICLES = (100, 1_000, 10_000, 100_000, 1_000_000)
@@ -117,7 +117,7 @@ def draw(folder: Path) -> None:
     """Measure all curves, print them, and draw them in `folder`; raises InputError if that cannot be written."""
     print(machine())
     for name, measure in MEASURES.items():
-        with threadpool_limits(limits=1, user_api="blas"):
+        with single_blas_thread():
             curves = measure()
         print("", name, *curves, sep="\n", flush=True)
         try:

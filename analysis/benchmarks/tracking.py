@@ -19,7 +19,6 @@ from time import perf_counter
 import numba
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig
-from threadpoolctl import threadpool_limits
 from tqdm import trange
 
 from analysis.benchmarks.figure import Figure
@@ -31,6 +30,7 @@ from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Components, assemble
+from workbench.utils.parallel import single_blas_thread
 
 N_FRAMES, REPEATS, FEW = 50, 10, 64
 
@@ -114,7 +114,7 @@ def _assembled(n_particles: int, *overrides: str) -> tuple[DictConfig, Component
             arguments.append("experiment=walk_straight")
         config = compose("config", overrides=arguments)
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"):
+    with warnings.catch_warnings(), single_blas_thread():
         warnings.simplefilter("ignore")
         return config, assemble(config)
 
@@ -124,7 +124,7 @@ def _once(parts: Components, config: DictConfig, folder: Path, keep: bool = Fals
     collector = MeasurementCollector(parts.body) if keep else None
     with (
         warnings.catch_warnings(),
-        threadpool_limits(limits=1, user_api="blas"),
+        single_blas_thread(),
         recorder_of(config, parts, summary) as recorder,
     ):
         warnings.simplefilter("ignore")

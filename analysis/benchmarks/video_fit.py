@@ -12,7 +12,6 @@ import time
 from functools import partial
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s, peak_gb
@@ -29,6 +28,7 @@ from workbench.inference.least_squares.residuals import views_residual
 from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.utils.arrays import FloatArray
+from workbench.utils.parallel import single_blas_thread
 
 SIGMA_PX, MISSING, RATE_HZ, LOSS = 4.0, 0.1, 30.0, Loss("geman_mcclure", 1.5)
 PLACES = ((0.0, -9.0, 1.5), (9.0, 0.0, 2.0), (0.0, 9.0, 1.5), (-9.0, 0.0, 2.0))
@@ -65,7 +65,7 @@ def fit(observations: list[Observed], times_s: FloatArray) -> SmoothPoses:
 def figures() -> list[Figure]:
     """Measure milliseconds a frame, memory, and one evaluation against that of residual functions."""
     measured = []
-    with threadpool_limits(limits=1, user_api="blas"):
+    with single_blas_thread():
         for n_cameras, bars in ((1, (4.0, 5.0, 5.0)), (4, (2.0, 2.0, 2.0))):
             for n_frames, bar in zip(LENGTHS, bars, strict=True):
                 observations, times_s, poses = scene(n_frames, n_cameras)

@@ -7,7 +7,6 @@ from time import perf_counter
 
 from hydra.errors import HydraException
 from omegaconf import DictConfig
-from threadpoolctl import threadpool_limits
 
 from analysis.figures.step_values import step_values
 from workbench.experiment.config import schema
@@ -15,6 +14,7 @@ from workbench.experiment.config.instantiate import build
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Meter, assemble, track
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import single_blas_thread
 from workbench.utils.rng import rng_streams
 
 SERIES = (
@@ -45,7 +45,7 @@ def measured(config: DictConfig, experiment: str) -> Result:
     """Return the result of a configuration's run, on one BLAS thread as in `workbench`; raises InputError likewise."""
     summary, began_s = Summary(experiment, int(config.seed), Path("none")), perf_counter()
     series: dict[str, list[float]] = {}
-    with threadpool_limits(limits=1, user_api="blas"):
+    with single_blas_thread():
         if config.study is None:
             series = _tracked(config, summary)
         else:

@@ -7,13 +7,13 @@ import pytest
 from compositions import TRACKING
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
-from threadpoolctl import threadpool_limits
 
 from workbench.experiment.config.options import options
 from workbench.experiment.config.requirements import first_conflict
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import assemble, track
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import single_blas_thread
 
 GROUPS = ("prior", "likelihood", "inference")
 SMALL = {
@@ -45,7 +45,7 @@ def sampled() -> list[tuple[str, str, str]]:
 @pytest.fixture(autouse=True)
 def hydra_is_ready():
     prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"), threadpool_limits(1, "blas"):
+    with initialize_config_module("workbench.conf", version_base="1.3"), single_blas_thread():
         yield
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numba
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
-from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
@@ -34,6 +33,7 @@ from workbench.experiment.tracking import Components, Meter, build_components, t
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_products, check_sizes
+from workbench.utils.parallel import single_blas_thread
 from workbench.utils.rng import rng_streams
 from workbench.utils.run_files import RECORDING, SUMMARY
 from workbench.utils.run_lock import run_folder
@@ -111,8 +111,7 @@ def run_checked(
     if continued is not None:
         summary.identity = continued.identity(summary.identity)
         summary.provenance = {**summary.provenance, **continued.provenance}
-    # one BLAS thread: the number of threads changes the last bits of its sums and so of learned models
-    with _thread_count(config.n_threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
+    with _thread_count(config.n_threads), single_blas_thread(), compiling(quiet):
         if config.study is None:
             _add_assumptions(config)
             summary.assumptions = list(config.assumptions)

@@ -1,11 +1,13 @@
-"""Parallel loops over kernels that release the GIL, on several threads."""
+"""Threads: parallel loops over kernels that release the GIL, and BLAS on a single thread."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import cache
 
 import numba
+from threadpoolctl import threadpool_limits
 
 from workbench.utils.signals import deferred
 
@@ -43,3 +45,12 @@ def parallel_for(work: Callable[[int, int], object], n: int, step: int) -> None:
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the thread pool of a process; a forked child has none of its parent's threads."""
     return ThreadPoolExecutor(int(numba.config.NUMBA_NUM_THREADS), "over_threads")  # type: ignore[attr-defined]
+
+
+@contextmanager
+def single_blas_thread() -> Iterator[None]:
+    """Limit NumPy's and SciPy's BLAS to one thread, whose number changes the last bits of sums and so of results."""
+    import scipy.linalg  # noqa: F401 (loads SciPy's BLAS, as only loaded libraries are limited)
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield

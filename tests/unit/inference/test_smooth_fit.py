@@ -5,13 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from keypoint_scenes import BODY, streams
+from keypoint_scenes import BODY, CAMERA, streams, walk
 from view_scenes import CAMERAS, errors_mm, frames, observed, swinging
 
+from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
+from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness
 from workbench.core.residual import Loss, robust
@@ -140,6 +142,18 @@ def test_two_cameras_measure_a_person_of_unknown_height():
     np.testing.assert_allclose(person_skeleton(measured.shape).offsets, skeleton.offsets, atol=0.002)
     assert measured.error_px < 0.5
     assert errors_mm(skeleton, measured.poses, poses) < 15.0
+
+
+def test_trial_steps_to_impossible_heights_are_tolerated():
+    """The search from exact keypoints of two cameras takes such steps."""
+    _, _, poses = walk(8)
+    cameras = (CAMERA, plain_camera(640, 480, 700.0, (5.4, 0.0, 1.2), (0.4, 0.0, 1.0), "side"))
+    keypoints = [
+        [Keypoints(np.arange(15), np.column_stack([c.project(positions), np.ones(15)]), c) for c in cameras]
+        for positions in joints(BODY.skeleton, poses)
+    ]
+    measured = fit_lengths(keypoints, keypoint_sigma=0.002)
+    np.testing.assert_allclose(person_skeleton(measured.shape).offsets, BODY.skeleton.offsets, atol=0.001)
 
 
 def test_one_camera_measures_proportions_of_a_person_of_known_height():

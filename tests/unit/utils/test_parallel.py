@@ -1,7 +1,10 @@
 """Parallel work covers every item once and passes on errors; working time excludes the compilation of kernels."""
 
+import ast
 import logging
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import thread as pools
 from threading import Barrier, Event, Thread, current_thread, main_thread
@@ -132,3 +135,15 @@ def test_the_error_of_the_calling_thread_takes_precedence_over_those_of_its_help
 
     with pytest.raises(KeyboardInterrupt):
         parallel_for(work, 2, 1)
+
+
+def test_no_blas_library_uses_several_threads():
+    """SciPy loads a library of its own, in a process that has only loaded NumPy's."""
+    code = (
+        "import numpy, threadpoolctl; from workbench.utils.parallel import single_blas_thread\n"
+        "with single_blas_thread():\n"
+        "    import scipy.linalg\n"
+        "    print([each['num_threads'] for each in threadpoolctl.threadpool_info() if each['user_api'] == 'blas'])"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert set(ast.literal_eval(output)) == {1}

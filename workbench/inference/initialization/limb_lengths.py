@@ -95,6 +95,7 @@ def fit_lengths(
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M, PROPORTION_SIGMA and
     WIDTH_SIGMA. Joints have the standard deviation keypoint_sigma / √weight, in heights of the person in the image.
+    Raises InputError if the fitted height is impossible, see `from_height`.
     """
     sigma_px = keypoint_sigma * person_px(observations[0])
     start = np.zeros(1 + len(LENGTHS))
@@ -123,15 +124,20 @@ def fit_lengths(
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
     error_px = sigma_px * float(np.sqrt((project(x)[0] ** 2).sum() / n_keypoints))
     lengths, rows = x[: len(start)], jacobian(x)
+    from_height(height_of(lengths))  # raises for an impossible height, which trial steps may have
     covariance = np.linalg.pinv(rows.T @ rows, hermitian=True)[: len(start), : len(start)]  # Laplace approximation
     length_uncertainty = _by_length(lengths) @ np.linalg.cholesky(covariance)
     return _MeasuredLengths(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, length_uncertainty)
 
 
+def height_of(lengths: FloatArray) -> float:
+    """Return the height, m, of lengths (9,) as in `shape_of`."""
+    return AVERAGE_M * float(np.exp(lengths[0]))
+
+
 def shape_of(lengths: FloatArray) -> Shape:
     """Return the shape of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average's."""
-    height = AVERAGE_M * float(np.exp(lengths[0]))
-    average = from_height(height, upper_arm=UPPER_ARM * height, forearm=FOREARM * height)
+    average = from_height(1.0, upper_arm=UPPER_ARM, forearm=FOREARM).scaled(height_of(lengths))
     factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
     (x, y, z), (ahead, aside, up), (_, half, _) = average.head, average.shoulder, average.hip
     return replace(

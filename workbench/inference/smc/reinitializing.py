@@ -37,7 +37,7 @@ class Reinitializing(Wrapper):
     robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them. Then a
     fraction of the previous frame's particles is sampled from the prior's initial distribution: at the poses that
     detected joints allow in that frame (`poses_from_keypoints`), or else half of them at the expected pose and half at
-    its mirror image. The diagnostic restarted is 1 in such a frame; it can recur every PATIENCE frames.
+    its mirror image. The diagnostic reinitialized is 1 in such a frame; it can recur every PATIENCE frames.
 
     Image motion alone does not indicate a lost track: a body at rest on a static background predicts the next image
     well. Neither does a move that estimates no evidence, such as the annealed one.
