@@ -1,51 +1,51 @@
-"""The experiments that hold walkers by all that helps, small, on recordings."""
+"""Experiments that track with several cues, at small size, on real recordings."""
 
 import json
 
 import pytest
 
 SMALL = ("likelihood.weights.edges=0", "inference.n_particles=150", "training.motions=builtin")
-"""Nothing is learned from rendered people or from a database."""
+"""Overrides with which no model is learned from rendered people or from a database."""
 SMALL_SCENE = ("dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175")
 
 
-def metrics(folder):
+def metrics_of(folder):
     return json.loads((folder / "summary.json").read_text())["metrics"]
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
 @pytest.mark.parametrize(("experiment", "n_frames"), [("walk_multi_cue", 12), ("walk_long", 56)])
-def test_recorded_walkers_are_held(run, data, experiment, n_frames):
-    code, told, folder = run(
+def test_recorded_walkers_are_tracked(run, data, experiment, n_frames):
+    code, output, folder = run(
         "out", f"experiment={experiment}", f"paths.data={data}", f"dataset.n_frames={n_frames}", *SMALL_SCENE, *SMALL
     )
-    assert code == 0, told
-    assert metrics(folder)["n_frames"] == n_frames
-    assert metrics(folder)["tracked"] == 1.0
+    assert code == 0, output
+    assert metrics_of(folder)["n_frames"] == n_frames
+    assert metrics_of(folder)["tracked"] == 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["walk_video_multi_cue", "video_cues"])
-def test_the_woman_of_the_video_is_held(run, data, experiment):
+def test_the_woman_in_the_video_is_tracked(run, data, experiment):
     if not (data / "sports2d_walk").is_dir():
-        pytest.skip("no video with marked joints")
-    code, told, folder = run("out", f"experiment={experiment}", f"paths.data={data}", "dataset.n_frames=9", *SMALL)
-    assert code == 0, told
-    assert metrics(folder)["mpjpe_px"] < 20.0  # in frame 70; she is 390 px tall
+        pytest.skip("no video with annotated joints")
+    code, output, folder = run("out", f"experiment={experiment}", f"paths.data={data}", "dataset.n_frames=9", *SMALL)
+    assert code == 0, output
+    assert metrics_of(folder)["mpjpe_px"] < 20.0  # of frame 70; her height is 390 px
 
 
 @pytest.mark.slow
-def test_a_video_of_ones_own_is_tracked_with_nothing_but_a_height_and_marks(run, data):
+def test_a_user_s_video_with_height_and_annotations_is_tracked(run, data):
     if not (data / "sports2d_walk").is_dir():
-        pytest.skip("no video with marked joints")
+        pytest.skip("no video with annotated joints")
     files = {"source": "demo.mp4", "calibration_file": "Calib_demo.toml", "initial_annotations": "keypoints.csv"}
-    own = [f"dataset.{key}={data / 'sports2d_walk' / name}" for key, name in files.items()]
-    code, told, folder = run(
-        "out", "experiment=video_cues", "dataset=video", *own, "body.height_m=1.65", f"paths.data={data}",
+    video = [f"dataset.{key}={data / 'sports2d_walk' / name}" for key, name in files.items()]
+    code, output, folder = run(
+        "out", "experiment=video_cues", "dataset=video", *video, "body.height_m=1.65", f"paths.data={data}",
         "dataset.first_frame=64", "dataset.n_frames=4", *SMALL,
     )  # fmt: skip
-    assert code == 0, told
+    assert code == 0, output
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["assumptions"] == ["initial_annotations", "height", "camera_calibration", "static_background"]
     assert summary["metrics"]["n_frames"] == 4
