@@ -338,9 +338,9 @@ def test_wrong_arguments_are_refused(walk, capsys, arguments, message):
 
 def test_a_tolerances_file_next_to_a_recording_takes_precedence(settings, tmp_path):
     run, defaults = store(tmp_path / "run.rrd", yaml.safe_load(settings)), current_defaults([])
-    usual, file = tolerances(run, defaults), tmp_path / "tolerances.json"
+    general, file = tolerances(run, defaults), tmp_path / "tolerances.json"
     file.write_text('{"tolerances": {"run": {"mpjpe_px": 0.25}, "other": {"ess": 1.0}}}')
-    assert tolerances(run, defaults) == usual | {"mpjpe_px": Tolerance(absolute=0.25)}
+    assert tolerances(run, defaults) == general | {"mpjpe_px": Tolerance(absolute=0.25)}
     for wrong in ("[]", '{"tolerances": {"run": 3}}', "{"):
         file.write_text(wrong)
         with pytest.raises(InputError, match=r"tolerances\.json: expected"):

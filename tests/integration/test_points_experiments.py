@@ -5,11 +5,8 @@ import pytest
 
 from workbench.recording.read.reader import read
 
-SLOW = ("points_walk_variable", "points_run_steady", "points_run_variable", "stereo_walk")
-FITTED = ["points_walk_steady", "points_transition", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
 
-
-@pytest.mark.parametrize("experiment", FITTED)
+@pytest.mark.parametrize("experiment", ["points_walk_steady", "points_transition", "stereo_walk"])
 @pytest.mark.slow
 def test_a_fit_from_an_automatic_initialization_tracks_the_person(cache, summary_of, tmp_path, experiment):
     small = ("prior.n_components=4", "dataset.n_points=200", "inference.n_particles=40")

@@ -85,10 +85,10 @@ def test_an_impossible_change_is_refused(run, parent, overrides, message):
 
 
 @pytest.fixture(scope="module")
-def long(tmp_path_factory, cache):
+def checkpointed(tmp_path_factory, cache):
     """Return the recording of a run of 8 frames with a checkpoint of each frame but the last."""
     return record_run(
-        tmp_path_factory.mktemp("long"), cache, "dataset.n_frames=8", *SMALL[1:], "recorder.checkpoints=true"
+        tmp_path_factory.mktemp("checkpointed"), cache, "dataset.n_frames=8", *SMALL[1:], "recorder.checkpoints=true"
     )
 
 
@@ -110,21 +110,21 @@ def assert_same_curves(path, other, first):
 
 @pytest.mark.parametrize(("frame", "repeated"), [(2, 2), (3, 0), (6, 3)])
 @pytest.mark.slow
-def test_a_run_resumed_at_a_frame_is_bitwise_identical(run, long, monkeypatch, frame, repeated):
-    assert checkpoint_frames(read(long)) == [*range(7)]
+def test_a_run_resumed_at_a_frame_is_bitwise_identical(run, checkpointed, monkeypatch, frame, repeated):
+    assert checkpoint_frames(read(checkpointed)) == [*range(7)]
     stored = partial_run._memories
     # leave only the checkpoint of frame 2
     monkeypatch.setattr(partial_run, "_memories", lambda *arguments: {2: stored(*arguments)[2]})
-    code, output, folder = run("second", f"from={long}@{frame}")
+    code, output, folder = run("second", f"from={checkpointed}@{frame}")
     assert code == 0, output
     assert f"{repeated} frames are repeated before frame {frame}\n" in output
     assert "→" not in output
     assert "does not come out" not in output
     assert read(folder / "run.rrd").poses[0].tolist() == list(range(frame, 8))
-    assert_same_curves(folder / "run.rrd", long, frame)
+    assert_same_curves(folder / "run.rrd", checkpointed, frame)
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["provenance"]["parent_frame"] == frame
-    assert summary["identity"] != json.loads((long.parent / "summary.json").read_text())["identity"]
+    assert summary["identity"] != json.loads((checkpointed.parent / "summary.json").read_text())["identity"]
 
 
 def interrupt_at(frame, patch):
@@ -140,8 +140,8 @@ def interrupt_at(frame, patch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("changes", [(), ("seed=3", "inference.n_particles=50")])
-def test_a_resumed_run_can_be_resumed(run, long, monkeypatch, changes):
-    _, _, second = run("second", f"from={long}@3", *changes)
+def test_a_resumed_run_can_be_resumed(run, checkpointed, monkeypatch, changes):
+    _, _, second = run("second", f"from={checkpointed}@3", *changes)
     assert checkpoint_frames(read(second / "run.rrd"))[0] == 3
     code, output, third = run("third", f"from={second / 'run.rrd'}@6")
     assert code == 0, output
@@ -150,7 +150,7 @@ def test_a_resumed_run_can_be_resumed(run, long, monkeypatch, changes):
     assert_same_curves(third / "run.rrd", second / "run.rrd", 6)
     with monkeypatch.context() as patch:
         interrupt_at(6, patch)
-        code, _, interrupted = run("interrupted", f"from={long}@3", *changes)
+        code, _, interrupted = run("interrupted", f"from={checkpointed}@3", *changes)
     assert code == 130
     code, output, fourth = run("fourth", f"from={interrupted}")
     assert code == 0, output
@@ -159,20 +159,20 @@ def test_a_resumed_run_can_be_resumed(run, long, monkeypatch, changes):
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_resumes_at_its_last_checkpoint(run, long, monkeypatch):
+def test_an_interrupted_run_resumes_at_its_last_checkpoint(run, checkpointed, monkeypatch):
     with monkeypatch.context() as patch:
         interrupt_at(6, patch)
-        code, _, folder = run("interrupted", f"from={long}")
+        code, _, folder = run("interrupted", f"from={checkpointed}")
     assert code == 130
     code, output, second = run("second", f"from={folder}")
     assert code == 0, output
     assert read(second / "run.rrd").poses[0].tolist() == [5, 6, 7]
-    assert_same_curves(second / "run.rrd", long, 5)
+    assert_same_curves(second / "run.rrd", checkpointed, 5)
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_is_completed_to_the_uninterrupted_one(long, tmp_path, monkeypatch):
-    config, part = OmegaConf.create(read(long).config), tmp_path / "interrupted.rrd.part"
+def test_an_interrupted_run_is_completed_to_the_uninterrupted_one(checkpointed, tmp_path, monkeypatch):
+    config, part = OmegaConf.create(read(checkpointed).config), tmp_path / "interrupted.rrd.part"
     monkeypatch.setattr(checkpoints, "MAX_FRACTION", np.inf)
     with monkeypatch.context() as patch:
         interrupt_at(6, patch)
@@ -182,9 +182,9 @@ def test_an_interrupted_run_is_completed_to_the_uninterrupted_one(long, tmp_path
     resumable = find_resumable(config, [part])
     assert (resumable.frame, resumable.skipped) == (5, 5)
     summary = execute(config, "walk_circle", tmp_path, quiet=True, continued=resumable)
-    assert_same_curves(tmp_path / "run.rrd", long, 0)
-    assert dict(read(tmp_path / "run.rrd").result) == dict(read(long).result)
-    assert summary.identity == json.loads((long.parent / "summary.json").read_text())["identity"]
+    assert_same_curves(tmp_path / "run.rrd", checkpointed, 0)
+    assert dict(read(tmp_path / "run.rrd").result) == dict(read(checkpointed).result)
+    assert summary.identity == json.loads((checkpointed.parent / "summary.json").read_text())["identity"]
     assert summary.provenance["continued"] == f"{read(part).properties['run']['id']}@5"
     assert checkpoint_frames(read(tmp_path / "run.rrd")) == [*range(7)]
     assert read(tmp_path / "run.rrd").marginals.frames.tolist() == [*range(8)]
@@ -207,7 +207,7 @@ def test_an_interrupted_run_is_completed_to_the_uninterrupted_one(long, tmp_path
     ],
 )
 @pytest.mark.slow
-def test_an_impossible_resumption_is_refused(run, long, source, message):
-    result = run("second", *f"from={source.format(run=long, folder=long.parent)}".split())
+def test_an_impossible_resumption_is_refused(run, checkpointed, source, message):
+    result = run("second", *f"from={source.format(run=checkpointed, folder=checkpointed.parent)}".split())
     assert result.code == 2
     assert message in result.err

@@ -46,20 +46,19 @@ def test_an_experiment_writes_a_recording_and_a_summary(run, experiment):
     assert not list(folder.glob("*.part"))
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.slow
-def test_an_interrupted_run_saves_the_frames_recorded_so_far(run, monkeypatch, number):
+def test_an_interrupted_run_saves_the_frames_recorded_so_far(run, monkeypatch):
     def interrupt_at_third_frame(summary, step, errors, add=Summary.add):
         add(summary, step, errors)
         if summary.frames == 3:
-            os.kill(os.getpid(), number)
+            os.kill(os.getpid(), signal.SIGHUP)
 
     monkeypatch.setattr(Summary, "add", interrupt_at_third_frame)
     code, output, folder = run("out", *SMALL)
-    assert code == 128 + number, output
-    assert output.strip().endswith(f"interrupted by {number.name}; the recording so far is saved")
+    assert code == 128 + signal.SIGHUP, output
+    assert output.strip().endswith("interrupted by SIGHUP; the recording so far is saved")
     summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["status"], summary["error"]) == ("interrupted", f"Interrupted: {number.name}")
+    assert (summary["status"], summary["error"]) == ("interrupted", "Interrupted: SIGHUP")
     assert not (folder / "run.rrd").exists()
     assert read(folder / "run.rrd.part").poses[1].shape == (3, 25)
 
@@ -69,7 +68,7 @@ def test_a_process_ends_cleanly_during_imports_and_while_it_compiles(tmp_path):
     """SIGTERM arrives some seconds after the start or, with an empty kernel cache, 1 s after the run has begun."""
     number = signal.SIGTERM
     statuses = set()
-    for k, seconds in enumerate((0.5, 3.0, 5.5, None)):
+    for k, seconds in enumerate((0.5, 3.0, None)):
         folder = tmp_path / str(k)
         environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": str(folder)}
         command = [sys.executable, "-m", "workbench", "run", "paths.data=null", "seed=1", f"hydra.run.dir={folder}"]

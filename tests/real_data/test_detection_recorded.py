@@ -95,10 +95,10 @@ def test_left_and_right_in_one_camera_agree_with_four_cameras(data, tmp_path):
     true = camera.project(joint_centres(markers, markers.at((20 + detected.frames) / RATE_HZ), {}))
     for part in (("elbow", "wrist"), ("knee", "ankle")):
         left, right = ([JOINT_NAMES.index(f"{side}_{limb}") for limb in part] for side in ("left", "right"))
-        own, other = (
+        correct, exchanged = (
             np.linalg.norm(detected.pixels[:, left + right] - true[:, order], axis=2).sum(axis=1)
             for order in (left + right, right + left)
         )
         separate = np.linalg.norm(true[:, left] - true[:, right], axis=2).max(axis=1) > 25.0
         assert separate.sum() > 20
-        assert not (separate & (other < own)).any()
+        assert not (separate & (exchanged < correct)).any()

@@ -102,7 +102,7 @@ def test_only_components_are_accepted(foreign):
 
 
 @given(st.text(min_size=1) | st.from_regex(r"(os|builtins|workbench|hydra|numpy)\.[a-z_.]{1,20}", fullmatch=True))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_no_other_name_is_a_component(word):
     text = json.dumps({"seed": 3, "prior": {"_target_": word}})
     assert refusal(runnable_config, run_with(text), [], defaults())
