@@ -22,11 +22,16 @@ def recorded(data):
     return cameras, people
 
 
-def test_the_man_is_distinguished_from_the_bystander(recorded):
+@pytest.fixture(scope="module")
+def man(recorded):
     cameras, people = recorded
-    target = select_target(people, cameras, RATE_HZ)
-    assert target.counts == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}  # two cameras show a seated bystander
-    assert np.isfinite(target.joints[..., 0]).any(axis=2).all()
+    return select_target(people, cameras, RATE_HZ)
+
+
+def test_the_man_is_distinguished_from_the_bystander(recorded, man):
+    cameras, people = recorded
+    assert man.counts == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}  # two cameras show a seated bystander
+    assert np.isfinite(man.joints[..., 0]).any(axis=2).all()
     bystander = select_target(people, cameras, RATE_HZ, {"cam_01": 1})
     np.testing.assert_array_equal(bystander.joints, select_target(people, cameras, RATE_HZ, {"cam_02": 1}).joints)
     heights = np.nanmax(bystander.joints[0, ..., 1], axis=1) - np.nanmin(bystander.joints[0, ..., 1], axis=1)
@@ -37,14 +42,14 @@ def test_the_man_is_distinguished_from_the_bystander(recorded):
 @pytest.mark.parametrize(
     ("distance_m", "seed"), [(0.3, 0), *(pytest.param(m, s, marks=pytest.mark.slow) for s, m in ((2, 0.5), (3, 1.0)))]
 )
-def test_two_crossing_people_are_distinguished(recorded, distance_m, seed):
-    cameras, people = recorded
+def test_two_crossing_people_are_distinguished(recorded, man, distance_m, seed):
+    cameras, _ = recorded
     rng = np.random.default_rng(seed)
-    man = dict(zip(cameras, select_target(people, cameras, RATE_HZ).joints, strict=True))
     direction, heading = rng.uniform(0.0, 2.0 * np.pi, 2)
     forward, left = np.array([np.cos(direction), np.sin(direction)]), np.array([-np.sin(direction), np.cos(direction)])
     start, velocity = distance_m * left - forward, 1.2 * forward  # nearest 0.83 s after the first frame
-    both = copies(cameras, man, [(heading, start, velocity, int(rng.integers(5, 95)))], RATE_HZ)
+    joints = dict(zip(cameras, man.joints, strict=True))
+    both = copies(cameras, joints, [(heading, start, velocity, int(rng.integers(5, 95)))], RATE_HZ)
     scene = crowd(cameras, both, rng, missing=0.1, swapped=0.02)
     for person in range(2):
         name, row = next(

@@ -17,7 +17,7 @@ from workbench.motion.formats.markers import joint_centres, read_markers
 from workbench.utils.errors import InputError
 
 LANDMARKS = {"shoulder": 11, "elbow": 13, "wrist": 15, "hip": 23, "knee": 25, "ankle": 27}
-FRAMES = range(98, 104)
+FRAMES = range(98, 102)
 RATE_HZ = 60.0
 
 
