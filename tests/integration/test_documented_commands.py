@@ -96,7 +96,7 @@ ELSEWHERE = {  # part of a command that does not run here: the test that runs it
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
     "my_components": "test_own_components.py",
     "rm status=failed": "tests/unit/cli/test_runs.py", "workbench detect": "tests/unit/cli/test_detect.py",
-    "workbench track": "tests/real_data/test_own_video_page.py",
+    "workbench track": "tests/real_data/test_own_video_page.py", "workbench diagnose": "test_diagnose.py",
 }  # fmt: skip
 EXTRAS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
@@ -133,7 +133,7 @@ def _small(words):
     text = " ".join(words)
     chosen = re.search(r"dataset=(\w+)", text)
     small = ["dataset.n_frames=4"]
-    small += list(RENDERED) * (chosen is None and "walk_video" not in text)
+    small += ["dataset.scale=0.25"] if "walk_video" in text else list(RENDERED) * (chosen is None)
     small += ["training.motions=builtin"] * ("paths.data=" in text and "training.motions" not in text)
     small += ["dataset.motion=builtin"] * ("walk_multi_cue" in text)
     no_particles = re.search(r"inference\.n_particles|least_squares|synthesis", text)

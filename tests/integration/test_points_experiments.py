@@ -23,21 +23,6 @@ def test_a_fit_from_an_automatic_initialization_tracks_the_person(cache, summary
     assert "ms_per_frame" not in recording.properties["metrics"]  # identical runs have identical recordings
 
 
-STEADY = "inference.problem={_target_: workbench.inference.least_squares.motion_fit.MotionFit, frames_per_style: null}"
-
-
-@pytest.mark.slow
-def test_a_generated_walk_is_fitted_to_noisy_keypoints(summary_of, tmp_path):
-    small = ("dataset.n_frames=10", "prior.n_components=4", "prior.activities=[walk]", "inference.n_particles=30")
-    summary = summary_of(tmp_path, "experiment=walk_keypoints_synthetic", STEADY, *small)
-    metrics = summary["metrics"]
-    assert summary["status"] == "complete"
-    # noise of 4 px is 2.5 cm at 270 px height; the fit averages over frames
-    assert metrics["mpjpe_px"] < 4.0
-    assert metrics["mpjpe_mm"] < 40.0
-    assert read(tmp_path / "out" / "run.rrd").poses[1].shape == (10, 25)
-
-
 @pytest.mark.slow
 def test_walk_keypoints_synthetic_at_full_size(summary_of, tmp_path):
     metrics = summary_of(tmp_path, "experiment=walk_keypoints_synthetic")["metrics"]
