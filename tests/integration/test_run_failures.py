@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from workbench.recording.read.reader import read
+from workbench.recording.write import recorder
 from workbench.utils.run_files import EARLIER, LOCK
 from workbench.utils.run_lock import run_folder
 
@@ -62,13 +63,13 @@ def test_a_folder_may_have_any_name(run):
     assert code == 0, output
 
 
-def start(folder, *overrides, limit=None, **environment):
-    """Start the command in a subprocess with piped output; limit: function that the subprocess calls first."""
+def start(folder, *overrides, **environment):
+    """Start the command in a subprocess with piped output."""
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", **environment}
     environment.pop("WORKBENCH_DATA", None)
     command = [sys.executable, "-m", "workbench", "run", *SMALL, f"hydra.run.dir={folder}", *overrides]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.Popen(command, cwd=folder.parent, env=environment, preexec_fn=limit, **pipes)
+    return subprocess.Popen(command, cwd=folder.parent, env=environment, **pipes)
 
 
 @pytest.mark.slow
@@ -82,22 +83,27 @@ def test_of_two_simultaneous_runs_in_one_folder_one_completes_and_one_is_refused
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == complete
 
 
-def file_size_limit(n_bytes):
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
+@pytest.fixture
+def file_size_limit():
+    """Limit the files that this process writes to 800 kB."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (800_000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_the_run_with_a_readable_part(tmp_path, cache):
-    options = {"WORKBENCH_CACHE": str(cache), "limit": file_size_limit(800_000)}
-    with start(tmp_path / "out", "dataset.n_frames=40", **options) as process:
-        output = process.communicate(timeout=120)[0]
-    assert process.returncode == 1, output
+def test_a_full_disk_ends_the_run_with_a_readable_part(run, monkeypatch, file_size_limit):
+    monkeypatch.setattr(recorder, "FLUSH_S", np.inf)
+    monkeypatch.setattr(recorder, "MAX_FLUSH_EVERY", 3)
+    code, output, folder = run("out", *SMALL)
+    assert code == 1, output
     assert "Traceback" not in output
     assert "out/run.rrd.part: " in output.splitlines()[-1]
     assert "left for it on the disk" in output.splitlines()[-1]
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((folder / "summary.json").read_text())
     assert (summary["status"], "left for it on the disk" in summary["error"]) == ("failed", True)
-    assert len(read(tmp_path / "out" / "run.rrd.part").poses[0]) >= 3
+    assert len(read(folder / "run.rrd.part").poses[0]) == 3
 
 
 def run_in_terminal(folder, cache, number=signal.SIGKILL, after_s=300.0):
