@@ -22,8 +22,6 @@ def arrays(path):
     return {"/a": np.arange(6.0).reshape(2, 3), "/file": np.array(["é", "b"]), "size": np.array(path.stat().st_size)}
 def crashes(path): os.kill(os.getpid(), 11)
 def aborts(path): os.abort()
-def loops(path):
-    while True: pass
 def sleeps(path): time.sleep(1000)
 def hoards(path): return {"a": np.ones(10**9)}
 def raises(path): raise KeyError("two\\nlines")
@@ -43,7 +41,7 @@ def writes_a_bomb(path):
 """
 CRASH, NO_ARRAYS = "damage that crashes the reader", "whose reader returned no arrays"
 ENDS = {
-    "crashes": CRASH, "aborts": CRASH, "loops": CRASH, "sleeps": "takes more than", "hoards": "MemoryError",
+    "crashes": CRASH, "aborts": CRASH, "sleeps": "takes more than", "hoards": "MemoryError",
     "raises": r"expected an x: KeyError: 'two\\nlines'$", "refuses": "(?<=a.x: )expected nothing$",
     "exits": "a sentence$", "returns_objects": NO_ARRAYS, "returns_nothing": "TypeError", "ends_early": NO_ARRAYS,
     "writes_bytes": "not a zip file", "writes_a_bomb": "compressed data",
