@@ -199,7 +199,7 @@ def test_a_killed_worker_of_joblib_interrupts_only_the_running_jobs(tmp_path, ca
 def test_an_interrupted_sweep_is_resumed_from_its_checkpoints(tmp_path, cache, run, trusted, launcher, whole_group):
     """SIGTERM is sent to the main process, as by a service manager; SIGINT to its workers, too, as in a terminal."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    sweep, n_frames = tmp_path / "sweep", 600
+    sweep, n_frames = tmp_path / "sweep", 300
     overrides = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=500", "recorder.checkpoints=true")
     overrides += (f"dataset.n_frames={n_frames}", *LONGER[1:], "n_threads=1")
     number = signal.SIGINT if whole_group else signal.SIGTERM
