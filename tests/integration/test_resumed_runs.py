@@ -35,7 +35,7 @@ def parent(tmp_path_factory, cache):
 
 @pytest.mark.slow
 def test_an_unchanged_run_is_bitwise_identical(run, parent):
-    code, output, folder = run("second", f"from={parent}", suspicious=True)
+    code, output, folder = run("second", f"from={parent}", sandboxed=True)
     assert code == 0, output
     assert "→" not in output
     assert (read(parent).poses[1] == read(folder / "run.rrd").poses[1]).all()
