@@ -153,7 +153,7 @@ def wait_for(condition, process, seconds=600.0):
     while not (value := condition()):
         assert process.poll() is None
         assert time.monotonic() < end
-        time.sleep(0.02)
+        time.sleep(0.1)
     return value
 
 
