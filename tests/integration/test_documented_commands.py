@@ -30,7 +30,7 @@ _LAYOUT = "BODY_25B"
 
 
 def write_own_files(folder):
-    """Write walk.mp4 with annotations.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films;
+    """Write walk.mp4 with annotations.csv and joints.csv; one.mp4 and two.mp4 with their detections and board videos;
     camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
     one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(around(2), 1))
     (folder / "calibration.toml").write_text(toml(one) + toml(two))
@@ -175,8 +175,8 @@ def call(folder, cache, monkeypatch, request):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-    monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path(shutil.which("true")))  # returns at once
-    monkeypatch.setattr("workbench.cli.annotate.serve", lambda server: None)  # returns at once
+    monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path(shutil.which("true")))  # returns immediately
+    monkeypatch.setattr("workbench.cli.annotate.serve", lambda server: None)  # returns immediately
     monkeypatch.setattr("workbench.cli.annotate.webbrowser.open", lambda url: True)
 
     def command(words):

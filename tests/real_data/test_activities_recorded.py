@@ -33,7 +33,7 @@ def test_every_clip_has_cycles_of_its_activity(cycles):
     assert rates["run"] > 1.2 * rates["walk"]
 
 
-def test_angles_stay_on_one_branch(cycles):
+def test_no_cycle_is_half_a_turn_from_the_others(cycles):
     """No cycle is 180° from the others, as it would be with the other solution of a joint's three Euler angles."""
     deviation = np.abs(cycles.curves - np.median(cycles.curves, axis=0))
     assert np.degrees(deviation.max()) < 130.0  # the rotation of a straight arm about its axis

@@ -33,7 +33,7 @@ def test_the_woman_is_foreground_and_the_remaining_image_is_background(data):
     assert remaining < 0.05  # the outlier fraction of the background model
 
 
-def test_four_calibrated_cameras(data):
+def test_the_four_calibrated_cameras_point_at_the_man(data):
     cameras = load_cameras(data / "pose2sim_balance" / "Calib_qualisys.toml")
     assert [camera.name for camera in cameras] == ["cam_01", "cam_02", "cam_03", "cam_04"]
     for camera in cameras:
