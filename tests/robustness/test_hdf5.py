@@ -26,7 +26,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("n_examples", [4, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_examples", [4, pytest.param(20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_damage_is_refused_or_read(kind, n_examples, tmp_path):
     write, _, read = KINDS[kind]
