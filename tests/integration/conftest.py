@@ -1,4 +1,4 @@
-"""The main command as the integration tests call it: without recordings, and with a cache of their own."""
+"""Fixtures that run `workbench run` without real recordings and with the cache of the test session."""
 
 import json
 import logging
@@ -14,8 +14,8 @@ from workbench.cli.main import main
 
 
 @dataclass(frozen=True)
-class Done:
-    """What a command came to: its exit code, what it printed, the folder of the run. Unpacks to code, told, folder."""
+class Result:
+    """Exit code, standard output, standard error and run folder of a command; unpacks to code, output, folder."""
 
     code: int
     out: str
@@ -27,8 +27,8 @@ class Done:
 
 
 @pytest.fixture(autouse=True)
-def no_handlers_left():
-    """Hydra's would go on writing to the output of the test that called it, which is closed by then."""
+def remove_log_handlers():
+    """Remove the log handlers that Hydra adds: they would write to the closed output of the previous test."""
     yield
     root = logging.getLogger()
     for handler in root.handlers[:]:
@@ -38,12 +38,13 @@ def no_handlers_left():
 
 @pytest.fixture
 def run(tmp_path, cache, monkeypatch, capfd, request):
-    """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there.
+    """Return a function that runs the command in this process, which saves the imports.
 
-    suspicious: recordings and libraries go through the sandbox, as usual, which takes a second more."""
+    within: working folder, with a cache of its own. sandboxed: read recordings and libraries in the sandbox, which
+    takes a second more."""
 
-    def command(folder, *overrides, within=None, suspicious=False):
-        if not suspicious:
+    def command(folder, *overrides, within=None, sandboxed=False):
+        if not sandboxed:
             request.getfixturevalue("trusted")
         monkeypatch.chdir(within or tmp_path)
         monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
@@ -53,34 +54,34 @@ def run(tmp_path, cache, monkeypatch, capfd, request):
         except SystemExit as end:
             code = end.code
         logging.captureWarnings(False)
-        return Done(code, *capfd.readouterr(), tmp_path / folder)
+        return Result(code, *capfd.readouterr(), tmp_path / folder)
 
     return command
 
 
 @pytest.fixture
 def summary_of(run):
-    """Run the command within a folder, to the end; what its summary.json says."""
+    """Return a function that runs the command in a working folder and returns the content of its summary.json."""
 
     def command(within, *overrides):
-        done = run("out", *overrides, within=within)
-        assert done.code == 0, done.err
-        return json.loads((done.folder / "summary.json").read_text())
+        result = run("out", *overrides, within=within)
+        assert result.code == 0, result.err
+        return json.loads((result.folder / "summary.json").read_text())
 
     return command
 
 
 @pytest.fixture
 def process(tmp_path, cache):
-    """Run the command as a process of its own."""
+    """Return a function that runs the command in a subprocess."""
 
     def command(folder, *overrides):
         environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
         environment.pop("WORKBENCH_DATA", None)
-        done = subprocess.run(
+        completed = subprocess.run(
             [sys.executable, "-m", "workbench", "run", *overrides, f"hydra.run.dir={tmp_path / folder}"],
             cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
-        return Done(done.returncode, done.stdout, done.stderr, tmp_path / folder)
+        return Result(completed.returncode, completed.stdout, completed.stderr, tmp_path / folder)
 
     return command

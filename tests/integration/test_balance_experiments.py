@@ -1,4 +1,4 @@
-"""Several cameras from the command line: the man who balances, small, and made-up files of two cameras."""
+"""Experiments with several cameras: a small version of the balancing man, and generated files of two cameras."""
 
 import json
 
@@ -24,36 +24,36 @@ COCO_17 = (
 )
 
 
-def scene(folder):
-    """Two cameras that see someone raise an arm, in black images, with OpenPose's files and a truth."""
+def write_scene(folder):
+    """Write images, OpenPose files, calibration and ground truth of two cameras that see a person raise an arm."""
     skeleton, n_frames = person(from_height(1.7)).skeleton, 6
     poses = np.zeros((n_frames, 25))
     poses[:, 2] = 0.9
     poses[:, skeleton.dof("right_shoulder_abduction")] = np.linspace(0.3, 1.2, n_frames)
-    places = joints(skeleton, poses)
-    (folder / "truth.trc").write_text(trc_text("truth.trc", JOINT_NAMES, places, 14.0))
-    tables = []
-    for name, place in {"front": (4.0, 0.5, 1.4), "side": (0.5, 4.0, 1.4)}.items():
-        camera = plain_camera(320, 240, 260.0, place, (0.0, 0.0, 0.9), name=name)
-        turn, _ = cv2.Rodrigues(camera.rotation)
+    positions = joints(skeleton, poses)
+    (folder / "truth.trc").write_text(trc_text("truth.trc", JOINT_NAMES, positions, 14.0))
+    camera_tables = []
+    for name, position in {"front": (4.0, 0.5, 1.4), "side": (0.5, 4.0, 1.4)}.items():
+        camera = plain_camera(320, 240, 260.0, position, (0.0, 0.0, 0.9), name=name)
+        rotation, _ = cv2.Rodrigues(camera.rotation)
         rows = ", ".join(str(row.tolist()) for row in camera.matrix)
-        tables.append(
+        camera_tables.append(
             f"[{name}]\nsize = [320, 240]\nmatrix = [{rows}]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n"
-            f"rotation = {turn.ravel().tolist()}\ntranslation = {camera.translation.tolist()}\n"
+            f"rotation = {rotation.ravel().tolist()}\ntranslation = {camera.translation.tolist()}\n"
         )
         (folder / name).mkdir()
         (folder / f"{name}_json").mkdir()
         for t in range(n_frames):
             cv2.imwrite(str(folder / name / f"{t}.png"), np.zeros((240, 320, 3), np.uint8))
-            found = dict(zip(JOINT_NAMES, camera.project(places[t]), strict=True))
-            points = [number for joint in COCO_17 for number in (*found[joint].tolist(), 1.0)]
-            one = {"people": [{"pose_keypoints_2d": points}]}
-            (folder / f"{name}_json" / f"{t:04d}.json").write_text(json.dumps(one))
-    (folder / "cameras.toml").write_text("\n".join(tables))
+            pixels = dict(zip(JOINT_NAMES, camera.project(positions[t]), strict=True))
+            points = [number for joint in COCO_17 for number in (*pixels[joint].tolist(), 1.0)]
+            detections = {"people": [{"pose_keypoints_2d": points}]}
+            (folder / f"{name}_json" / f"{t:04d}.json").write_text(json.dumps(detections))
+    (folder / "cameras.toml").write_text("\n".join(camera_tables))
 
 
-def files_of(folder):
-    """The overrides that take the scene in the folder for the dataset."""
+def scene_overrides(folder):
+    """Return the overrides that choose the scene in the folder as the dataset."""
     return [
         "experiment=custom", "dataset=multi_view", "dataset.rate_hz=14",
         f"dataset.calibration_file={folder / 'cameras.toml'}",
@@ -65,16 +65,16 @@ def files_of(folder):
     ]  # fmt: skip
 
 
-def test_files_of_two_cameras_are_tracked_in_one_go(run, tmp_path):
-    scene(tmp_path)
-    code, told, folder = run(
-        "out", *files_of(tmp_path), "prior=smooth", "likelihood=keypoints", "inference=least_squares",
+def test_a_person_in_the_files_of_two_cameras_is_tracked(run, tmp_path):
+    write_scene(tmp_path)
+    code, output, folder = run(
+        "out", *scene_overrides(tmp_path), "prior=smooth", "likelihood=keypoints", "inference=least_squares",
         "inference.n_particles=20",
     )  # fmt: skip
-    assert code == 0, told
+    assert code == 0, output
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     assert metrics["tracked"] == 1.0
-    # the pixels are exact; limbs are measured to KEYPOINT_SIGMA and known to PROPORTION_SIGMA, 2 cm of an arm or torso
+    # The keypoints are exact; the error of the limb lengths, estimated with the prior PROPORTION_SIGMA, is 2 cm.
     assert metrics["mpjpe_abs_mm"] < 40.0
 
 
@@ -84,13 +84,13 @@ def test_the_arm_of_the_balancing_man_is_tracked(run, data):
     if not (data / "pose2sim_balance").is_dir():
         pytest.skip("no recordings of several cameras")
     small = ("dataset.scale=0.1", "dataset.n_frames=41", "likelihood.sigma_px=1.0")
-    code, told, folder = run("out", "experiment=balance_arm", f"paths.data={data}", *small)
-    assert code == 0, told
+    code, output, folder = run("out", "experiment=balance_arm", f"paths.data={data}", *small)
+    assert code == 0, output
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     assert metrics["mpjpe_px"] < metrics["forearm_width_px"]
-    recorded = read(folder / "run.rrd")
-    beyond = recorded.metric("mpjpe_px")[1] > recorded.metric("forearm_width_px")[1]
-    assert np.mean(beyond[1:]) < 0.25  # in the image; one camera hardly observes the depth of an arm
+    recording = read(folder / "run.rrd")
+    exceeds_width = recording.metric("mpjpe_px")[1] > recording.metric("forearm_width_px")[1]
+    assert np.mean(exceeds_width[1:]) < 0.25  # 2-D error only: one camera hardly observes the depth of an arm
     assert {
         "marker_offset_right_elbow_mm",
         "marker_offset_right_wrist_mm",

@@ -1,4 +1,4 @@
-"""`workbench check`: runs stored configurations again, compares, and refuses what could do harm."""
+"""`workbench check`: repeats stored configurations, compares the results, and refuses unsafe configurations."""
 
 import shutil
 import subprocess
@@ -35,8 +35,8 @@ JOINTS = (
 
 
 @pytest.fixture(autouse=True)
-def somewhere(tmp_path, cache, monkeypatch):
-    """An empty current folder, a cache, and no recorded motion."""
+def empty_working_folder(tmp_path, cache, monkeypatch):
+    """Make an empty folder the current one; the cache is that of the session, without real recordings."""
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
@@ -44,7 +44,7 @@ def somewhere(tmp_path, cache, monkeypatch):
 
 
 def resolved(*overrides):
-    """A configuration as recordings store it."""
+    """Return a configuration as recordings store it."""
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=[*overrides, "paths.data=null", "paths.cache=/home/someone/cache"])
@@ -53,35 +53,35 @@ def resolved(*overrides):
 
 @pytest.fixture(scope="module")
 def settings():
-    """The configuration of a small walk."""
+    """Return the configuration of a small walk."""
     return resolved(*SMALL)
 
 
 @pytest.fixture(scope="module")
 def walk(settings, cache, tmp_path_factory):
-    """The folder of baselines: one walk."""
+    """Return the only recording of a folder of baselines: a small walk."""
     folder = tmp_path_factory.mktemp("baselines")
-    config = stored(folder / "config.rrd", yaml.safe_load(settings))
+    config = store(folder / "config.rrd", yaml.safe_load(settings))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("WORKBENCH_CACHE", str(cache))
-        done = rerun(config, runnable_config(config, [], current_defaults([])), folder / "run")
+        repeated = rerun(config, runnable_config(config, [], current_defaults([])), folder / "run")
     (folder / "config.rrd").unlink()
-    (folder / "kept").mkdir()
-    return Path(shutil.move(done.path, folder / "kept" / "walk.rrd"))
+    (folder / "baselines").mkdir()
+    return Path(shutil.move(repeated.path, folder / "baselines" / "walk.rrd"))
 
 
-def stored(path, config, experiment="walk_straight"):
-    """A recording that holds a configuration and nothing else."""
+def store(path, config, experiment="walk_straight"):
+    """Write and read a recording that holds only a configuration."""
     text = config if isinstance(config, str) else yaml.safe_dump(config)
     with RecordingFile(path, run_id="x", config_yaml=text, provenance={"experiment": experiment}):
         pass
     return read(path)
 
 
-def check(capsys, *arguments, suspicious=False):
-    """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
+def check(capsys, *arguments, sandboxed=False):
+    """Return exit code and output of `workbench check`; sandboxed: the recordings are read in the sandbox first."""
     with pytest.MonkeyPatch.context() as patch:
-        if not suspicious:
+        if not sandboxed:
             patch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths, whole=False: set())
         code = main(["check", *map(str, arguments)])
     printed = capsys.readouterr()
@@ -89,21 +89,21 @@ def check(capsys, *arguments, suspicious=False):
 
 
 @pytest.mark.slow
-def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
-    code, told = check(capsys, walk.parent, suspicious=True)
-    assert code == 0, told
-    assert told.splitlines()[1].split() == [str(walk), "all", "44", "rounding", "ok", "44", "identical"]
-    assert not list(Path.cwd().iterdir())  # nothing is left behind
+def test_an_identical_run_passes(walk, capsys):
+    code, output = check(capsys, walk.parent, sandboxed=True)
+    assert code == 0, output
+    assert output.splitlines()[1].split() == [str(walk), "all", "44", "rounding", "ok", "44", "identical"]
+    assert not list(Path.cwd().iterdir())  # temporary files are removed
 
 
 @pytest.mark.slow
-def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(walk, capsys, tmp_path):
+def test_a_change_of_a_constant_by_a_thousandth_fails_with_metric_and_frame(walk, capsys, tmp_path):
     junit = tmp_path / "out.xml"
-    code, told = check(capsys, walk, "prior.sigma_phase=0.009009", "--junit", junit)
+    code, output = check(capsys, walk, "prior.sigma_phase=0.009009", "--junit", junit)
     assert code == 1
-    (metric,) = [line for line in told.splitlines() if "  mpjpe_abs_mm  " in line]
+    (metric,) = [line for line in output.splitlines() if "  mpjpe_abs_mm  " in line]
     assert "FAILED (changed) first differs in frame 1: " in metric
-    (poses,) = [line for line in told.splitlines() if "  poses  " in line]
+    (poses,) = [line for line in output.splitlines() if "  poses  " in line]
     assert "FAILED (changed) poses first differ in frame 1: " in poses
     assert poses.endswith(" mm")
     suite = ET.parse(junit).getroot()
@@ -113,142 +113,138 @@ def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(
     assert "first differs in frame 1" in failures["mpjpe_abs_mm"]
 
 
-def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp_path):
+def test_a_crashed_run_fails_and_the_other_runs_are_checked(walk, capsys, monkeypatch, tmp_path):
     folder = tmp_path / "two"
     folder.mkdir()
     for name in ("a.rrd", "b.rrd"):
         shutil.copy(walk, folder / name)
-    run = module.execute
+    execute = module.execute
 
-    def once(config, experiment, place, quiet):
-        monkeypatch.setattr(module, "execute", run)
-        raise ZeroDivisionError("by a defect")
+    def crash_once(config, experiment, folder, quiet):
+        monkeypatch.setattr(module, "execute", execute)
+        raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr(module, "execute", once)
-    code, told = check(capsys, folder)
+    monkeypatch.setattr(module, "execute", crash_once)
+    code, output = check(capsys, folder)
     assert code == 1
-    assert "crashed: ZeroDivisionError: by a defect" in told.splitlines()[1]
-    assert " ok " in told.splitlines()[2]
+    assert "crashed: ZeroDivisionError: a defect" in output.splitlines()[1]
+    assert " ok " in output.splitlines()[2]
 
 
 @pytest.mark.slow
-def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp_path):
+def test_update_prints_the_changes_and_the_new_recording_passes(walk, capsys, tmp_path):
     path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
     before = read(path).result["mpjpe_abs_mm"]
-    code, told = check(capsys, path, "prior.sigma_phase=0.012", "--update", "--reason", "phases\nspread more")
+    code, output = check(capsys, path, "prior.sigma_phase=0.012", "--update", "--reason", "phases\nspread more")
     assert code == 0
     reasons = (tmp_path / "reasons.md").read_text()
     assert reasons.splitlines()[-1].endswith(": walk: phases spread more")
     after = read(path).result["mpjpe_abs_mm"]
-    (line,) = [line for line in told.splitlines() if "  mpjpe_abs_mm  " in line]
+    (line,) = [line for line in output.splitlines() if "  mpjpe_abs_mm  " in line]
     assert line.split()[2:4] == [f"{before:.6g}", f"{after:.6g}"]
     assert read(path).settings["prior"]["sigma_phase"] == 0.012
     assert path.stat().st_size < walk.stat().st_size
     assert sorted(file.name for file in tmp_path.iterdir()) == ["here", "reasons.md", "walk.rrd"]
     assert check(capsys, path)[0] == 0
-    renewed = path.read_bytes()
-    assert "nothing moved" in check(capsys, path, "--update", "--reason", "for nothing")[1]
-    assert path.read_bytes() == renewed
+    updated = path.read_bytes()
+    assert "nothing moved" in check(capsys, path, "--update", "--reason", "no change")[1]
+    assert path.read_bytes() == updated
     assert (tmp_path / "reasons.md").read_text() == reasons
 
 
-def test_a_run_that_crashes_renews_nothing(walk, capsys, tmp_path, monkeypatch):
+def test_a_crashed_run_updates_nothing(walk, capsys, tmp_path, monkeypatch):
     path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
     content = path.read_bytes()
-    code, told = check(capsys, path, "inference.n_particles=0", "--update")
-    assert (code, "is unchanged: crashed: InputError" in told) == (1, True)
+    code, output = check(capsys, path, "inference.n_particles=0", "--update")
+    assert (code, "is unchanged: crashed: InputError" in output) == (1, True)
     assert path.read_bytes() == content
 
 
 @pytest.mark.slow
-def test_seeds_compare_distributions(walk, capsys):
-    code, told = check(capsys, walk, "--seeds", "4")
-    assert code == 0, told
-    assert f"{walk}  all 40" in told
-    code, told = check(capsys, walk, "--seeds", "4", "prior.initial_position_std=0.5")
+def test_seeds_compares_distributions(walk, capsys):
+    code, output = check(capsys, walk, "--seeds", "4")
+    assert code == 0, output
+    assert f"{walk}  all 40" in output
+    code, output = check(capsys, walk, "--seeds", "4", "prior.initial_position_std=0.5")
     assert code == 1
-    assert "means of 1 and 4 seeds differ too much" in told
+    assert "means of 1 and 4 seeds differ too much" in output
 
 
 @pytest.fixture(scope="module")
 def seeds(walk, cache, tmp_path_factory):
-    """Recordings of five seeds."""
+    """Return recordings of five seeds."""
     folder, run = tmp_path_factory.mktemp("seeds"), read(walk)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("WORKBENCH_CACHE", str(cache))
         configs = [runnable_config(run, [f"seed={seed}"], current_defaults([])) for seed in range(1, 5)]
-        made = [rerun(run, config, folder / str(k)) for k, config in enumerate(configs)]
-    return [walk, *(each.path for each in made)]
+        repeated = [rerun(run, config, folder / str(k)) for k, config in enumerate(configs)]
+    return [walk, *(run.path for run in repeated)]
 
 
 @pytest.mark.slow
-def test_pairs_of_seeds_find_a_small_change(walk, seeds, capsys):
-    code, told = check(capsys, *seeds, "--paired")
-    assert code == 0, told
-    code, told = check(capsys, walk, "--paired")
-    assert (code, "expected recordings of two seeds or more" in told) == (2, True)
-    code, told = check(capsys, *seeds, "--paired", "prior.initial_position_std=0.5", "-v")
+def test_paired_seeds_detect_a_small_change(walk, seeds, capsys):
+    code, output = check(capsys, *seeds, "--paired")
+    assert code == 0, output
+    code, output = check(capsys, walk, "--paired")
+    assert (code, "expected recordings of two seeds or more" in output) == (2, True)
+    code, output = check(capsys, *seeds, "--paired", "prior.initial_position_std=0.5", "-v")
     assert code == 1
-    assert "is detectable" in told
+    assert "is detectable" in output
 
 
 def commit(clone, message):
-    who = ("-c", "user.name=a", "-c", "user.email=a@localhost")
-    against.git(clone, *who, "commit", "--quiet", "--allow-empty", "--all", "--message", message)
+    author = ("-c", "user.name=a", "-c", "user.email=a@localhost")
+    against.git(clone, *author, "commit", "--quiet", "--allow-empty", "--all", "--message", message)
 
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
-    """A clone of this repository with two commits more: a factor that rounds otherwise, and one larger by 0.1 %."""
-    place = tmp_path_factory.mktemp("clones") / "clone"
+    """Return a clone of this repository whose last commit changes two factors, by rounding and by 0.1 %."""
+    folder = tmp_path_factory.mktemp("clones") / "clone"
     try:
-        against.git(against.ROOT, "clone", "--quiet", "--no-hardlinks", ".", str(place))
+        against.git(against.ROOT, "clone", "--quiet", "--no-hardlinks", ".", str(folder))
     except InputError as reason:
         pytest.skip(f"no clone: {reason}")
-    tree = place / "workbench"
-    for path in (tree, place / "conf"):  # with what is not committed yet
+    package = folder / "workbench"
+    for path in (package, folder / "conf"):  # with the uncommitted changes
         shutil.rmtree(path)
         shutil.copytree(against.ROOT / path.name, path, ignore=shutil.ignore_patterns("__pycache__", "conf"))
-    against.git(place, "add", "--all")
-    commit(place, "As it is")
-    errors = tree / "evaluation" / "pose_errors.py"
-    for message, before, after in (
-        ("Round otherwise", "1e3 * ", "1000.0000000000001 * "),
-        ("Err by a thousandth", "1000.0000000000001 * ", "1.001e3 * "),
-    ):
-        text = errors.read_text()
-        assert before in text
-        errors.write_text(text.replace(before, after))
-        commit(place, message)
-    (tree / "conf").symlink_to("../conf")
-    return place
+    against.git(folder, "add", "--all")
+    commit(folder, "The current code")
+    errors = package / "evaluation" / "pose_errors.py"
+    text = errors.read_text()
+    for metric, factor in (("mpjpe_mm", "1000.000000000001"), ("mpjpe_abs_mm", "1001.0")):
+        assert f'"{metric}": 1e3 *' in text
+        text = text.replace(f'"{metric}": 1e3 *', f'"{metric}": {factor} *')
+    errors.write_text(text)
+    commit(folder, "Change two factors")
+    (package / "conf").symlink_to("../conf")
+    return folder
 
 
 @pytest.mark.slow
-def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_is_found(
+def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_fails(
     clone, tmp_path, capsys, monkeypatch
 ):
-    """The check runs in the clone, whose code is the last of its commits, as `--against` is used before a release."""
-    recording = stored(tmp_path / "tiny.rrd", resolved(*JOINTS), experiment="walk_keypoints_synthetic").path
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # joints need no kernels, and compiling takes longer
+    """The check runs in the clone, whose working tree is the last commit."""
+    recording = store(tmp_path / "tiny.rrd", resolved(*JOINTS), experiment="walk_keypoints_synthetic").path
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes longer
     monkeypatch.setattr("workbench.cli.check.check_against", partial(against.check_against, root=clone))
-    code, told = check(capsys, recording, "--against", "HEAD~1")
-    assert code == 1, told
-    (line,) = [line for line in told.splitlines() if "  mpjpe_abs_mm  " in line]
+    code, output = check(capsys, recording, "--against", "HEAD~1")
+    assert code == 1, output
+    (line,) = [line for line in output.splitlines() if "  mpjpe_abs_mm  " in line]
     assert "FAILED (changed)" in line
-    assert not [line for line in told.splitlines() if "  mpjpe_px  " in line]
-    against.git(clone, "checkout", "--quiet", "HEAD~1")
-    code, told = check(capsys, recording, "--against", "HEAD~1")
-    assert code == 0, told
-    assert "equal to rounding" in told
-    code, told = check(capsys, recording, "--against", "HEAD~1", "--exact")
-    assert code == 1, told
+    assert "  mpjpe_mm  " not in output
+    code, output = check(capsys, recording, "--against", "HEAD~1", "--exact")
+    assert code == 1, output
+    (line,) = [line for line in output.splitlines() if "  mpjpe_mm  " in line]
+    assert "FAILED" in line
     assert against.git(clone, "worktree", "list").count("\n") == 1
 
 
 @pytest.mark.slow
-def test_an_earlier_commit_runs_recordings_by_its_own_command_line(capsys, tmp_path, monkeypatch):
-    """By `python -m workbench.cli.check`, where there is no command `workbench check`."""
+def test_an_earlier_commit_runs_with_its_own_command_line(capsys, tmp_path, monkeypatch):
+    """A commit without the command `workbench check` runs `python -m workbench.cli.check`."""
     name = "recordings/baselines/walk_straight.rrd"
     shown = subprocess.run(["git", "-C", against.ROOT, "show", f"2853064^:{name}"], capture_output=True, check=False)
     if shown.returncode != 0:
@@ -260,62 +256,62 @@ def test_an_earlier_commit_runs_recordings_by_its_own_command_line(capsys, tmp_p
     assert code == 0, printed
 
 
-def test_a_damaged_recording_is_refused_by_name_and_the_others_are_checked(walk, capsys, tmp_path):
+def test_a_damaged_recording_is_refused_and_the_others_are_checked(walk, capsys, tmp_path):
     folder = tmp_path / "damaged"
     folder.mkdir()
     shutil.copy(walk, folder / "good.rrd")
     (folder / "bad.rrd").write_bytes(walk.read_bytes()[:-300])
-    code, told = check(capsys, folder)
-    assert code == 2, told
-    (line,) = [line for line in told.splitlines() if "REFUSED" in line]
+    code, output = check(capsys, folder)
+    assert code == 2, output
+    (line,) = [line for line in output.splitlines() if "REFUSED" in line]
     assert "bad.rrd: expected" in line
-    assert "good.rrd  all 44" in told
-    assert "Traceback" not in told
+    assert "good.rrd  all 44" in output
+    assert "Traceback" not in output
 
 
 def changed(settings, changes):
-    found = yaml.safe_load(settings)
+    config = yaml.safe_load(settings)
     for key, value in changes.items():
-        found[key] = {**found.get(key, {}), **value} if isinstance(value, dict) else value
-    return found
+        config[key] = {**config.get(key, {}), **value} if isinstance(value, dict) else value
+    return config
 
 
-def test_nothing_is_written_where_a_stored_configuration_says(settings, tmp_path, cache):
-    away = tmp_path / "away"
+def test_a_stored_configuration_cannot_choose_where_files_are_written(settings, tmp_path, cache):
+    outside = tmp_path / "outside"
     changes = {
-        "recorder": {"path": str(away / "x.rrd"), "stream": True},
-        "hydra": {"run": {"dir": str(away)}},
-        "dataset": {"cache": str(away)},
+        "recorder": {"path": str(outside / "x.rrd"), "stream": True},
+        "hydra": {"run": {"dir": str(outside)}},
+        "dataset": {"cache": str(outside)},
         "n_threads": 10_000,
     }
-    run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
+    run = store(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../outside")
     with pytest.raises(InputError, match=r"recorder\.path: .* is outside paths\.data"):
         runnable_config(run, [], current_defaults([]))
     del changes["recorder"]["path"], changes["hydra"]
-    run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
+    run = store(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../outside")
     config = runnable_config(run, [], current_defaults([]))
     assert (config.dataset.cache, config.prior.cache, config.paths.cache) == (str(cache),) * 3
     assert (config.recorder.stream, config.n_threads) == (False, None)
-    done = rerun(run, config, tmp_path / "place")
-    assert done.path == tmp_path / "place" / "run.rrd"
-    assert not away.exists()
+    repeated = rerun(run, config, tmp_path / "rerun")
+    assert repeated.path == tmp_path / "rerun" / "run.rrd"
+    assert not outside.exists()
 
 
-def test_paths_are_those_of_whoever_checks(settings, tmp_path):
-    theirs = {"paths": {"data": "/home/someone/data/", "cache": "/home/someone/cache"}}
-    theirs |= {"dataset": {"data": "/home/someone/data/", "motion": "/home/someone/data/mine.bvh"}}
-    run = stored(tmp_path / "run.rrd", changed(settings, theirs))
-    own = current_defaults(["paths.data=/my/data"])
-    config = runnable_config(run, ["paths.data=/my/data"], own)
+def test_paths_of_this_machine_replace_the_stored_ones(settings, tmp_path):
+    stored = {"paths": {"data": "/home/someone/data/", "cache": "/home/someone/cache"}}
+    stored |= {"dataset": {"data": "/home/someone/data/", "motion": "/home/someone/data/mine.bvh"}}
+    run = store(tmp_path / "run.rrd", changed(settings, stored))
+    defaults = current_defaults(["paths.data=/my/data"])
+    config = runnable_config(run, ["paths.data=/my/data"], defaults)
     assert (config.dataset.data, config.dataset.motion) == ("/my/data/", "/my/data/mine.bvh")
     with pytest.raises(InputError, match=r"dataset\.data: .* is outside paths\.data"):
         runnable_config(run, [], current_defaults([]))
-    config = runnable_config(run, ["dataset.motion=/elsewhere/x.bvh", "seed=4"], own)
+    config = runnable_config(run, ["dataset.motion=/elsewhere/x.bvh", "seed=4"], defaults)
     assert (config.dataset.motion, config.seed) == ("/elsewhere/x.bvh", 4)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["nowhere"], "nowhere: expected a recording or a folder of recordings, found nothing there"),
         (["seed=3"], "expected recordings (.rrd), found none"),
@@ -329,19 +325,19 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["WALK", "seed=1,2"], "expected key=value with one value"),
     ],
 )
-def test_wrong_arguments_are_told_in_one_sentence(walk, capsys, arguments, words):
-    code, told = check(capsys, *[walk if argument == "WALK" else argument for argument in arguments])
+def test_wrong_arguments_are_refused(walk, capsys, arguments, message):
+    code, output = check(capsys, *[walk if argument == "WALK" else argument for argument in arguments])
     assert code == 2
-    assert words in told
-    assert "Traceback" not in told
+    assert message in output
+    assert "Traceback" not in output
 
 
-def test_measured_tolerances_next_to_a_recording_come_first(settings, tmp_path):
-    run, own = stored(tmp_path / "run.rrd", yaml.safe_load(settings)), current_defaults([])
-    usual, file = tolerances(run, own), tmp_path / "tolerances.json"
+def test_a_tolerances_file_next_to_a_recording_takes_precedence(settings, tmp_path):
+    run, defaults = store(tmp_path / "run.rrd", yaml.safe_load(settings)), current_defaults([])
+    general, file = tolerances(run, defaults), tmp_path / "tolerances.json"
     file.write_text('{"tolerances": {"run": {"mpjpe_px": 0.25}, "other": {"ess": 1.0}}}')
-    assert tolerances(run, own) == usual | {"mpjpe_px": Tolerance(absolute=0.25)}
+    assert tolerances(run, defaults) == general | {"mpjpe_px": Tolerance(absolute=0.25)}
     for wrong in ("[]", '{"tolerances": {"run": 3}}', "{"):
         file.write_text(wrong)
         with pytest.raises(InputError, match=r"tolerances\.json: expected"):
-            tolerances(run, own)
+            tolerances(run, defaults)

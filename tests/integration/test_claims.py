@@ -1,4 +1,4 @@
-"""Claims of the papers through the command, at a small size on generated people."""
+"""`python -m analysis.claims`: claims of the papers, at small size on generated people."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
-def test_two_claims_hold_and_are_not_measured_twice(tmp_path, cache):
+def test_two_claims_hold_and_are_measured_once(tmp_path, cache):
     environment = {**os.environ, "WORKBENCH_CACHE": str(cache), "PYTHONPATH": str(ROOT)}
     environment.pop("WORKBENCH_DATA", None)
 

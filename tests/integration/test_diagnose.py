@@ -1,4 +1,4 @@
-"""`workbench diagnose` on a run that lost the track for a known reason."""
+"""`workbench diagnose` on a run that loses the track for a known reason."""
 
 import pytest
 
@@ -10,24 +10,24 @@ SMALL += ("dataset.focal_px=175", "inference.n_particles=40", "training.motions=
 
 
 @pytest.mark.slow
-def test_the_cause_of_a_loss_comes_first_and_the_repetitions_are_kept(tmp_path, run, capfd):
-    code, printed, folder = run("lost", "experiment=walk_circle", *SMALL, "body.scale=1.4")
-    assert code == 0, printed
+def test_the_cause_of_a_track_loss_ranks_first(tmp_path, run, capfd):
+    code, output, folder = run("lost", "experiment=walk_circle", *SMALL, "body.scale=1.4")
+    assert code == 0, output
     path = str(folder / "run.rrd")
-    assert main(["diagnose", path, "--frame", "18", "--seeds", "1", "--jobs", "2", "-o", str(tmp_path / "kept")]) == 0
+    assert main(["diagnose", path, "--frame", "18", "--seeds", "1", "--jobs", "2", "-o", str(tmp_path / "runs")]) == 0
     out = capfd.readouterr().out
     assert "most likely: the true body, with which 1 of 1 runs keep the track" in out
-    place = tmp_path / "kept" / "frame_18"
-    whole, continued = (read(place / f"only_another_seed{end}" / "1000" / "run.rrd") for end in ("_whole", ""))
-    assert (int(whole.poses[0][0]), int(continued.poses[0][0])) == (0, 3)
+    folder = tmp_path / "runs" / "frame_18"
+    repeated, resumed = (read(folder / f"only_another_seed{end}" / "1000" / "run.rrd") for end in ("_whole", ""))
+    assert (int(repeated.poses[0][0]), int(resumed.poses[0][0])) == (0, 3)
     assert main(["diagnose", path, "--frame", "99"]) == 2
     assert "--frame: expected a recorded frame, found 99" in capfd.readouterr().err
 
 
 @pytest.mark.slow
-def test_a_track_that_was_kept_needs_no_cause(run, capfd):
-    code, printed, folder = run("held", "experiment=walk_circle", *SMALL)
-    assert code == 0, printed
+def test_a_run_without_track_loss_needs_no_diagnosis(run, capfd):
+    code, output, folder = run("tracked", "experiment=walk_circle", *SMALL)
+    assert code == 0, output
     assert main(["diagnose", str(folder / "run.rrd")]) == 0
     assert "no track loss" in capfd.readouterr().out
     assert main(["diagnose", str(folder / "nothing.rrd")]) == 2

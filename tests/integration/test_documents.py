@@ -1,4 +1,4 @@
-"""What the documents tell a person to do is done: tutorial, Python's pages, notebook; and pages are built."""
+"""The tutorial, the Python examples and the notebook of the documentation run, and its pages build."""
 
 import os
 import re
@@ -17,25 +17,25 @@ DOCS = ROOT / ".docs"
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory, cache):
-    """Run Python code in a process, in the folder of the tutorial."""
+    """Return the folder of the tutorial and a function that runs Python code there in a subprocess."""
     folder = tmp_path_factory.mktemp("tutorial")
     environment = {**os.environ, "WORKBENCH_CACHE": str(cache), "MPLBACKEND": "agg"}
     environment.pop("WORKBENCH_DATA", None)
 
     def run(code):
-        done = subprocess.run(
+        completed = subprocess.run(
             [sys.executable, "-c", code],
             cwd=folder, env=environment, capture_output=True, text=True, timeout=900, check=False,
         )  # fmt: skip
-        assert done.returncode == 0, f"{code}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-        return done.stdout
+        assert completed.returncode == 0, f"{code}: {completed.stdout[-2000:]}{completed.stderr[-2000:]}"
+        return completed.stdout
 
     return folder, run
 
 
 @pytest.fixture
 def shell(python, cache, monkeypatch, capfd):
-    """Run a block of `workbench` commands in the folder of the tutorial, in this process, which saves the imports."""
+    """Return a function that runs a block of `workbench` commands in this process, in the folder of the tutorial."""
 
     def run(block):
         for line in block.replace("\\\n", " ").splitlines():
@@ -50,24 +50,24 @@ def shell(python, cache, monkeypatch, capfd):
 
 
 def blocks(page):
-    """The page's blocks in their order, each with its language; without those that say that they are not run."""
+    """Return (language, code) of the blocks of a page, except those marked as not run."""
     text = (DOCS / page).read_text(encoding="utf-8")
     text = re.sub(r"<!-- not run:[^>]*-->\n```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
     return re.findall(r"^```(sh|python)\n(.+?)^```", text, re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.slow
-def test_the_tutorial_can_be_followed_to_the_letter(shell, python):
+def test_the_tutorial_runs_as_written(shell, python):
     folder, run = python
-    told = [shell(text) if language == "sh" else run(text) for language, text in blocks("start/tutorial.md")]
-    first, paper_a, again, table, sweep = told[:5]
+    outputs = [shell(text) if language == "sh" else run(text) for language, text in blocks("start/tutorial.md")]
+    first, paper_a, branch, table, sweep = outputs[:5]
     assert re.search(r"^verdict: trustworthy", first, re.MULTILINE)
     assert re.search(r"^verdict: doubtful, because", paper_a, re.MULTILINE)
     assert re.search(r"^view it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
-    assert "prior._target_: workbench.priors.ar_offsets.AROffsets → workbench.priors.smooth.Smooth" in again
+    assert "prior._target_: workbench.priors.ar_offsets.AROffsets → workbench.priors.smooth.Smooth" in branch
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
     assert rows["first"][0] == "ar_offsets_gait"
-    assert float(rows["first"][-1]) == float(rows["paper_a"][-1]) == 1.0  # tracked, as the tutorial says
+    assert float(rows["first"][-1]) == float(rows["paper_a"][-1]) == 1.0  # tracked
     assert float(rows["paper_a"][1]) > 2.0 * float(rows["first"][1])
     assert float(rows["paper_a"][3]) < 0.6 < float(rows["first"][3])
     assert rows["smooth"][-1] == "0"
@@ -77,10 +77,10 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell, python):
 
 
 @pytest.mark.slow
-def test_python_of_the_pages_on_python_and_reading_runs(python):
+def test_the_python_examples_run(python):
     folder, run = python
     if not (folder / "first").is_dir():
-        pytest.skip("needs what the tutorial leaves: run the whole file")
+        pytest.skip("needs the runs of the tutorial: run the whole file")
     for page in ("python.md", "howto/read.md"):
         code = "\n".join(text for language, text in blocks(page) if language == "python")
         assert "recordings/runs/python" in run(code) or page != "python.md"
@@ -94,28 +94,28 @@ def test_the_notebook_runs(tmp_path, cache, monkeypatch):
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     notebook = nbformat.read(DOCS / "notebook.ipynb", as_version=4)
-    assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")  # kept without what it shows
+    assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")  # stored without outputs
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    shown = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
-    assert any("image/png" in output.get("data", {}) for output in shown)
-    (inside,) = [cell for cell in notebook.cells if cell.cell_type == "code"][-2].outputs
-    assert 0.0 < float(inside.data["text/plain"]) <= 1.0
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert any("image/png" in output.get("data", {}) for cell in cells for output in cell.outputs)
+    (coverage,) = cells[-2].outputs
+    assert 0.0 < float(coverage.data["text/plain"]) <= 1.0
 
 
 @pytest.mark.slow
-def test_the_pages_are_built_without_a_warning_and_ask_for_nothing_from_elsewhere(tmp_path):
+def test_the_pages_build_without_warnings_and_load_nothing_from_the_network(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "-q", str(DOCS), str(tmp_path / "html")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    completed = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
     for page in (tmp_path / "html").rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert re.findall(r'<(?:script|img|link|iframe)[^>]+(?:src|href)="(?:https?:)?//[^"]+"', text) == [], page
     for style in (tmp_path / "html").rglob("*.css"):
         assert re.findall(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", style.read_text(encoding="utf-8")) == [], style
-    drawn = sorted((DOCS / "_generated" / "pictures").glob("*.png"))
+    pictures = sorted((DOCS / "_generated" / "pictures").glob("*.png"))
     experiments = (tmp_path / "html" / "_generated" / "experiment_components.html").read_text(encoding="utf-8")
-    assert len(drawn) >= 20
-    for picture in drawn:
+    assert len(pictures) >= 20
+    for picture in pictures:
         assert picture.stat().st_size <= 60_000
         assert picture.name in experiments
     options = (tmp_path / "html" / "_generated" / "options.html").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Experiments as their papers write them, at a small size and without recordings."""
+"""Experiments with the literal settings of their papers, at small size and without recordings."""
 
 import numpy as np
 import pytest
@@ -27,16 +27,16 @@ FAST = ("walk_straight", "points_walk_steady")
 @pytest.mark.parametrize(
     "experiment", [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in RUNS]
 )
-def test_an_experiment_runs_as_its_paper_writes_it(cache, summary_of, experiment):
+def test_an_experiment_runs_with_the_literal_settings_of_its_paper(cache, summary_of, experiment):
     summary = summary_of(cache, f"experiment={experiment}", "paper=literal", *RUNS[experiment])
     assert summary["status"] == "complete"
-    numbers = [value for name, value in summary["metrics"].items() if name in ("mpjpe_abs_mm", "jump_deg_mean")]
-    assert np.isfinite(numbers).all()
-    assert numbers
+    errors = [value for name, value in summary["metrics"].items() if name in ("mpjpe_abs_mm", "jump_deg_mean")]
+    assert np.isfinite(errors).all()
+    assert errors
 
 
-def test_the_coverage_of_an_arm_is_that_of_its_parameters(cache, summary_of):
-    """The rest of the body is held at the perturbed initial pose."""
+def test_the_coverage_of_an_arm_experiment_is_that_of_the_arms(cache, summary_of):
+    """The other parameters are fixed at the perturbed initial pose."""
     metrics = summary_of(cache, "experiment=arm_twist", *SMALL)["metrics"]
     assert {name for name in metrics if name.startswith("coverage_90_")} == {"coverage_90_arms"}
     assert metrics["coverage_90"] == metrics["coverage_90_arms"]

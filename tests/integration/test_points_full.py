@@ -1,4 +1,4 @@
-"""The experiment on every joint of a motion file, on generated files that look like Bandai's."""
+"""`experiment=points_full`, which tracks every joint of a motion file, on generated files in Bandai's format."""
 
 import json
 
@@ -15,7 +15,7 @@ SMALL = ("dataset.n_frames=8", "dataset.n_points=150", "prior.n_components=3", "
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """A folder as paths.data: a walk to track, and of the other data set two walks and two runs of generated people."""
+    """Return a folder for paths.data: a walk to track, and two walks and two runs of other people to learn from."""
     folder = tmp_path_factory.mktemp("data")
     for k, person in enumerate(subjects(3, np.random.default_rng(5)), start=1):
         name = f"dataset-{2 if k == 1 else 1}_walk_normal_{k:03d}"
@@ -27,27 +27,27 @@ def recordings(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
-    code, told, folder = run(
+def test_every_joint_of_the_file_is_tracked(recordings, run):
+    code, output, folder = run(
         "out", "experiment=points_full", f"paths.data={recordings}", f"paths.cache={recordings}", *SMALL
     )
-    assert code == 0, told
+    assert code == 0, output
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
-    # generated people whose model was learned from others: a body is about as thick as these bounds
+    # the model is learned from other generated people: the bounds are about the thickness of a body
     assert metrics["mpjpe_abs_mm"] < 60.0
     assert metrics["knee_flexion_rmse_deg"] < 15.0
     assert metrics["hip_flexion_rmse_deg"] < 15.0
     assert {"activity_accuracy", "jacobian_cost_ratio"} <= metrics.keys()
-    found = read(folder / "run.rrd")
-    body = found.properties["body"]
+    recording = read(folder / "run.rrd")
+    body = recording.properties["body"]
     assert len(body["joints"]) == 21
     assert {"LowerLeg_L_y", "UpperLeg_R_y"} <= set(body["pose"])
-    assert found.poses[1].shape == (8, len(body["pose"]))
-    assert found.true_joints.positions.shape == (8, 21, 3)
+    assert recording.poses[1].shape == (8, len(body["pose"]))
+    assert recording.true_joints.positions.shape == (8, 21, 3)
 
 
 @pytest.mark.parametrize(
-    ("overrides", "sentence"),
+    ("overrides", "message"),
     [
         (("prior.skeleton=person",), "dataset=points requires every joint of a motion file's skeleton of the prior"),
         (("prior.motions=builtin",), "prior: skeleton=full requires recordings"),
@@ -58,9 +58,9 @@ def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
         (("dataset.motion=builtin",), "dataset: motion 'builtin'"),
     ],
 )
-def test_what_does_not_fit_together_is_told(recordings, run, overrides, sentence):
-    code, told, _ = run(
+def test_conflicting_options_are_refused(recordings, run, overrides, message):
+    code, output, _ = run(
         "out", "experiment=points_full", f"paths.data={recordings}", f"paths.cache={recordings}", *SMALL, *overrides
     )
     assert code == 2
-    assert sentence in told
+    assert message in output

@@ -1,4 +1,4 @@
-"""A sweep over a real Slurm without accounting: jobs bound to cores, one killed and run again."""
+"""A sweep on a Slurm cluster without accounting: jobs are bound to cores; a killed job is repeated by sweep.resume."""
 
 import getpass
 import os
@@ -30,17 +30,17 @@ SlurmctldHost=localhost(127.0.0.1)
 SlurmUser={user}
 SlurmdUser={user}
 AuthType=auth/munge
-AuthInfo=socket={place}/munge.socket
+AuthInfo=socket={folder}/munge.socket
 CredType=cred/munge
 PluginDir={plugins}
 SlurmctldPort={port}
 SlurmdPort={node_port}
-SlurmctldPidFile={place}/slurmctld.pid
-SlurmdPidFile={place}/slurmd.pid
-StateSaveLocation={place}/state
-SlurmdSpoolDir={place}/spool
-SlurmctldLogFile={place}/slurmctld.log
-SlurmdLogFile={place}/slurmd.log
+SlurmctldPidFile={folder}/slurmctld.pid
+SlurmdPidFile={folder}/slurmd.pid
+StateSaveLocation={folder}/state
+SlurmdSpoolDir={folder}/spool
+SlurmctldLogFile={folder}/slurmctld.log
+SlurmdLogFile={folder}/slurmd.log
 ProctrackType=proctrack/linuxproc
 CommunicationParameters=NoCtldInAddrAny,NoInAddrAny
 TaskPlugin=task/affinity
@@ -59,16 +59,18 @@ PartitionName=debug Nodes=localhost Default=YES MaxTime=INFINITE State=UP
 
 
 class SlurmError(Exception):
-    """Why there is no Slurm."""
+    """Raised where no Slurm cluster can be started."""
 
 
 def unpack(folder: Path) -> Path:
-    """Download Debian's packages and unpack them below `folder`; raises SlurmError where they cannot be had."""
-    if lacking := [name for name in ("apt-get", "dpkg", "setpriv") if shutil.which(name) is None]:
-        raise SlurmError(f"no {lacking[0]}")
-    done = subprocess.run(["apt-get", "download", *PACKAGES], cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise SlurmError(f"Debian's packages cannot be had: {' '.join(done.stderr.split())[:200]}")
+    """Download Debian's packages and unpack them below `folder`; raise SlurmError where they are not available."""
+    if missing := [name for name in ("apt-get", "dpkg", "setpriv") if shutil.which(name) is None]:
+        raise SlurmError(f"no {missing[0]}")
+    download = subprocess.run(
+        ["apt-get", "download", *PACKAGES], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if download.returncode != 0:
+        raise SlurmError(f"Debian's packages are not available: {' '.join(download.stderr.split())[:200]}")
     for package in folder.glob("*.deb"):
         subprocess.run(["dpkg", "-x", package, folder / "root"], check=True)
     return folder / "root"
@@ -76,38 +78,37 @@ def unpack(folder: Path) -> Path:
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[dict[str, str]]:
-    """Start a cluster of this machine's cores; gives the environment in which Slurm's commands reach it.
+    """Start a cluster of this machine's cores; yield the environment in which Slurm's commands reach it.
 
-    It has no accounting, so that `sacct` answers nothing, and binds jobs to cores. Raises SlurmError where there can be
-    none.
+    The cluster binds jobs to cores and has no accounting, so that `sacct` prints nothing.
     """
     root = unpack(folder)
     libraries = next((root / "usr" / "lib").glob("*-linux-gnu"))
-    place = folder / "cluster"
+    state = folder / "cluster"
     for name in ("state", "spool"):
-        (place / name).mkdir(parents=True)
-    (place / "key").write_bytes(secrets.token_bytes(1024))
-    (place / "key").chmod(0o400)
-    (place / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\n")
+        (state / name).mkdir(parents=True)
+    (state / "key").write_bytes(secrets.token_bytes(1024))
+    (state / "key").chmod(0o400)
+    (state / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\n")
     ports = dict(zip(("port", "node_port"), free_ports(2), strict=True))
-    names = {"user": getpass.getuser(), "place": place, "plugins": libraries / "slurm-wlm", "cores": os.cpu_count()}
-    (place / "slurm.conf").write_text(_CONFIG.format(**names, **ports))
+    names = {"user": getpass.getuser(), "folder": state, "plugins": libraries / "slurm-wlm", "cores": os.cpu_count()}
+    (state / "slurm.conf").write_text(_CONFIG.format(**names, **ports))
     environment = {
         **os.environ,
         "PATH": f"{root / 'usr' / 'bin'}:{os.environ['PATH']}",
         "LD_LIBRARY_PATH": f"{libraries}:{libraries / 'slurm-wlm'}",
-        "SLURM_CONF": str(place / "slurm.conf"),
+        "SLURM_CONF": str(state / "slurm.conf"),
     }
     programs = root / "usr" / "sbin"
-    munge = [programs / "munged", "--foreground", "--force", *(f"--{name}={place / file}" for name, file in _MUNGE)]
+    munge = [programs / "munged", "--foreground", "--force", *(f"--{name}={state / file}" for name, file in _MUNGE)]
     with ExitStack() as stack:
         for command in (
             munge,
             [programs / "slurmctld-wlm", "-D", "-i"],
             [programs / "slurmd-wlm", "-D", "-N", "localhost", "-d", programs / "slurmstepd-wlm"],
         ):
-            stack.enter_context(_running(command, environment, place))
-        _wait_until_idle(environment, place)
+            stack.enter_context(_running(command, environment, state))
+        _wait_until_idle(environment, state)
         try:
             yield environment
         finally:
@@ -119,9 +120,9 @@ _MUNGE = (("key-file", "key"), ("socket", "munge.socket"), ("pid-file", "munge.p
 
 
 @contextmanager
-def _running(command: Sequence[str | Path], environment: dict[str, str], place: Path) -> Iterator[None]:
-    with (place / "out.log").open("ab") as out:
-        command = ["setpriv", "--pdeathsig", "TERM", *command]  # when the test itself is killed
+def _running(command: Sequence[str | Path], environment: dict[str, str], folder: Path) -> Iterator[None]:
+    with (folder / "out.log").open("ab") as out:
+        command = ["setpriv", "--pdeathsig", "TERM", *command]  # also ends when the test is killed
         process = subprocess.Popen(command, env=environment, stdout=out, stderr=subprocess.STDOUT)
         try:
             yield
@@ -134,12 +135,12 @@ def _running(command: Sequence[str | Path], environment: dict[str, str], place: 
                 process.wait()
 
 
-def _wait_until_idle(environment: dict[str, str], place: Path) -> None:
+def _wait_until_idle(environment: dict[str, str], folder: Path) -> None:
     end = time.monotonic() + PATIENCE_S
-    while "idle" not in (told := slurm(environment, "sinfo", "--noheader", "--format=%T")):
+    while "idle" not in (states := slurm(environment, "sinfo", "--noheader", "--format=%T")):
         if time.monotonic() > end:
-            words = told.strip() or (place / "out.log").read_text()[-300:]
-            raise SlurmError(f"its node is not idle after {PATIENCE_S:g} s: {words}")
+            reason = states.strip() or (folder / "out.log").read_text()[-300:]
+            raise SlurmError(f"its node is not idle after {PATIENCE_S:g} s: {reason}")
         time.sleep(0.2)
 
 
@@ -152,23 +153,23 @@ def _cancel_all(environment: dict[str, str]) -> None:
 
 
 def slurm(environment: dict[str, str], *command: str) -> str:
-    """What one of Slurm's commands prints."""
+    """Return the output of one of Slurm's commands."""
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False).stdout
 
 
 def free_ports(n: int) -> list[int]:
-    """Ports of loopback that nobody listens at."""
+    """Return unused ports of the loopback interface."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket()) for _ in range(n)]
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
+        for unbound in sockets:
+            unbound.bind(("127.0.0.1", 0))
+        return [bound.getsockname()[1] for bound in sockets]
 
 
-N_JOBS = 4
+N_JOBS = 3
 JOBS = (
     "experiment=walk_straight", "paths.data=null", f"seed=range({N_JOBS})", "dataset.n_frames=40",
-    "inference.n_particles=3000", "dataset.width=160", "dataset.height=120", "dataset.person_px=80",
+    "inference.n_particles=1500", "dataset.width=160", "dataset.height=120", "dataset.person_px=80",
     "dataset.focal_px=175",
 )  # fmt: skip
 LAUNCHER = ("hydra/launcher=submitit_slurm", "hydra.launcher.cpus_per_task=1", "hydra.launcher.timeout_min=20")
@@ -177,56 +178,52 @@ JOBS_PATIENCE_S = 600.0
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """In which Slurm's commands reach a cluster on this machine."""
+    """Yield the environment in which Slurm's commands reach a cluster on this machine."""
     pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
     try:
-        with cluster(tmp_path_factory.mktemp("slurm")) as found:
-            yield found
+        with cluster(tmp_path_factory.mktemp("slurm")) as variables:
+            yield variables
     except SlurmError as reason:
         pytest.skip(f"no Slurm: {reason}")
 
 
 @pytest.mark.slow
-def test_a_sweep_over_slurm_is_completed_after_a_job_was_killed(tmp_path, environment):
-    """Without accounting submitit waits for a killed job until it is interrupted itself."""
+def test_a_sweep_on_slurm_is_completed_after_a_job_was_killed(tmp_path, environment):
+    """Without accounting, submitit waits for a killed job until it is interrupted."""
     sweep, output = tmp_path / "sweep", tmp_path / "output.txt"
     environment = {**environment, "WORKBENCH_CACHE": str(tmp_path / "cache")}
-    environment.pop("NUMBA_NUM_THREADS", None)  # the cores that Slurm binds a job to say how many
+    environment.pop("NUMBA_NUM_THREADS", None)  # a job uses as many threads as it has cores
     command = [sys.executable, "-m", "workbench", "run", "-m", *LAUNCHER, *JOBS]
     with output.open("w") as out, subprocess.Popen(
         [*command, f"hydra.sweep.dir={sweep}"], cwd=tmp_path, env=environment, stdout=out, stderr=subprocess.STDOUT
     ) as process:  # fmt: skip
         wait_for(lambda: (sweep / "0" / "run.rrd.part").is_file() and is_locked(sweep / "0"), output)
         assert len(os.sched_getaffinity(process_of(sweep / "0"))) == 1
-        os.kill(process_of(sweep / "0"), signal.SIGKILL)  # as the kernel does when it is out of memory
+        os.kill(process_of(sweep / "0"), signal.SIGKILL)  # as the kernel does when memory is exhausted
         wait_for(lambda: not slurm(environment, "squeue", "--noheader").strip(), output)
         process.send_signal(signal.SIGINT)
-    words = output.read_text()
-    assert process.returncode == 128 + signal.SIGINT, words
-    assert f"1 of {N_JOBS} jobs are not complete" in words
-    assert f"{sweep / '0'}: killed" in words
+    printed = output.read_text()
+    assert process.returncode == 128 + signal.SIGINT, printed
+    assert f"1 of {N_JOBS} jobs are not complete" in printed
+    assert f"{sweep / '0'}: killed" in printed
     assert (sweep / "0" / "run.rrd.part").is_file()
 
     before = [read_summary(sweep / str(job))["started"] for job in range(N_JOBS)]
-    done = subprocess.run([*command, f"sweep.resume={sweep}"], cwd=tmp_path, env=environment, check=False)
-    assert done.returncode == 0
+    completed = subprocess.run([*command, f"sweep.resume={sweep}"], cwd=tmp_path, env=environment, check=False)
+    assert completed.returncode == 0
     after = [read_summary(sweep / str(job)) for job in range(N_JOBS)]
-    assert [each["started"] == started for each, started in zip(after, before, strict=True)] == [
-        False,
-        True,
-        True,
-        True,
-    ]
-    assert all(each["status"] == "complete" for each in after)
+    unchanged = [summary["started"] == started for summary, started in zip(after, before, strict=True)]
+    assert unchanged == [False, True, True]
+    assert all(summary["status"] == "complete" for summary in after)
 
 
-def wait_for(what, output):
+def wait_for(condition, output):
     end = time.monotonic() + JOBS_PATIENCE_S
-    while not what():
+    while not condition():
         assert time.monotonic() < end, output.read_text()
         time.sleep(0.1)
 
 
 def process_of(folder: Path) -> int:
-    """The process that works in a folder."""
+    """Return the number of the process that runs in a folder."""
     return int(re.search(r"process (\d+)", (folder / ".lock").read_text())[1])

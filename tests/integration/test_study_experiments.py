@@ -1,4 +1,4 @@
-"""The studies of learning through the command line, on the built-in walkers; on recordings where there are any."""
+"""The study experiments through the command line, on the built-in motions."""
 
 import json
 
@@ -30,19 +30,19 @@ CASES = [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) fo
 
 @pytest.mark.parametrize("experiment", CASES)
 @pytest.mark.slow
-def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
-    code, told, folder = run("out", f"experiment={experiment}", *SMALL.get(experiment, []))
-    assert code == 0, told
+def test_a_study_writes_a_recording_and_a_summary(run, experiment):
+    code, output, folder = run("out", f"experiment={experiment}", *SMALL.get(experiment, []))
+    assert code == 0, output
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["status"], summary["experiment"]) == ("complete", experiment)
     assert METRICS[experiment] <= summary["metrics"].keys()
     assert np.isfinite([summary["metrics"][name] for name in METRICS[experiment]]).all()
-    recorded = read(folder / "run.rrd")
-    assert recorded.properties["metrics"] | recorded.properties["cost"] == summary["metrics"]
-    assert recorded.properties["provenance"]["experiment"] == experiment
-    assert "motions: builtin" in recorded.config
-    assert "Paper" in recorded.note
-    assert len(recorded.figures) >= 4
+    recording = read(folder / "run.rrd")
+    assert recording.properties["metrics"] | recording.properties["cost"] == summary["metrics"]
+    assert recording.properties["provenance"]["experiment"] == experiment
+    assert "motions: builtin" in recording.config
+    assert "Paper" in recording.note
+    assert len(recording.figures) >= 4
     assert not list(folder.glob("*.part"))
 
 
@@ -53,20 +53,20 @@ def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
         ("walker_03_straight", "walker_03"), ("mine", "mine"),
     ],
 )  # fmt: skip
-def test_styles_are_read_from_names(source, expected):
+def test_a_style_is_read_from_the_name_of_a_clip(source, expected):
     assert style(source) == expected
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_bits_and_another_one_other_gaps(run):
-    found = []
+def test_the_same_seed_is_bitwise_identical_and_another_one_differs(run):
+    recordings = []
     for folder, overrides in (("a", ["n_threads=1"]), ("b", []), ("c", ["seed=1"])):
-        code, told, out = run(folder, "experiment=period_snr", *overrides)
-        assert code == 0, told
-        found.append(read(out / "run.rrd"))
-    first, again, other = found
-    assert first.properties["metrics"] == again.properties["metrics"]
-    for figure, same in zip(first.figures, again.figures, strict=True):
+        code, output, out = run(folder, "experiment=period_snr", *overrides)
+        assert code == 0, output
+        recordings.append(read(out / "run.rrd"))
+    first, repeated, other = recordings
+    assert first.properties["metrics"] == repeated.properties["metrics"]
+    for figure, same in zip(first.figures, repeated.figures, strict=True):
         assert all(curve.tobytes() == same.curves[label].tobytes() for label, curve in figure.curves.items())
     name = "period_error_median_pct_30"
     assert first.properties["metrics"][name] != other.properties["metrics"][name]

@@ -1,4 +1,4 @@
-"""Synthesis and the database's studies through the command line, without recorded motion."""
+"""`experiment=synthesize_run` through the command line, on the built-in motions."""
 
 import json
 
@@ -23,37 +23,37 @@ def metrics_of(folder):
 
 
 @pytest.mark.slow
-def test_synthesize_run_leaves_metrics_a_recording_and_the_way_through_the_world(run):
-    code, told, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
-    assert code == 0, told
-    metrics, recorded = metrics_of(folder), read(folder / "run.rrd")
-    frames, poses = recorded.poses
+def test_a_synthesis_records_jumps_trails_and_figures(run):
+    code, output, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
+    assert code == 0, output
+    metrics, recording = metrics_of(folder), read(folder / "run.rrd")
+    frames, poses = recording.poses
     assert list(frames) == list(range(12))
     jumps = np.degrees(np.abs(np.diff(poses[:, 6:], axis=0)).max(axis=1))
     assert metrics["jump_deg_mean"] == pytest.approx(jumps.mean())
     assert metrics["jump_deg_p99"] == pytest.approx(np.percentile(jumps, 99.0))
     assert "jump_deg" not in metrics
     assert metrics["same_activity"] == 1.0  # the built-in people only walk
-    assert recorded.metric("jump_deg")[1] == pytest.approx(jumps)
-    places = joints(person(Blank().info.shape).skeleton, poses)
+    assert recording.metric("jump_deg")[1] == pytest.approx(jumps)
+    positions = joints(person(Blank().info.shape).skeleton, poses)
     for name in ("left_wrist", "right_wrist"):
         (trail,) = static_strips(folder / "run.rrd", f"/world/estimate/trails/{name}")
-        assert trail == pytest.approx(places[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32
+        assert trail == pytest.approx(positions[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32
     figures = np.concatenate(static_strips(folder / "run.rrd", "/world/estimate/trails/figures"))
     for frame in (0, 4, 8):
-        for place in places[frame]:
-            assert np.abs(figures - place).max(axis=1).min() < 1e-5
+        for position in positions[frame]:
+            assert np.abs(figures - position).max(axis=1).min() < 1e-5
 
 
 def static_strips(path, entity):
-    """The last strips logged, as arrays (K, 3)."""
+    """Return the last line strips logged at an entity, arrays (K, 3)."""
     chunks = RrdReader(path).stream().filter(content=entity, is_static=True).to_chunks()
     rows = [row for chunk in chunks for row in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
     return [np.array(strip) for strip in rows[-1]]
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_bits(run):
+def test_the_same_seed_is_bitwise_identical_at_any_number_of_threads(run):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         assert run(name, "experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}").code == 0
     folder = run("d", "experiment=synthesize_run", *BUILTIN, SHORT, "n_threads=1").folder

@@ -1,4 +1,4 @@
-"""A wheel contains all that a run needs: installed without the source, it tracks a person from another folder."""
+"""A wheel contains all files of a run: installed without the sources, it tracks a person."""
 
 import os
 import shutil
@@ -14,14 +14,14 @@ SOURCES = ("workbench", "conf", "pyproject.toml", "README.md", "LICENSE")
 
 
 def run(*command, cwd, env=None):
-    done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-    return done.stdout
+    completed = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
+    assert completed.returncode == 0, f"{command}: {completed.stdout[-2000:]}{completed.stderr[-2000:]}"
+    return completed.stdout
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Build the wheel from a copy of the sources, since setuptools writes next to them."""
+    """Build the wheel from a copy of the sources, because setuptools writes next to them."""
     source, folder = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
     for name in SOURCES:
         path = ROOT / name
@@ -36,7 +36,7 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Install the wheel into an empty virtual environment, which finds the dependencies in this one's folders."""
+    """Install the wheel into a virtual environment that finds the dependencies in this environment."""
     folder = tmp_path_factory.mktemp("environment")
     run(sys.executable, "-m", "venv", "--without-pip", str(folder / "venv"), cwd=folder)
     python = folder / "venv" / "bin" / "python"
@@ -50,7 +50,7 @@ def installed(wheel, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_wheel_contains_configurations_and_marks_the_types(wheel):
+def test_the_wheel_contains_configurations_templates_and_py_typed(wheel):
     names = ZipFile(wheel).namelist()
     options = {path.relative_to(ROOT / "conf").as_posix() for path in (ROOT / "conf").rglob("*.yaml")}
     assert {f"workbench/conf/{option}" for option in options} <= set(names)
@@ -60,15 +60,18 @@ def test_the_wheel_contains_configurations_and_marks_the_types(wheel):
 
 
 @pytest.mark.slow
-def test_the_default_experiment_runs_from_the_wheel_alone(installed):
-    """With few frames and particles, as compiling takes most of the time."""
+def test_the_default_experiment_runs_from_the_wheel(installed):
+    """It loads the compiled kernels of this checkout, whose sources are the same."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("WORKBENCH_", "PYTHON"))}
-    environment["WORKBENCH_CACHE"] = str(installed / "cache")
+    environment |= {"WORKBENCH_CACHE": str(installed / "cache"), "NUMBA_CACHE_DIR": str(installed / "kernels")}
+    kernels = ROOT / "workbench" / "__pycache__" / "kernels"
+    if kernels.is_dir():
+        shutil.copytree(kernels, installed / "kernels" / "workbench", ignore=shutil.ignore_patterns("*.tmp.*"))
     command = str(installed / "venv" / "bin" / "workbench")
     assert "check-calibration" in run(command, "--help", cwd=installed, env=environment)
     python = str(installed / "venv" / "bin" / "python")
-    place = run(python, "-c", "import workbench; print(workbench.__file__)", cwd=installed, env=environment)
-    assert Path(place.strip()).is_relative_to(installed)
+    imported = run(python, "-c", "import workbench; print(workbench.__file__)", cwd=installed, env=environment)
+    assert Path(imported.strip()).is_relative_to(installed)
     small = ["dataset.n_frames=3", "inference.n_particles=50", "hydra.run.dir=out"]
     assert "verdict: " in run(command, "run", *small, cwd=installed, env=environment)
     assert (installed / "out" / "run.rrd").is_file()

@@ -1,4 +1,4 @@
-"""Walking and running together on recordings: CMU's and both of Bandai's data sets."""
+"""Models of walking and running, learned from recordings of CMU and of both Bandai data sets."""
 
 import numpy as np
 import pytest
@@ -26,27 +26,27 @@ def test_every_clip_has_cycles_of_its_activity(cycles):
     assert {source for source, run in zip(cycles.sources, runs, strict=True) if run} == {
         clip for clip in CLIPS if "run" in clip or clip == "02_03"
     }
-    # running people take 0.55 to 0.95 s a cycle, whatever their style
+    # a running cycle takes 0.55 to 0.95 s in every style
     assert 0.55 < cycles.durations_s[runs].min() < cycles.durations_s[runs].max() < 0.95
     assert 0.9 < np.median(cycles.durations_s[~runs]) < 1.2
     rates = mean_rates_hz(learn_activities(cycles))
     assert rates["run"] > 1.2 * rates["walk"]
 
 
-def test_angles_stay_on_one_branch(cycles):
-    """No cycle lies a half turn from the others, as angles on the other course of a joint's three turns would."""
-    from_middle = np.abs(cycles.curves - np.median(cycles.curves, axis=0))
-    assert np.degrees(from_middle.max()) < 130.0  # the twist of a straight arm
+def test_no_cycle_is_half_a_turn_from_the_others(cycles):
+    """No cycle is 180° from the others, as it would be with the other solution of a joint's three Euler angles."""
+    deviation = np.abs(cycles.curves - np.median(cycles.curves, axis=0))
+    assert np.degrees(deviation.max()) < 130.0  # the rotation of a straight arm about its axis
 
 
-def test_legs_tell_running_from_walking_in_a_clip_left_out(cycles):
+def test_legs_distinguish_running_from_walking_in_held_out_clips(cycles):
     legs = cycles.of_angles(["lower_body"])
-    assert held_out_accuracy(legs, legs.sources, 5) > 0.95  # what the activity of a frame asks for
+    assert held_out_accuracy(legs, legs.sources, 5) > 0.95
 
 
-def test_the_paper_s_part_of_the_variance_takes_few_components(cycles):
-    assert len(learn_activities(cycles).scales) < 9  # prototypes: 6, the paper 5
+def test_few_components_explain_the_variance_of_the_paper(cycles):
+    assert len(learn_activities(cycles).scales) < 9  # the paper has 5
     mean_error = np.degrees(np.sqrt(np.mean((cycles.curves - cycles.curves.mean(axis=0)) ** 2)))
     model = learn_activities(cycles, n_components=5)
-    again = model.angles_at(model.scores[:, None], np.arange(64) / 64)
-    assert np.degrees(np.sqrt(np.mean((again - cycles.curves) ** 2))) < 0.5 * mean_error
+    fitted = model.angles_at(model.scores[:, None], np.arange(64) / 64)
+    assert np.degrees(np.sqrt(np.mean((fitted - cycles.curves) ** 2))) < 0.5 * mean_error

@@ -1,4 +1,4 @@
-"""Recorded cameras and images: calibrations, lenses, and the background of the demonstration video."""
+"""The background model of the recorded video, and the calibrations and lenses of recorded cameras."""
 
 import cv2
 import numpy as np
@@ -11,41 +11,41 @@ from workbench.likelihoods.cues.image_levels import log_ratio, static_background
 from workbench.recording.write import images
 
 
-@pytest.mark.slow  # it decodes a hundred frames
-def test_the_woman_is_foreground_and_the_rest_is_not(data):
+@pytest.mark.slow  # decodes 97 frames
+def test_the_woman_is_foreground_and_the_remaining_image_is_background(data):
     folder = data / "sports2d_walk"
     files = {"eval_annotations": str(folder / "keypoints.csv"), "first_frame": 64, "n_frames": 97, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
     scenes = static_backgrounds(FrameCache(video), 60, 0.7)
-    shares = []
+    fractions = []
     for frame in video.frames():
         if frame.truth is None:
             continue
         ratio = log_ratio(frame.views[0], scenes, 0.7, 0.05)
-        marks = frame.truth.annotations[np.isfinite(frame.truth.annotations).all(axis=1)]
-        column, row = np.rint(marks).astype(int).T
-        away = np.ones(ratio.shape, dtype=bool)
-        low, high = np.maximum(marks.min(axis=0) - 60, 0).astype(int), marks.max(axis=0).astype(int) + 60
-        away[low[1] : high[1], low[0] : high[0]] = False
-        shares.append([(ratio[row, column] > 0.0).mean(), (ratio[away] > 0.0).mean()])
-    woman, rest = np.mean(shares, axis=0)
-    assert woman > 0.7  # joints lie on her, though some on what looks like the wall behind
-    assert rest < 0.05  # the share of outliers that the background is given
+        annotated = frame.truth.annotations[np.isfinite(frame.truth.annotations).all(axis=1)]
+        column, row = np.rint(annotated).astype(int).T
+        background = np.ones(ratio.shape, dtype=bool)
+        low, high = np.maximum(annotated.min(axis=0) - 60, 0).astype(int), annotated.max(axis=0).astype(int) + 60
+        background[low[1] : high[1], low[0] : high[0]] = False
+        fractions.append([(ratio[row, column] > 0.0).mean(), (ratio[background] > 0.0).mean()])
+    woman, remaining = np.mean(fractions, axis=0)
+    assert woman > 0.7  # some joints have the intensity of the wall behind them
+    assert remaining < 0.05  # the outlier fraction of the background model
 
 
-def test_four_calibrated_cameras(data):
+def test_the_four_calibrated_cameras_point_at_the_man(data):
     cameras = load_cameras(data / "pose2sim_balance" / "Calib_qualisys.toml")
     assert [camera.name for camera in cameras] == ["cam_01", "cam_02", "cam_03", "cam_04"]
     for camera in cameras:
         assert (camera.width, camera.height) == (1088, 1920)
         np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
         assert camera.position[2] > 0.5  # cameras on tripods: the file's z axis points up
-        assert camera.rotation[1, 2] < -0.5  # and it points up in the picture
-        # the four look at one place, where the man balances: where their optical axes pass each other most closely
+        assert camera.rotation[1, 2] < -0.5  # and it points upwards in the image
+    # the optical axes nearly meet in one point, at the man
     directions = np.stack([camera.rotation[2] for camera in cameras])
     centres = np.stack([camera.position for camera in cameras])
-    across = np.eye(3) - directions[:, :, None] * directions[:, None]
-    meeting = np.linalg.solve(across.sum(axis=0), np.einsum("nab,nb->a", across, centres))
+    orthogonal = np.eye(3) - directions[:, :, None] * directions[:, None]
+    meeting = np.linalg.solve(orthogonal.sum(axis=0), np.einsum("nab,nb->a", orthogonal, centres))
     for camera in cameras:
         u, v = camera.project(meeting)
         assert 0 < u < camera.width
@@ -56,15 +56,15 @@ def test_four_calibrated_cameras(data):
         np.testing.assert_allclose((u, v), expected.ravel(), atol=1e-8)
 
 
-def test_a_real_image_is_straightened_as_its_marks_are(data):
+def test_a_recorded_image_is_undistorted(data):
     camera = load_cameras(data / "pose2sim_balance" / "Calib_qualisys.toml")[0]
     video = cv2.VideoCapture(str(data / "pose2sim_balance" / "cam01.mp4"))
-    read, frame = video.read()
-    assert read
+    success, frame = video.read()
+    assert success
     shown = images.recorded_camera(camera)
-    straight = cv2.imdecode(images.jpeg(shown, np.ascontiguousarray(frame[..., ::-1]), 95), cv2.IMREAD_COLOR)
-    assert straight.shape == (camera.height, camera.width, 3)
-    # The video is 8 px narrower than its calibration says; the recording has the calibrated size.
+    undistorted = cv2.imdecode(images.jpeg(shown, np.ascontiguousarray(frame[..., ::-1]), 95), cv2.IMREAD_COLOR)
+    assert undistorted.shape == (camera.height, camera.width, 3)
+    # The video is 8 px narrower than its calibration; the recording has the calibrated size.
     reference = cv2.undistort(frame, camera.matrix, camera.distortion)
     width = frame.shape[1]
-    assert np.abs(straight[:, :width].astype(int) - reference).mean() < 2.0  # grey levels, JPEG
+    assert np.abs(undistorted[:, :width].astype(int) - reference).mean() < 2.0  # grey levels, JPEG

@@ -1,5 +1,6 @@
 """People detected in a recorded video by BlazePose's full model, against joints annotated by hand."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ from workbench.motion.formats.markers import joint_centres, read_markers
 from workbench.utils.errors import InputError
 
 LANDMARKS = {"shoulder": 11, "elbow": 13, "wrist": 15, "hip": 23, "knee": 25, "ankle": 27}
-FRAMES = range(98, 104)
+FRAMES = range(98, 102)
 RATE_HZ = 60.0
 
 
@@ -27,46 +28,42 @@ def people(data):
     return list(PeopleDetector(network, 3).detect(images))
 
 
-def test_the_woman_and_the_bystander_are_detected_in_every_frame(people):
+def test_two_people_are_detected_in_every_frame(people):
     assert all({person.number for person in frame} == {0, 1} for frame in people)
 
 
-def test_her_joints_lie_where_they_were_annotated(data, people):
+def test_the_joints_agree_with_the_annotations(data, people):
     annotations = read_annotations(data / "sports2d_walk" / "keypoints.csv")
     joints, _ = annotations.at(100)
     errors = []
     for person in people[FRAMES.index(100)]:
-        places = {
+        pixels = {
             f"{side}_{joint}": person.landmarks.pixels[first + k]
             for joint, first in LANDMARKS.items()
             for k, side in enumerate(("left", "right"))
         }
-        errors.append(np.mean([np.linalg.norm(places[name] - joints[j]) for name, j in _rows(places)]))
-    assert min(errors) < 15.0  # of 390 px; annotations have a deviation of 4 px, hidden joints of 6 to 10
+        errors.append(np.mean([np.linalg.norm(pixels[name] - joints[JOINT_NAMES.index(name)]) for name in pixels]))
+    assert min(errors) < 15.0  # of 390 px height; annotations have a deviation of 4 px, of hidden joints 6 to 10 px
 
 
-def _rows(names):
-    return [(name, JOINT_NAMES.index(name)) for name in names]
-
-
-def test_world_landmarks_turn_with_the_region(data):
+def test_world_landmarks_rotate_with_the_region(data):
     network = LandmarkNetwork(data / "blazepose" / "pose_landmark_full.tflite")
     (image,) = decode(data / "sports2d_walk" / "demo.mp4", 100, 100)
     region = Region(960.0, 690.0, 560.0)
     for _ in range(3):
         region = network(image, region).next_region
     upright = network(image, region)
-    quarter = network(np.ascontiguousarray(np.rot90(image)), _turned(region, image.shape[1]))
-    np.testing.assert_allclose(quarter.world[:, 0], upright.world[:, 1], atol=0.03)
-    np.testing.assert_allclose(quarter.world[:, 1], -upright.world[:, 0], atol=0.03)
+    rotated = network(np.ascontiguousarray(np.rot90(image)), _rotated(region, image.shape[1]))
+    np.testing.assert_allclose(rotated.world[:, 0], upright.world[:, 1], atol=0.03)
+    np.testing.assert_allclose(rotated.world[:, 1], -upright.world[:, 0], atol=0.03)
 
 
-def _turned(region, width):
-    """Return the region in the image that is turned a quarter to the left."""
+def _rotated(region, width):
+    """Return the region in the image rotated by 90° counterclockwise."""
     return Region(region.v, width - 1 - region.u, region.side, region.angle - 0.5 * np.pi)
 
 
-def test_another_file_is_no_model(tmp_path):
+def test_a_file_that_is_no_model_is_refused(tmp_path):
     (tmp_path / "model.tflite").write_bytes(b"no model")
     with pytest.raises(InputError, match="expected a BlazePose landmark model"):
         LandmarkNetwork(tmp_path / "model.tflite")
@@ -85,20 +82,23 @@ def test_litert_agrees_with_opencv(data, monkeypatch):
     np.testing.assert_allclose(litert.confidence, opencv.confidence, atol=1e-4)
 
 
-def test_left_and_right_of_a_man_in_one_camera_are_those_of_four_cameras(data, tmp_path):
-    """The network exchanges them in 22 of 99 frames."""
-    scene = data / "pose2sim_balance"
-    detect_video(scene / "cam02.mp4", tmp_path / "cam02", data / "blazepose" / "pose_landmark_full.tflite")
+def test_left_and_right_in_one_camera_agree_with_four_cameras(data, tmp_path):
+    """The network exchanges left and right in 16 of the frames 20 to 59."""
+    scene, images = data / "pose2sim_balance", tmp_path / "images"
+    images.mkdir()
+    for frame, image in enumerate(decode(scene / "cam02.mp4", 20, 59), 20):
+        cv2.imwrite(str(images / f"{frame}.jpg"), image[..., ::-1])
+    detect_video(images, tmp_path / "cam02", data / "blazepose" / "pose_landmark_full.tflite")
     detected = read_annotations(tmp_path / "cam02", None, given_times(RATE_HZ))
-    camera = next(each for each in load_cameras(scene / "Calib_qualisys.toml") if each.name == "cam_02")
+    camera = next(one for one in load_cameras(scene / "Calib_qualisys.toml") if one.name == "cam_02")
     markers = read_markers(scene / "joints_triangulated.trc")
-    true = camera.project(joint_centres(markers, markers.at(detected.frames / RATE_HZ), {}))
+    true = camera.project(joint_centres(markers, markers.at((20 + detected.frames) / RATE_HZ), {}))
     for part in (("elbow", "wrist"), ("knee", "ankle")):
         left, right = ([JOINT_NAMES.index(f"{side}_{limb}") for limb in part] for side in ("left", "right"))
-        own, other = (
+        correct, exchanged = (
             np.linalg.norm(detected.pixels[:, left + right] - true[:, order], axis=2).sum(axis=1)
             for order in (left + right, right + left)
         )
         separate = np.linalg.norm(true[:, left] - true[:, right], axis=2).max(axis=1) > 25.0
-        assert separate.sum() > 50
-        assert not (separate & (other < own)).any()
+        assert separate.sum() > 20
+        assert not (separate & (exchanged < correct)).any()

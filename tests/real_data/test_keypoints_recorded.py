@@ -1,4 +1,4 @@
-"""The start of the demonstration video, and her walk, from joints marked by hand."""
+"""Initialization and fit of the recorded woman from annotated joints."""
 
 import numpy as np
 import pytest
@@ -30,26 +30,26 @@ def woman():
 def video(data, **parameters):
     folder = data / "sports2d_walk"
     files = {name: str(folder / "keypoints.csv") for name in ("initial_annotations", "keypoints")}
-    whole = {"first_frame": 64, "n_frames": 97, "scale": SCALE, **files, **parameters}
-    return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **whole)
+    options = {"first_frame": 64, "n_frames": 97, "scale": SCALE, **files, **parameters}
+    return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **options)
 
 
 @pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
-def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
+def test_the_initial_pose_fits_the_annotations(data, prior, woman, last, rate_hz):
     dataset = video(data, initial_last_frame=last)
     (camera,) = dataset.info.cameras
     fit = fit_annotations(prior.capabilities.motion, woman.skeleton, camera, dataset.info.initial_annotations)
     first = dataset.info.initial_annotations.keypoints[0]
-    apart = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
-    # visible joints are marked to 4 px, hidden ones to 6–10; a steady style over five frames adds its share
-    assert np.nanmean(apart) < (5.0 if last is None else 8.0)
-    assert abs((fit.heading + np.pi / 2.0 + np.pi) % (2.0 * np.pi) - np.pi) < 0.2  # to the left, the camera's −x
-    # she stands in frame 100 as in 64, 1.2 s before: one cycle
+    errors = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
+    # annotations have a deviation of 4 px, of hidden joints 6–10 px; the constant style over five frames adds to it
+    assert np.nanmean(errors) < (5.0 if last is None else 8.0)
+    assert abs((fit.heading + np.pi / 2.0 + np.pi) % (2.0 * np.pi) - np.pi) < 0.2  # she walks along the camera's −x
+    # frames 64 and 100 bound one cycle: 1.2 s
     assert fit.rate_hz == pytest.approx(rate_hz, abs=0.06, nan_ok=True)
 
 
 @pytest.mark.slow
-def test_the_walk_between_marks(data, prior, woman):
+def test_the_walk_is_interpolated_between_annotations(data, prior, woman):
     dataset = video(data, eval_frames=[130])
     stiff = PriorStub(
         motion=prior.capabilities.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01)
@@ -58,11 +58,11 @@ def test_the_walk_between_marks(data, prior, woman):
     inference = LeastSquares(woman, likelihood, stiff, problem=steady, n_particles=20)
     frames = list(dataset.frames())
     fit, _, _ = inference.fit_frames(frames, None, np.random.default_rng(0))
-    every, camera = video(data)._keypoints, frames[0].views[0].camera
+    annotations, camera = video(data)._keypoints, frames[0].views[0].camera
     errors = {}
-    for index in map(int, every.frames):
-        seen = camera.project(joints(woman.skeleton, fit.poses[index - 64][None])[0])
-        marks = (every.at(index)[0] + 0.5) * SCALE - 0.5
-        errors[index] = np.nanmean(np.linalg.norm(seen - marks, axis=1)) / SCALE
+    for index in map(int, annotations.frames):
+        pixels = camera.project(joints(woman.skeleton, fit.poses[index - 64][None])[0])
+        expected = (annotations.at(index)[0] + 0.5) * SCALE - 0.5
+        errors[index] = np.nanmean(np.linalg.norm(pixels - expected, axis=1)) / SCALE
     assert max(error for index, error in errors.items() if index != 130) < 15.0
-    assert errors[130] < 55.0  # the length of her forearm: who was lost for half a cycle would be a step away
+    assert errors[130] < 55.0  # the length of her forearm; half a cycle is a step

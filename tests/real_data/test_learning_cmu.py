@@ -1,4 +1,4 @@
-"""The walking model on recorded walks: people it was not learned from are near its span."""
+"""The walking model on recorded walks: held-out people are near its span."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def learned(data, cache):
     return walking_model(motions="cmu", data=str(data), cache=str(cache), subjects=SUBJECTS, **OPTIONS)
 
 
-def test_cycles_of_walking_people(data, cache):
+def test_recorded_cycles_have_plausible_durations_and_speeds(data, cache):
     cycles = walking_cycles(training_motions("cmu", data=str(data), cache=str(cache), subjects=SUBJECTS))
     assert len(cycles.curves) > 40
     assert {source.split("_")[0] for source in cycles.sources} == set(SUBJECTS)
@@ -27,20 +27,20 @@ def test_cycles_of_walking_people(data, cache):
     assert 0.8 < np.median(cycles.curves[:, :, 0]) < 1.8  # m/s
 
 
-def test_unseen_people_are_near_the_model(data, learned):
-    """Joint error of the best state against a reference that needs no model: the training people's mean cycle."""
+def test_held_out_people_are_near_the_model(data, learned):
+    """The joint error of the best state is below that of the mean training cycle."""
     prior = Cyclic(learned)
     fitted, mean_only = [], []
     for clip in ("35_02", "38_02"):
         motion = load_motion(data / "cmu" / clip[:2] / f"{clip}.amc").resampled(10.0)
         skeleton = person_skeleton(motion.shape)
-        true = joints(skeleton, motion.poses)
+        truth = joints(skeleton, motion.poses)
         states = np.array([prior.nearest(pose) for pose in motion.poses])
-        plain = states.copy()
-        plain[:, prior.space.slices["coefficients"]] = 0.0
-        for errors, state in ((fitted, states), (mean_only, plain)):
+        mean_states = states.copy()
+        mean_states[:, prior.space.slices["coefficients"]] = 0.0
+        for errors, state in ((fitted, states), (mean_only, mean_states)):
             pose = prior.pose(state)
             pose[:, :N_ROOT] = motion.poses[:, :N_ROOT]
-            errors.append(np.linalg.norm(joints(skeleton, pose) - true, axis=-1).mean())
-    assert np.mean(fitted) < 0.025  # prototypes: 16–18 mm with 8 components
+            errors.append(np.linalg.norm(joints(skeleton, pose) - truth, axis=-1).mean())
+    assert np.mean(fitted) < 0.025
     assert np.mean(fitted) < 0.8 * np.mean(mean_only)

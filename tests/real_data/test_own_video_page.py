@@ -1,4 +1,4 @@
-"""The commands of the page on one's own video, run literally on short clips of real people."""
+"""The commands of the page on a user's own video run on short clips of recorded people."""
 
 import re
 import shlex
@@ -25,8 +25,8 @@ COMMANDS = [
 ]  # fmt: skip
 
 
-def _clip(source, first, last, target):
-    """Copy frames of a video to a new one of 30 frames a second."""
+def _cut_clip(source, first, last, target):
+    """Copy frames of a video to a new video of 30 frames a second."""
     images = list(decode(source, first, last))
     target.parent.mkdir(exist_ok=True)
     size = images[0].shape[1::-1]
@@ -38,17 +38,17 @@ def _clip(source, first, last, target):
 
 @pytest.fixture(scope="module")
 def folder(data, tmp_path_factory):
-    """A folder with the files that the page names: clips, calibrations and annotated joints."""
+    """Return a folder with the files that the page names: clips, calibrations and annotated joints."""
     folder = tmp_path_factory.mktemp("own_video")
     woman, man = data / "sports2d_walk", data / "pose2sim_balance"
-    _clip(woman / "demo.mp4", 60, 60 + N - 1, folder / "walk.mp4")
+    _cut_clip(woman / "demo.mp4", 60, 60 + N - 1, folder / "walk.mp4")
     shutil.copy(woman / "Calib_demo.toml", folder / "camera.toml")
     rows = (woman / "keypoints.csv").read_text(encoding="utf-8").splitlines()
     shifted = [row.split(",", 1) for row in rows[1:]]
-    inside = [f"{int(frame) - 60},{rest}" for frame, rest in shifted if 60 <= int(frame) < 60 + N]
-    (folder / "annotations.csv").write_text("\n".join([rows[0], *inside]) + "\n", encoding="utf-8")
+    annotations = [f"{int(frame) - 60},{rest}" for frame, rest in shifted if 60 <= int(frame) < 60 + N]
+    (folder / "annotations.csv").write_text("\n".join([rows[0], *annotations]) + "\n", encoding="utf-8")
     for name, camera in (("left", "cam01"), ("right", "cam04")):
-        _clip(man / f"{camera}.mp4", 0, N - 1, folder / f"{name}.mp4")
+        _cut_clip(man / f"{camera}.mp4", 0, N - 1, folder / f"{name}.mp4")
     first, _, _, fourth = load_cameras(man / "Calib_qualisys.toml")
     rig = [replace(first, name="left"), replace(fourth, name="right")]
     write_cameras(folder / "rig.toml", rig, 0.0, {})

@@ -1,7 +1,6 @@
-"""What goes wrong with one's own data, planted into what a detector saw of a balancing man: does the verdict tell it?
+"""The verdict names the defect of recorded detections with one simulated defect each.
 
-Nothing here chose a threshold: they are what people and detectors differ by, see `verdict`. The undisturbed run is not
-accused of anything. Prints what was said of every case.
+No threshold of the verdict was chosen on these cases.
 """
 
 import json
@@ -32,19 +31,21 @@ FILES = ("cam01", "cam02", "cam03", "cam04")
 
 
 class Detections:
-    """The man's joints in four views, without their images. files: whose detections each camera is given. kept: numbers
-    of the frames, which are counted on as if none were missing. mirrored: left and right take each other's names."""
+    """The man's joints in four views, without images.
 
-    def __init__(self, folder, calibration=None, files=FILES, kept=range(N), mirrored=False, rate_hz=RATE_HZ):
+    files: detections of each camera. rows: frames that remain and are renumbered. mirrored: left and right exchanged.
+    """
+
+    def __init__(self, folder, calibration=None, files=FILES, rows=range(N), mirrored=False, rate_hz=RATE_HZ):
         cameras = load_cameras(calibration or folder / "Calib_qualisys.toml")
-        found = {camera.name: read_openpose(folder / "openpose" / f"{file}_json")
+        people = {camera.name: read_openpose(folder / "openpose" / f"{file}_json")
                  for camera, file in zip(cameras, files, strict=True)}  # fmt: skip
         if mirrored:
             order = exchanged("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-            found = {name: replace(people, joints=[each[:, order] for each in people.joints])
-                     for name, people in found.items()}  # fmt: skip
-        found = {name: _only(people, list(kept)) for name, people in found.items()}
-        self._joints = select_target(found, {camera.name: camera for camera in cameras}, rate_hz).joints
+            people = {name: replace(detected, joints=[joints[:, order] for joints in detected.joints])
+                      for name, detected in people.items()}  # fmt: skip
+        people = {name: _select(detected, list(rows)) for name, detected in people.items()}
+        self._joints = select_target(people, {camera.name: camera for camera in cameras}, rate_hz).joints
         self._cameras, self._rate_hz = [camera.scaled(SCALE) for camera in cameras], rate_hz
         self.info = SequenceInfo(
             "detections", self._joints.shape[1], rate_hz, cameras=tuple(self._cameras), scale=SCALE, has_keypoints=True
@@ -53,78 +54,74 @@ class Detections:
     def frames(self):
         image = np.zeros((2, 2), dtype=np.uint8)
         for t in range(self._joints.shape[1]):
-            seen = [np.column_stack([(each[t, :, :2] + 0.5) * SCALE - 0.5, each[t, :, 2]]) for each in self._joints]
-            views = tuple(View(camera, image, marks) for camera, marks in zip(self._cameras, seen, strict=True))
+            scaled = [np.column_stack([(p[t, :, :2] + 0.5) * SCALE - 0.5, p[t, :, 2]]) for p in self._joints]
+            views = tuple(View(camera, image, pixels) for camera, pixels in zip(self._cameras, scaled, strict=True))
             yield Frame(t, t / self._rate_hz, views)
 
 
-def _only(people, kept):
-    rows = [int(np.searchsorted(people.frames, frame)) for frame in kept]
-    return replace(people, frames=np.arange(len(kept)), joints=[people.joints[row] for row in rows])
+def _select(people, frames):
+    rows = [int(np.searchsorted(people.frames, frame)) for frame in frames]
+    return replace(people, frames=np.arange(len(rows)), joints=[people.joints[row] for row in rows])
 
 
-def said(dataset, height_m=1.69, **told):
+def verdict_of(dataset, height_m=1.69, **inputs):
     clip = FrameCache(dataset)
     body = of_keypoints(clip, height_m=height_m)
     fit = LeastSquares(body, KeypointLikelihood(body, sigma_px=5.0, loss="huber"), problem=SmoothFit(), n_particles=20)
-    collector, streams = (
-        MeasurementCollector(body, SCALE),
-        {name: np.random.default_rng(0) for name in ("start", "prior")},
-    )
+    collector = MeasurementCollector(body, SCALE)
+    streams = {name: np.random.default_rng(0) for name in ("start", "prior")}
     for step in fit.run(clip, None, streams):
         collector.add(step, {})
-    known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **told)
-    found = verdict(collector.measurements(), known)
-    print(found.message)
-    return found
+    run_inputs = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **inputs)
+    return verdict(collector.measurements(), run_inputs)
 
 
 @pytest.fixture(scope="module")
 def folder(data):
-    found = data / "pose2sim_balance"
-    if not found.is_dir():
-        pytest.skip(f"no recordings of several cameras: {found}")
-    return found
+    path = data / "pose2sim_balance"
+    if not path.is_dir():
+        pytest.skip(f"no recordings of several cameras: {path}")
+    return path
 
 
-def test_an_undisturbed_run_is_accused_of_nothing(folder):
-    found = said(Detections(folder))
-    assert (found.kind, found.findings) == ("no ground truth", ())
-    assert set(found.states) == {"tracked"}
+def test_unchanged_detections_have_no_findings(folder):
+    result = verdict_of(Detections(folder))
+    assert (result.kind, result.findings) == ("no ground truth", ())
+    assert set(result.states) == {"tracked"}
 
 
-def test_two_cameras_exchanged(folder):
-    assert said(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "inconsistent cameras"
+def test_exchanged_cameras_are_reported(folder):
+    assert verdict_of(Detections(folder, files=("cam02", "cam01", "cam03", "cam04"))).kind == "inconsistent cameras"
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.15])
-def test_a_wrong_height(folder, factor):
-    assert said(Detections(folder), height_m=1.69 * factor).kind == "height mismatch"
+def test_a_wrong_height_is_reported(folder, factor):
+    assert verdict_of(Detections(folder), height_m=1.69 * factor).kind == "height mismatch"
 
 
-def test_left_and_right_exchanged(folder):
-    assert said(Detections(folder, mirrored=True)).kind == "left–right swap"
+def test_exchanged_left_and_right_are_reported(folder):
+    assert verdict_of(Detections(folder, mirrored=True)).kind == "left–right swap"
 
 
-def test_half_a_second_of_frames_missing(folder):
-    found = said(Detections(folder, kept=[*range(12), *range(42, 54)]))
-    assert found.kind == "missing frames or jumps"
-    assert "from frame 11 to 12" in found.message
+def test_missing_frames_are_reported(folder):
+    result = verdict_of(Detections(folder, rows=[*range(12), *range(42, 54)]))
+    assert result.kind == "missing frames or jumps"
+    assert "from frame 11 to 12" in result.message
 
 
-def test_a_wrong_rate(folder):
-    assert said(Detections(folder, rate_hz=30.0), source_rate_hz=60.0).kind == "frame-rate mismatch"
+def test_a_wrong_frame_rate_is_reported(folder):
+    assert verdict_of(Detections(folder, rate_hz=30.0), source_rate_hz=60.0).kind == "frame-rate mismatch"
 
 
-def test_a_calibration_of_another_size_is_refused_or_told(folder, tmp_path):
-    """Half the size, whatever it says of its own."""
+def test_a_calibration_of_half_the_size_is_refused(folder, tmp_path):
+    """The matrices are those of half the size; the sizes in the file are unchanged."""
 
-    def half(row):
+    def halve(row):
         matrix = 0.5 * np.array(json.loads(row[1]))
         matrix[2, 2] = 1.0
         return f"matrix = {matrix.tolist()}"
 
     path = tmp_path / "half.toml"
-    path.write_text(re.sub(r"matrix = (\[.*\])", half, (folder / "Calib_qualisys.toml").read_text()))
+    path.write_text(re.sub(r"matrix = (\[.*\])", halve, (folder / "Calib_qualisys.toml").read_text()))
     with pytest.raises(InputError, match="match the calibration"):
         Detections(folder, path)

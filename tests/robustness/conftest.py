@@ -1,10 +1,10 @@
-"""Bounds on the memory of every test of untrusted files."""
+"""Bound the memory that a test of untrusted files may take."""
 
 from pathlib import Path
 
 import pytest
 
-MOST_MB = 600
+MAX_MB = 600
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
@@ -14,12 +14,12 @@ def _mb(key):
 
 
 @pytest.fixture(autouse=True)
-def little_memory():
-    """Fail a test whose readers take much memory, even for a moment."""
+def memory_limit():
+    """Fail a test whose peak memory exceeds that before it by MAX_MB."""
     if not _RESET.exists():
         yield
         return
-    _RESET.write_text("5")  # forgets the peak so far
+    _RESET.write_text("5")  # resets the peak
     before = _mb("VmRSS")
     yield
-    assert _mb("VmHWM") - before < MOST_MB
+    assert _mb("VmHWM") - before < MAX_MB

@@ -1,4 +1,4 @@
-"""Text files of every format: random damage, defects with their lines, and what would fill memory or take minutes."""
+"""Damaged text files of every format are refused with file and line, soon and within the memory limit."""
 
 import json
 import os
@@ -117,7 +117,7 @@ BOMBS = [
 
 @pytest.fixture
 def folder(tmp_path):
-    """Sound files of the formats that are read two at a time."""
+    """Return a folder with sound ASF and AMC files, which are read together."""
     for name in ("5.asf", "5_01.amc"):
         written(tmp_path / name, FORMATS[name][1])
     return tmp_path
@@ -125,7 +125,7 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.slow
-def test_random_damage(folder, name):
+def test_random_damage_is_refused_or_read(folder, name):
     read, sound = FORMATS[name]
     withstands(read, written(folder / name, sound), 200)
 
@@ -134,9 +134,9 @@ def test_random_damage(folder, name):
 def test_a_defect_is_refused_with_its_line(folder, name, old, new, line, message):
     read, sound = FORMATS[name]
     assert old in sound
-    found = refusal(read, written(folder / name, sound.replace(old, new, 1)))
-    assert found.startswith(f"{folder / name}, line {line}: ")
-    assert message in found
+    refused = refusal(read, written(folder / name, sound.replace(old, new, 1)))
+    assert refused.startswith(f"{folder / name}, line {line}: ")
+    assert message in refused
 
 
 @pytest.mark.parametrize(("name", "content"), BOMBS, ids=range(len(BOMBS)))
@@ -145,18 +145,18 @@ def test_a_bomb_is_refused_with_its_file(tmp_path, name, content):
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.toml"])
-def test_a_pipe_and_a_folder_are_no_files(tmp_path, name):
+def test_a_pipe_and_a_folder_are_refused(tmp_path, name):
     os.mkfifo(tmp_path / name)
     assert refusal(FORMATS[name][0], tmp_path / name).endswith("expected a file, found none")
     (tmp_path / "folder").mkdir()
     assert refusal(load_cameras, tmp_path / "folder").endswith("expected a file, found a folder")
 
 
-def test_a_movement_without_its_skeleton(tmp_path):
+def test_an_amc_file_without_its_skeleton_is_refused(tmp_path):
     assert refusal(read_amc, written(tmp_path / "5_01.amc", AMC)).endswith("5.asf: no such file")
 
 
-def test_more_joints_markers_and_coordinates_than_memory_holds(tmp_path):
+def test_more_joints_markers_and_coordinates_than_the_limits_are_refused(tmp_path):
     joints = "".join(f"JOINT j{k}\n{{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Zrotation Yrotation\n" for k in range(20_000))
     path = written(tmp_path / "a.bvh", BVH.replace("  JOINT arm", f"{joints}  JOINT arm"))
     assert f"at most {MAX_JOINTS} joints" in refusal(read_bvh, path)
@@ -164,5 +164,5 @@ def test_more_joints_markers_and_coordinates_than_memory_holds(tmp_path):
     lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS + 1))
     assert "markers" in refusal(read_markers, written(tmp_path / "a.trc", "\n".join(lines)))
     lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS))
-    rows = ["1\t0"] * (MAX_NUMBERS // 3 // MAX_JOINTS + 1)  # cells left out at the line's end
+    rows = ["1\t0"] * (MAX_NUMBERS // 3 // MAX_JOINTS + 1)  # empty cells at the end of the line
     assert "coordinates" in refusal(read_markers, written(tmp_path / "b.trc", "\n".join([*lines, *rows])))

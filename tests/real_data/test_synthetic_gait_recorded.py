@@ -1,4 +1,4 @@
-"""The generated walk against recorded walks, a recorded clip rendered, and the demonstration video."""
+"""The synthetic gait agrees with recorded walks."""
 
 from itertools import pairwise
 
@@ -16,25 +16,27 @@ CLIPS = ("02_01", "05_01", "06_01", "07_01", "08_01", "16_15", "35_02", "38_01",
 
 @pytest.fixture(scope="module")
 def recorded_cycle(data):
-    """Mean cycle (101, 25) in degrees of nine people's walks, from heel strike to heel strike of the left foot."""
+    """Return the mean cycle (101, 25), degrees, of nine people, between heel strikes of the left foot."""
     cycles = []
     for clip in CLIPS:
         motion = load_motion(data / "cmu" / clip[:2] / f"{clip}.amc")
-        places = joints(person_skeleton(motion.shape), motion.poses)
-        way = places[-1, 0] - places[0, 0]
-        way[2] = 0.0
-        ahead = (places[:, JOINT_NAMES.index("left_ankle")] - places[:, 0]) @ way / np.linalg.norm(way)
+        positions = joints(person_skeleton(motion.shape), motion.poses)
+        direction = positions[-1, 0] - positions[0, 0]
+        direction[2] = 0.0
+        ahead = (
+            (positions[:, JOINT_NAMES.index("left_ankle")] - positions[:, 0]) @ direction / np.linalg.norm(direction)
+        )
         strikes, _ = find_peaks(ahead, distance=int(0.7 * motion.rate_hz), prominence=0.2)
         for start, end in pairwise(strikes):
             times = np.linspace(start, end, 101)
-            at = np.arange(len(motion))
-            cycles.append(np.stack([np.interp(times, at, column) for column in motion.poses.T], axis=1))
+            frames = np.arange(len(motion))
+            cycles.append(np.stack([np.interp(times, frames, column) for column in motion.poses.T], axis=1))
     assert len(cycles) >= len(CLIPS)
     return np.degrees(np.mean(cycles, axis=0))
 
 
 def misfit(recorded_cycle, name, remove_mean):
-    """RMS difference, degrees, at the best phase shift; and the mean difference there."""
+    """Return the RMS difference at the best phase shift and the mean difference there, degrees."""
     column = recorded_cycle[:, POSE_NAMES.index(name)]
     best = (np.inf, np.nan)
     for shift in np.arange(0.0, 1.0, 0.01):
@@ -46,16 +48,12 @@ def misfit(recorded_cycle, name, remove_mean):
 
 @pytest.mark.parametrize("name", ["left_hip_flexion", "left_elbow_flexion", "left_shoulder_flexion"])
 def test_the_average_walk_fits_recorded_walks(recorded_cycle, name):
-    # 8° is about the standard deviation between people in Winter's tables. Measured: 3.7° (hip), nothing removed.
+    # 8° is about the standard deviation between people in Winter's tables
     assert misfit(recorded_cycle, name, remove_mean=False)[0] < 8.0
 
 
-def test_the_average_knee_fits_recorded_knees_but_for_a_constant(recorded_cycle):
-    """Knees of this database never straighten: 17° at the strike, 11° at least, where Winter has 4° and 2°.
-
-    Measured: 11.9° RMS as they are, 5.2° after removing the mean difference of −10.7°. The published values are kept:
-    a knee bent throughout, as recorded, takes the rise and fall out of a walker without feet.
-    """
+def test_the_average_knee_fits_recorded_knees_up_to_a_constant(recorded_cycle):
+    """The knees of this database are flexed by at least 11°, and by 17° at heel strike, where Winter has 2° and 4°."""
     rms, offset = misfit(recorded_cycle, "left_knee_flexion", remove_mean=True)
     assert rms < 8.0
     assert offset == pytest.approx(-11.0, abs=3.0)
