@@ -31,10 +31,13 @@ def test_a_figure_fails_if_it_is_worse_by_more_than_the_fraction():
         assert differences([replace(FAST, value=draw_us), replace(MANY, value=against_peer)], [FAST, MANY], 0.25) == []
     worse = differences([replace(FAST, value=1.2), replace(MANY, value=60.0)], [FAST, MANY], 0.25)
     assert {line.partition(":")[0] for line in worse} == {"draw_us", "against_peer"}
-    for value in (math.nan, math.inf, 0.0, -1.0):
-        assert len(differences([replace(FAST, value=value)], [FAST], 0.25)) == 1
-        assert len(differences([FAST], [replace(FAST, value=value)], 0.25)) == 1
-    assert len(differences([], [FAST], 0.25)) == len(differences([FAST], [], 0.25)) == 1
+    assert len(differences([], [FAST], 0.25)) == 1
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
+def test_a_value_that_cannot_be_compared_is_rejected(value):
+    with pytest.raises(ValueError, match="draw_us"):
+        replace(FAST, value=value)
 
 
 def test_the_command_fails_only_if_a_figure_is_worse(monkeypatch, tmp_path):
@@ -75,8 +78,6 @@ def test_the_exponent_is_fitted_to_the_upper_half_of_the_sizes():
     curve = law(1.0, cost=3.0)
     assert curve.exponent == np.polyfit(np.log(SIZES[2:]), np.log(curve.values[2:]), 1)[0]
     assert np.polyfit(np.log(SIZES), np.log(curve.values), 1)[0] < curve.exponent < 1.0
-    with pytest.raises(ValueError, match="rising sizes"):
-        Curve("law", "things", "ms", (2.0, 1.0), (1.0, 1.0))
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ from omegaconf import OmegaConf
 
 from workbench.cli.components import listing
 from workbench.experiment.config import options as options_module
-from workbench.experiment.config.instantiate import build, check_targets
+from workbench.experiment.config.instantiate import build, check_targets, config_keys, import_target
+from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import runnable_config
 from workbench.recording.migrations import FORMAT
@@ -217,3 +218,10 @@ def test_a_missing_package_and_one_without_options_are_rejected(package):
     with pytest.raises(InputError, match=r"expected options in .*conf"):
         options_module.allow_packages(["email"])
     assert options_module.packages() == ("workbench",)
+
+
+def test_components_with_a_cache_use_the_configured_folder():
+    for option in (option for group in GROUPS for option in options_module.options(group).values()):
+        node = OmegaConf.create(option.text)
+        if "_target_" in node and "cache" in config_keys(import_target(node._target_)):
+            assert OmegaConf.to_container(node).get("cache") == "${paths.cache}", option

@@ -148,7 +148,7 @@ def test_only_components_of_the_workbench_are_accepted(target):
 
 def test_a_name_that_a_module_only_imports_is_not_a_component(monkeypatch):
     target = "workbench.experiment.config.instantiate.import_module"
-    monkeypatch.setattr("workbench.experiment.config.instantiate.targets", lambda: {target})
+    monkeypatch.setattr("workbench.experiment.config.instantiate.is_target", lambda name: name == target)
     with pytest.raises(InputError, match="expected a component of the workbench"):
         import_target(target)
 

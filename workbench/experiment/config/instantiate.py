@@ -10,7 +10,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.options import OURS, hint_to_allow, is_allowed, targets
+from workbench.experiment.config.options import OURS, hint_to_allow, is_allowed, is_target
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
@@ -41,9 +41,8 @@ def check_targets(config: DictConfig) -> None:
     """
     places = leaves(OmegaConf.to_container(config, resolve=True), lists=True)
     named = {place: value for place, value in places if "_target_" in place}
-    allowed = targets()
     for place, target in named.items():
-        if not (place.endswith("_target_") and isinstance(target, str) and target in allowed):
+        if not (place.endswith("_target_") and is_target(target)):
             raise _refusal(target, f"{place} ")
     for place, target in named.items():
         import_target(target, f"{place} ")
@@ -89,7 +88,7 @@ def import_target(target: str, place: str = "") -> Callable[..., object]:
     ------
     InputError : a target in no option, that does not exist, or that is defined outside the allowed packages.
     """
-    if target in targets():
+    if is_target(target):
         module, _, name = target.rpartition(".")
         try:
             with deferred():  # an exception within an import can be lost in C code

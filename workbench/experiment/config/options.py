@@ -214,13 +214,15 @@ def options(group: str) -> dict[str, Option]:
     return chosen
 
 
-def targets() -> set[str]:
-    """Return all targets in the options of all packages, nested ones included; no other target is ever called."""
-    files = ((path, path.stat()) for package in packages() for path in folder(package).glob("**/*.yaml"))
-    return {target for path, stat in files for target in _targets_of(path, stat.st_mtime_ns, stat.st_size)}
+def is_target(name: object) -> bool:
+    """Return whether an option of the packages has this target, perhaps nested; no other target is ever called."""
+    if name not in (targets := _targets(packages())):
+        _targets.cache_clear()  # the option's file may be new
+        targets = _targets(packages())
+    return name in targets
 
 
-@lru_cache(maxsize=1024)
-def _targets_of(path: Path, changed_ns: int, size: int) -> list[str]:
-    """Return the targets in a file of this version."""
-    return _TARGET.findall(path.read_text(encoding="utf-8"))
+@lru_cache(maxsize=8)
+def _targets(packages: tuple[str, ...]) -> list[str]:
+    files = (path for package in packages for path in folder(package).glob("**/*.yaml"))
+    return sorted({target for path in files for target in _TARGET.findall(path.read_text(encoding="utf-8"))})

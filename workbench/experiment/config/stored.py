@@ -13,7 +13,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, targets
+from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, is_target
 from workbench.experiment.config.schema import composed
 from workbench.experiment.provenance import PYTHON
 from workbench.recording.migrations import FORMAT, migrated
@@ -76,17 +76,16 @@ def runnable_config(
 
 def _check_untrusted(run: Run, settings: Mapping[str, Any]) -> None:
     """Raise InputError for interpolations and for targets that are no options, without importing anything."""
-    allowed = targets()
     for place, value in leaves(settings, lists=True):
         if isinstance(value, str) and "${" in value:
             raise InputError(f"{run.path}: {place}: expected a resolved configuration, found {value!r}")
         special = [key for key in place.split(".") if key.startswith("_")]
-        if special == ["_target_"] and value not in allowed and str(value).startswith(f"{OURS}."):
+        if special == ["_target_"] and not is_target(value) and str(value).startswith(f"{OURS}."):
             raise InputError(
                 f"{run.path}: {place}: {value!r} is no component of the {OURS}; if an earlier version recorded it, "
                 "compare it with another recording or repeat its experiment"
             )
-        if special and (special != ["_target_"] or value not in allowed):
+        if special and (special != ["_target_"] or not is_target(value)):
             raise InputError(f"{run.path}: {place}: {value!r} is no component of the {OURS}{hint_to_allow(value)}")
 
 
