@@ -16,7 +16,7 @@ words = st.lists(
 """Damage to words of the header and of the parameters, which hold lengths."""
 
 
-@pytest.mark.parametrize("n_examples", [6, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_examples", [6, pytest.param(30, marks=pytest.mark.slow)])
 def test_random_damage_is_refused_or_read(tmp_path, n_examples):
     withstands(read_markers, c3d(tmp_path / "a.c3d"), n_examples, changes | flips | words)
 

@@ -86,6 +86,7 @@ def test_every_measurement_has_curves_and_a_figure(name, tmp_path_factory, monke
     """With one timed run per function, two frames and one cue."""
     monkeypatch.setattr(scaling, "REPEATS", 1)
     monkeypatch.setattr(tracking, "N_FRAMES", 2)
+    monkeypatch.setattr(scaling, "peak_gb", lambda command, environment: 0.1)  # of a process
     monkeypatch.setattr(tracking, "several_cues", lambda: ())  # learning the edge model takes half a minute
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
