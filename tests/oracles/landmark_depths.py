@@ -12,10 +12,10 @@ def depth_residual(skeleton, view, bones, sigma_m) -> ResidualFunction:
     The residual is 0 if the world landmarks have the same sign of depth, or if their L |Δz| / |Δ| is below 0.08 m. d is
     the direction to the mean of the undistorted keypoints, L the bone's length, w the lower weight of its ends.
     """
-    rays = [*view.camera.undistorted(view.marks[:, :2]).mean(axis=0), 1.0]
+    rays = [*view.camera.undistorted(view.detections[:, :2]).mean(axis=0), 1.0]
     direction = view.camera.rotation.T @ (np.array(rays) / np.linalg.norm(rays))
     places = dict(zip(view.joints.tolist(), view.world_landmarks, strict=True))
-    weights = dict(zip(view.joints.tolist(), view.marks[:, 2], strict=True))
+    weights = dict(zip(view.joints.tolist(), view.detections[:, 2], strict=True))
 
     def residual(pose):
         values, rows = [], []

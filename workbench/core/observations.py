@@ -16,11 +16,11 @@ from workbench.utils.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """Detected keypoints of one view: joints (M,) of the skeleton and their marks (M, 3), [u px, v px, weight above 0];
-    M ≥ 1. world_landmarks: (M, 3), m, see `View`; None without."""
+    """Detected keypoints of one view: joints (M,) of the skeleton and their detections (M, 3), M ≥ 1, [u px, v px,
+    weight above 0]. world_landmarks: (M, 3), m, see `View`; None without."""
 
     joints: IntArray
-    marks: FloatArray
+    detections: FloatArray
     camera: Camera
     world_landmarks: FloatArray | None = None
 
@@ -119,7 +119,7 @@ def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | N
 
 def person_px(observed: Sequence[Keypoints]) -> float:
     """Return the person's height in the image, px: that of the keypoints' bounding box, the median over n ≥ 1 views."""
-    return float(np.median([np.ptp(keypoints.marks[:, 1]) for keypoints in observed]))
+    return float(np.median([np.ptp(keypoints.detections[:, 1]) for keypoints in observed]))
 
 
 def _points(frame: Frame, max_points: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:

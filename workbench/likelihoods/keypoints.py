@@ -115,7 +115,9 @@ class KeypointLikelihood:
         """Return the residuals of the frame's keypoints in the cameras used, whitened by sigma_px and their weights."""
         keypoints = [one for one in observed.keypoints if self.cameras is None or one.camera.name in self.cameras]
         skeleton, sigma_px = self.body.skeleton, self.std_px
-        return stacked([keypoint_residual(skeleton, one.camera, one.joints, one.marks, sigma_px) for one in keypoints])
+        return stacked(
+            [keypoint_residual(skeleton, one.camera, one.joints, one.detections, sigma_px) for one in keypoints]
+        )
 
     def whitening(self, weights: FloatArray) -> FloatArray:
         """Return the inverse standard deviations (M,), 1/px, of keypoints with weights (M,)."""
@@ -130,8 +132,8 @@ class KeypointLikelihood:
     def _log_prob(self, observed: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
         log_prob, positions = np.zeros(len(pose)), joints(self.body.skeleton, pose)
         for view in observed:
-            residuals = view.camera.project(positions[:, view.joints]) - view.marks[:, :2]
-            squares = view.marks[:, 2] * (residuals**2).sum(axis=2) / (DEGREES_OF_FREEDOM * self.std_px**2)
+            residuals = view.camera.project(positions[:, view.joints]) - view.detections[:, :2]
+            squares = view.detections[:, 2] * (residuals**2).sum(axis=2) / (DEGREES_OF_FREEDOM * self.std_px**2)
             view_log_prob = -self.likelihood_power * (0.5 * DEGREES_OF_FREEDOM + 1.0) * np.log1p(squares).sum(axis=1)
             log_prob += np.nan_to_num(view_log_prob, nan=-np.inf, neginf=-np.inf)
         return log_prob

@@ -92,7 +92,7 @@ def test_camera_sensitivity_follows_from_the_residuals_jacobian():
     right = np.zeros((6, 25, 3, 2))
     for t, frame in enumerate(observed(SKELETON, sequence)):
         for number, view in enumerate(frame.keypoints):
-            rows = keypoint_residual(SKELETON, view.camera, view.joints, view.marks, SIGMA_PX)(poses[t])[1]
+            rows = keypoint_residual(SKELETON, view.camera, view.joints, view.detections, SIGMA_PX)(poses[t])[1]
             right[t, :, number] = sigma / SIGMA_PX * rows.reshape(-1, 2, 25).sum(axis=0).T
     expected = np.linalg.solve(minimum.quadratic.normal.dense(), right.reshape(150, 6)).reshape(6, 25, 6)
     sensitivity = camera_sensitivity(problem, minimum.quadratic.normal.factor(), poses)

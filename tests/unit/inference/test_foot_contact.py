@@ -65,7 +65,7 @@ def test_a_foot_that_moves_in_one_view_or_is_in_no_view_is_not_in_contact():
     both = []
     for t, (first, second) in enumerate(zip(front, side, strict=True)):
         (view,) = second.keypoints
-        moving = replace(view, marks=view.marks + np.array([20.0 * t, 0.0, 0.0]))
+        moving = replace(view, detections=view.detections + np.array([20.0 * t, 0.0, 0.0]))
         both.append(replace(first, keypoints=(*first.keypoints, moving)))
     assert detect_foot_contacts(SKELETON, front, times)[:, 0].all()
     assert not detect_foot_contacts(SKELETON, both, times).any()

@@ -28,14 +28,14 @@ def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
     with_landmarks = []
     for frame, place in zip(observations, places, strict=True):
         (view,) = frame.keypoints
-        ray = CAMERA.directions(CAMERA.undistorted(view.marks[:, :2]).mean(axis=0))
+        ray = CAMERA.directions(CAMERA.undistorted(view.detections[:, :2]).mean(axis=0))
         side = np.cross([0.0, 0.0, 1.0], ray)
         side /= np.linalg.norm(side)
         axes = np.stack([-side, np.cross(ray, -side), ray])  # of a camera that points at the person
         world = scale * (place - place[0])[view.joints] @ axes.T + noise_m * rng.standard_normal((len(view.joints), 3))
-        keypoints = view.marks.copy()
+        keypoints = view.detections.copy()
         keypoints[:, 2] = rng.uniform(0.3, 1.0, len(keypoints))
-        with_landmarks.append(replace(frame, keypoints=(replace(view, marks=keypoints, world_landmarks=world),)))
+        with_landmarks.append(replace(frame, keypoints=(replace(view, detections=keypoints, world_landmarks=world),)))
     return times, with_landmarks, poses
 
 

@@ -52,7 +52,7 @@ def test_a_keypoint_of_four_times_the_weight_is_four_equal_keypoints(scene):
     """The cost, its gradient and its Gauss–Newton matrix are equal: weights divide the variance."""
     observed, pose = scene
     view = observed.keypoints[0]
-    joints, marks = view.joints[:1], view.marks[:1].copy()
+    joints, marks = view.joints[:1], view.detections[:1].copy()
 
     def model(joints, marks):
         residuals, jacobian = keypoint_residual(SKELETON, view.camera, joints, marks, 3.0)(pose)
@@ -71,7 +71,7 @@ def test_residuals_of_keypoints_are_those_of_the_chosen_cameras(scene):
     side = next(view for view in observed.keypoints if view.camera.name == "side")
     assert_equal(
         likelihood.residual_function(observed)(pose),
-        keypoint_residual(SKELETON, side.camera, side.joints, side.marks, 3.0)(pose),
+        keypoint_residual(SKELETON, side.camera, side.joints, side.detections, 3.0)(pose),
     )
     assert likelihood.residual_loss == Loss("geman_mcclure", 2.0)
     assert KeypointLikelihood(BODY).residual_function(observed)(pose)[0].shape == (2 * 2 * 15,)

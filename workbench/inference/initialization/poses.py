@@ -104,8 +104,8 @@ def error_px(skeleton: Skeleton, views: Sequence[Keypoints], poses: FloatArray) 
     """Return the weighted root mean square reprojection error of poses (F, P)."""
     squares, weights = [], []
     for view, positions in zip(views, joints(skeleton, poses), strict=True):
-        squares.append(((view.camera.project(positions[view.joints]) - view.marks[:, :2]) ** 2).sum(axis=1))
-        weights.append(view.marks[:, 2])
+        squares.append(((view.camera.project(positions[view.joints]) - view.detections[:, :2]) ** 2).sum(axis=1))
+        weights.append(view.detections[:, 2])
     return float(np.sqrt(np.average(np.concatenate(squares), weights=np.concatenate(weights))))
 
 
@@ -147,8 +147,8 @@ def placed_costs(
     positions : (n, M, 3) of the M joints in `keypoints`, with the root at the origin.
     heading : rad, by which all people are rotated.
     """
-    camera, weights = keypoints.camera, np.sqrt(keypoints.marks[:, 2])
-    rays = cv2.undistortPoints(keypoints.marks[:, None, :2], camera.matrix, camera.distortion)[:, 0]  # (M, 2)
+    camera, weights = keypoints.camera, np.sqrt(keypoints.detections[:, 2])
+    rays = cv2.undistortPoints(keypoints.detections[:, None, :2], camera.matrix, camera.distortion)[:, 0]  # (M, 2)
     rotation = camera.rotation @ axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([heading]))[0]
     positions = positions @ rotation.T
     offsets = positions[..., :2] - rays * positions[..., 2:]  # (n, M, 2)

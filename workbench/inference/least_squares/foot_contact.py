@@ -100,7 +100,7 @@ def _joint_track(views: Sequence[Keypoints | None], skeleton: Skeleton, joint: s
     positions = np.full((len(views), 2), np.nan)
     for t, view in enumerate(views):
         if view is not None and joint in skeleton.names and (rows := view.joints == skeleton.joint(joint)).any():
-            positions[t] = view.marks[rows][0, :2]
+            positions[t] = view.detections[rows][0, :2]
     return positions
 
 

@@ -112,7 +112,7 @@ def upright_roots(skeleton: Skeleton, views: Sequence[Keypoints], pose: FloatArr
 
 def _root_position(skeleton: Skeleton, view: Keypoints, pose: FloatArray) -> FloatArray:
     """Return the root's position (3,), m, at which a pose at the origin has the size and centre of the keypoints."""
-    camera, pixels, body = view.camera, view.marks[:, :2], joints(skeleton, pose[None])[0, view.joints]
+    camera, pixels, body = view.camera, view.detections[:, :2], joints(skeleton, pose[None])[0, view.joints]
     middle, focal = body.mean(axis=0), camera.matrix[1, 1]
     size = np.linalg.norm((body - middle) @ camera.rotation[:2].T)
     depth = focal * size / max(float(np.linalg.norm(pixels - pixels.mean(axis=0))), 1.0)

@@ -54,7 +54,7 @@ class KeypointArrays:
         views = [view for frame in observations for view in frame.keypoints]
         rows = {id(view.camera): view.camera.row for view in views}
         number, sizes = {camera: k for k, camera in enumerate(rows)}, [len(view.joints) for view in views]
-        keypoints = np.concatenate([np.empty((0, 3)), *(view.marks for view in views)])
+        keypoints = np.concatenate([np.empty((0, 3)), *(view.detections for view in views)])
         ends = np.cumsum([sum(len(view.joints) for view in frame.keypoints) for frame in observations])
         return KeypointArrays(
             first=np.concatenate([[0], ends]).astype(np.int64),

@@ -91,11 +91,11 @@ def _rows(view: Keypoints, lengths: dict[tuple[int, int], float], sigma_m: float
     """Yield the ends, direction and inverse standard deviation of the bones with landmarks at both ends."""
     if view.world_landmarks is None:
         return
-    direction = view.camera.directions(view.camera.undistorted(view.marks[:, :2]).mean(axis=0))
+    direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
     row_of = {int(joint): k for k, joint in enumerate(view.joints)}
     for (a, b), length in lengths.items():
         if a in row_of and b in row_of:
             bone = view.world_landmarks[row_of[b]] - view.world_landmarks[row_of[a]]
-            size, weight = float(np.linalg.norm(bone)), float(view.marks[[row_of[a], row_of[b]], 2].min())
+            size, weight = float(np.linalg.norm(bone)), float(view.detections[[row_of[a], row_of[b]], 2].min())
             if size > 0.0 and abs(length * bone[2]) > MIN_DEPTH_M * size:
                 yield a, b, np.sign(bone[2]) * direction, np.sqrt(weight) / sigma_m

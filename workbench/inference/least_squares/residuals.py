@@ -59,7 +59,7 @@ def views_residual(
     sigma_px : standard deviation of a keypoint of weight 1, px, see `keypoint_residual`.
     upright : standard deviation of the lean, rad, see `upright_residual`.
     """
-    terms = [keypoint_residual(skeleton, view.camera, view.joints, view.marks, sigma_px) for view in views]
+    terms = [keypoint_residual(skeleton, view.camera, view.joints, view.detections, sigma_px) for view in views]
     return stacked([*terms, upright_residual(skeleton, upright)])
 
 

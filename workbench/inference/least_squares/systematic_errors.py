@@ -145,7 +145,7 @@ def _errors(
     """Return the whitened errors (2,) of one frame's joints in each view, by camera and joint."""
     errors: dict[tuple[str, int], FloatArray] = {}
     for view in frame.keypoints:
-        residuals, _ = keypoint_residual(skeleton, view.camera, view.joints, view.marks, sigma_px)(pose)
+        residuals, _ = keypoint_residual(skeleton, view.camera, view.joints, view.detections, sigma_px)(pose)
         rows = residuals.reshape(-1, 2)
         errors |= {(view.camera.name, int(joint)): error for joint, error in zip(view.joints, rows, strict=True)}
     return errors
