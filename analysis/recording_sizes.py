@@ -18,7 +18,7 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 GROUPS = ("particles", "estimate", "truth", "posterior", "coefficients", "metrics", "video", "image")
-"""Names in paths that group them, the first that occurs."""
+"""Names in entity paths; a path belongs to the first of these groups that it contains."""
 OTHER, FILE = "all others", "file"
 
 
@@ -28,11 +28,13 @@ def group(path: str) -> str:
 
 
 def sizes(recording: Path) -> dict[str, float]:
-    """Return kB per frame of every group that is recorded, and of the file; raises InputError for a bad recording."""
+    """Return kB per frame of every recorded group and of the file; raises InputError for a recording without frames."""
+    frames, _ = wb.read(recording).poses
+    if not len(frames):
+        raise InputError(f"{recording}: expected a run with recorded frames, found none")
     counts: Counter[str] = Counter({FILE: recording.stat().st_size})
     for chunk in read_chunks(recording, EVERYTHING):
         counts[group(chunk.entity_path)] += chunk.to_record_batch().nbytes
-    frames, _ = wb.read(recording).poses
     return {name: 1e-3 * n_bytes / len(frames) for name, n_bytes in counts.items()}
 
 
@@ -52,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     parser.add_argument("recordings", nargs="+", metavar="NAME=RUN.rrd")
-    parser.add_argument("-o", dest="file", type=Path, help="the table (none: printed)")
+    parser.add_argument("-o", dest="file", type=Path, help="write the table here; none: print it")
     options = parser.parse_args(arguments)
     try:
         columns = {}

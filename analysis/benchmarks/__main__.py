@@ -3,12 +3,11 @@
     python -m analysis.benchmarks [NAME…] [--json FILE] [--compare FILE] [--worse SHARE]
     python -m analysis.benchmarks --growth FOLDER
 
-The second command draws time and memory against the number of particles and the length of a clip.
-
-Without a NAME everything is measured. --compare fails if a figure is worse than that of FILE, such as
-analysis/benchmarks/reference.json, by more than SHARE, or if all were to be measured and one was not. Figures of a
-database of motions use the recordings in the folder $WORKBENCH_DATA if it is set, otherwise generated ones. Times are
-minima over alternating repeats; close other programs.
+The second command draws time and memory against the number of particles and the length of a clip. Without a NAME the
+first one measures everything. --compare fails if a figure is worse than that of FILE, such as
+analysis/benchmarks/reference.json, by more than SHARE, or is missing there or here. Figures of a database of motions
+use the recordings in the folder $WORKBENCH_DATA if it is set, otherwise generated ones. Times are minima over
+alternating repeats; close other programs.
 """
 
 import argparse
@@ -69,11 +68,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return 2
+    if not options.compare:
+        return 0
     if options.names:
         measured = {figure.name for figure in figures}
         reference = [figure for figure in reference if figure.name in measured]
     worse = differences(figures, reference, options.worse)
-    print("\n".join(["", *worse]))
+    print("\n".join(["", *(worse or [f"no figure is worse than in {options.compare} by over {options.worse:.0%}"])]))
     return 1 if worse else 0
 
 

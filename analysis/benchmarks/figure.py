@@ -77,13 +77,11 @@ def read_figures(path: Path) -> list[Figure]:
 
 
 def differences(measured: Sequence[Figure], reference: Sequence[Figure], share: float) -> list[str]:
-    """Return a line for each figure of the reference that was not measured, or is more than (1 + share) times worse."""
-    now, lines = {figure.name: figure for figure in measured}, []
-    for then in reference:
-        if then.name not in now:
-            lines.append(f"{then.name}: not measured")
-            continue
-        ratio = now[then.name].value / then.value
-        if (ratio if then.better == "lower" else 1.0 / ratio) > 1.0 + share:
-            lines.append(f"{then.name}: {now[then.name].value:.3g}, was {then.value:.3g} {then.unit}")
+    """Return a line for each figure that is more than (1 + share) times worse, or that only one side has."""
+    ours, theirs = ({figure.name: figure for figure in figures} for figures in (measured, reference))
+    lines = [f"{name}: measured or in the reference, not both" for name in sorted(ours.keys() ^ theirs.keys())]
+    for now, then in ((ours[name], theirs[name]) for name in ours if name in theirs):
+        ratio = now.value / then.value if then.better == "lower" else then.value / now.value
+        if ratio > 1.0 + share or (now.unit, now.better) != (then.unit, then.better):
+            lines.append(f"{now.name}: {now.value:.3g} {now.unit}, was {then.value:.3g} {then.unit}")
     return lines

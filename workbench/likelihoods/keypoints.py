@@ -114,9 +114,9 @@ class KeypointLikelihood:
     def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the residuals of the frame's keypoints in the cameras used, whitened by sigma_px and their weights."""
         keypoints = [one for one in observed.keypoints if self.cameras is None or one.camera.name in self.cameras]
-        skeleton, sigma_px = self.body.skeleton, self.std_px
+        skeleton, std_px = self.body.skeleton, self.std_px
         return stacked(
-            [keypoint_residual(skeleton, one.camera, one.joints, one.detections, sigma_px) for one in keypoints]
+            [keypoint_residual(skeleton, one.camera, one.joints, one.detections, std_px) for one in keypoints]
         )
 
     def whitening(self, weights: FloatArray) -> FloatArray:

@@ -49,8 +49,8 @@ def _helpers(_process: int) -> ThreadPoolExecutor:
 
 @contextmanager
 def single_blas_thread() -> Iterator[None]:
-    """Limit NumPy's and SciPy's BLAS to one thread, whose number changes the last bits of sums and so of results."""
-    import scipy.linalg  # noqa: F401 (loads SciPy's BLAS, as only loaded libraries are limited)
+    """Limit NumPy's and SciPy's BLAS to one thread in the block, as their number changes the last bits of results."""
+    import scipy.linalg  # noqa: F401 (loads SciPy's BLAS: only loaded libraries are limited)
 
     with threadpool_limits(limits=1, user_api="blas"):
         yield

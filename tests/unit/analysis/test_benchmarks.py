@@ -31,7 +31,8 @@ def test_a_figure_fails_if_it_is_worse_by_more_than_the_fraction():
         assert differences([replace(FAST, value=draw_us), replace(MANY, value=against_peer)], [FAST, MANY], 0.25) == []
     worse = differences([replace(FAST, value=1.2), replace(MANY, value=60.0)], [FAST, MANY], 0.25)
     assert {line.partition(":")[0] for line in worse} == {"draw_us", "against_peer"}
-    assert len(differences([], [FAST], 0.25)) == 1
+    assert len(differences([], [FAST], 0.25)) == len(differences([FAST], [], 0.25)) == 1
+    assert len(differences([replace(FAST, unit="ms")], [FAST], 0.25)) == 1
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])

@@ -31,4 +31,6 @@ def test_the_command_writes_the_table_and_rejects_a_missing_recording(tmp_path):
     file = tmp_path / "table.md"
     assert main([f"walk={BASELINE}", "-o", str(file)]) == 0
     assert file.read_text(encoding="utf-8") == table({"walk": sizes(BASELINE)})
-    assert main([f"walk={tmp_path / 'missing.rrd'}"]) == 2
+    study = BASELINE.with_name("period_snr.rrd")
+    for recording in (f"walk={tmp_path / 'missing.rrd'}", f"study={study}", str(BASELINE)):
+        assert main([recording]) == 2

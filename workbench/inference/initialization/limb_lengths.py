@@ -157,12 +157,9 @@ def _project(
     positions, residuals, jacobians = forward(skeleton, poses).positions, [], []
     for t, views in enumerate(views_of_frames):
         for view in views:
-            whitening, camera, points = (
-                np.sqrt(view.detections[:, 2:]) / sigma_px,
-                view.camera,
-                positions[t, view.joints],
-            )
-            errors = np.nan_to_num((camera.project(points) - view.detections[:, :2]) * whitening, nan=1e3)
+            pixels, weights = view.detections[:, :2], view.detections[:, 2:]
+            whitening, camera, points = np.sqrt(weights) / sigma_px, view.camera, positions[t, view.joints]
+            errors = np.nan_to_num((camera.project(points) - pixels) * whitening, nan=1e3)
             by_point = projection_jacobian(camera, points) * whitening[..., None]
             rows, first = np.zeros((errors.size, len(lengths) + poses.size)), len(lengths) + t * poses.shape[1]
             rows[:, : len(lengths)] = (by_point @ by_lengths[t, view.joints]).reshape(errors.size, -1)
