@@ -22,7 +22,7 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-FOLDER, README = ROOT / ".docs" / "_tables", ROOT / "README.md"
+FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Return exit code 0, 1 if a table could not be made, 2 for bad input."""
     parser = command.parser("analysis.tables", __doc__, "tables")
     parser.add_argument("--stored", action="store_true", help="run nothing")
-    parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (.docs/_tables)")
+    parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (docs/_tables)")
     options = parser.parse_args(arguments)
     try:
         source = Source(options.runs, options.data, quick=False)

@@ -10,7 +10,7 @@ from workbench.core.side_information import ORDER
 from workbench.experiment.config.options import options
 from workbench.experiment.config.requirements import assumptions, first_conflict
 
-EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
+EXPERIMENTS = Path(__file__).parents[2] / "docs" / "experiments.md"
 
 
 @pytest.mark.parametrize(

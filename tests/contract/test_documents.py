@@ -14,7 +14,7 @@ from workbench.motion.formats import motion_export
 from workbench.motion.formats.keypoint_layouts import LAYOUTS
 
 ROOT = Path(__file__).parents[2]
-DOCS = ROOT / ".docs"
+DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
 WRITTEN = [page for page in PAGES if not {"_generated", "_tables"} & {*page.parts}]
 _FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)

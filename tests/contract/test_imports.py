@@ -23,7 +23,7 @@ def test_every_package_is_installed():
 
 
 def test_the_import_graph_in_the_documents_is_current():
-    drawing = runpy.run_path(str(ROOT / ".docs" / "import_graph.py"))
-    assert drawing["PICTURE"].read_text(encoding="utf-8") == drawing["picture"](), "run python .docs/import_graph.py"
+    drawing = runpy.run_path(str(ROOT / "docs" / "import_graph.py"))
+    assert drawing["PICTURE"].read_text(encoding="utf-8") == drawing["picture"](), "run python docs/import_graph.py"
     graph = {"a": {"b", "c"}, "b": {"c"}, "c": set()}
     assert drawing["reduced"](graph) == {"a": {"b"}, "b": {"c"}, "c": set()}

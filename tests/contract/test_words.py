@@ -15,7 +15,7 @@ PACKAGE = Path(workbench.__file__).parent
 ROOT = Path(__file__).parents[2]
 PAGES = [
     ROOT / "README.md",
-    *(page for page in sorted((ROOT / ".docs").rglob("*.md")) if "_generated" not in page.parts),
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if "_generated" not in page.parts),
 ]
 TEXT = {
     *("told", "tell", "tells", "telling", "whoever", "nobody", "somebody", "anybody", "beside", "anew", "lent", "leap"),

@@ -79,7 +79,7 @@ def toml(camera: Camera):
 
 
 ROOT = Path(__file__).parents[2]
-DOCS = ROOT / ".docs"
+DOCS = ROOT / "docs"
 RENDERED = ("dataset.width=80", "dataset.height=60", "dataset.person_px=40", "dataset.focal_px=90")
 SMALLER = {  # pattern: replacement in a command line
     r"\b(inference\.n_particles)=\d+\b(?!,)": r"\1=20", "n_particles=500,5000": "n_particles=20",

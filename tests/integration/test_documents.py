@@ -12,7 +12,7 @@ import pytest
 from workbench.cli.main import main
 
 ROOT = Path(__file__).parents[2]
-DOCS = ROOT / ".docs"
+DOCS = ROOT / "docs"
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ SMALL = (
 TARGETS = ("my_components.still.Still", "my_components.upright.Upright")
 SCENES = Path(__file__).parents[1] / "scenes"
 """Folder of the package `my_components`: a prior, a likelihood and a dataset."""
-PAGE = SCENES.parents[1] / ".docs" / "howto" / "own_components.md"
+PAGE = SCENES.parents[1] / "docs" / "howto" / "own_components.md"
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from workbench.datasets.files.decode import decode
 
 N = 12
 """Frames of each clip."""
-PAGE = Path(__file__).parents[2] / ".docs" / "howto" / "own_video.md"
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "own_video.md"
 BLOCKS = re.findall(r"```sh\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 COMMANDS = [
     line for block in BLOCKS for line in block.replace("\\\n", " ").splitlines()

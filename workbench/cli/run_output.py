@@ -48,7 +48,7 @@ def summary_lines(summary: "Summary") -> Iterator[str]:
         rest = len(metrics) - len(printed)
         yield f"  {rest} more metrics: {_shortest(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"
-    yield "The page .docs/recording.md explains the verdict, the metrics and the recording."
+    yield "The page docs/recording.md explains the verdict, the metrics and the recording."
     yield f"view it: {_command()} view {quote(_shortest(summary.recording))}"
 
 

@@ -1,1 +1,1 @@
-"""The seams of the workbench: what the parts of a run hand to each other. Terms: .docs/glossary.md."""
+"""The seams of the workbench: what the parts of a run hand to each other. Terms: docs/glossary.md."""

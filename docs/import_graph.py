@@ -1,4 +1,4 @@
-"""Draw the packages of the workbench and their imports, from the import graph: `python .docs/import_graph.py`.
+"""Draw the packages of the workbench and their imports, from the import graph: `python docs/import_graph.py`.
 
 The layers are those of the import contract in pyproject.toml. An arrow is drawn for an import that no longer path of
 imports implies (the transitive reduction of the graph).
@@ -11,7 +11,7 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parents[1]
-PICTURE = ROOT / ".docs" / "pictures" / "packages.svg"
+PICTURE = ROOT / "docs" / "pictures" / "packages.svg"
 _WIDTH, _ROW, _BOX_HEIGHT, _CHARACTER = 860, 62, 30, 8
 
 

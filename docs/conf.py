@@ -1,4 +1,4 @@
-"""Sphinx configuration of the pages: `sphinx-build -W .docs build/docs`, then open build/docs/index.html."""
+"""Sphinx configuration of the pages: `sphinx-build -W docs build/docs`, then open build/docs/index.html."""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Draw the pictures of the pages, which show no images of real people.
 
-`PYTHONPATH=. python .docs/pictures.py FOLDER`, in a clone, draws the pictures of the tutorial from the recordings that
+`PYTHONPATH=. python docs/pictures.py FOLDER`, in a clone, draws the pictures of the tutorial from the recordings that
 its commands write into FOLDER. With SHOT.png in place of FOLDER it makes the picture of the README from a screenshot of
 the viewer with a recording of walk_multi_cue. With RUN.rrd it draws the picture of the page on own video, without
 images, from a recording of `workbench track`. The pictures of experiments are drawn from the baselines when the pages
