@@ -71,21 +71,9 @@ CALIBRATED: Rows = {
     }.items()
     for yes_or_no, exact in (("yes", ()), ("no", EXACT))
 }
-DETECTED = (
-    "dataset.keypoint_sigma_px=4", "likelihood=keypoints", "likelihood.sigma_px=5", "likelihood.loss=huber",
-    "inference=least_squares",
-)  # fmt: skip
-LINEAR, SMOOTH = ("prior=linear",), ("prior=smooth",)
-PENALIZED = (*SMOOTH, "prior.penalty={position: 0.013, angle: 0.11}")
 HELD_OUT: Rows = {
-    ("`linear` (default)", "yes"): ("held_out_subjects", LINEAR),
-    ("`linear` (default)", "no"): ("held_out_subjects", (*LINEAR, *EXACT)),
-    ("`smooth` (nothing is learned)", "yes"): ("held_out_subjects", SMOOTH),
-    ("`smooth` (nothing is learned)", "no"): ("held_out_subjects", (*SMOOTH, *EXACT)),
-}
-DETECTIONS: Rows = {
-    ("`linear`",): ("held_out_subjects", (*DETECTED, *LINEAR)),
-    ("`smooth`, an independent prior for each angle",): ("held_out_subjects", (*DETECTED, *PENALIZED)),
+    ("`linear`",): ("held_out_subjects", ("prior=linear",)),
+    ("`smooth`, an independent prior for each angle",): ("held_out_subjects", ("prior=smooth",)),
 }
 CUES = "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}"
 TUNED: Rows = {
@@ -129,12 +117,6 @@ def listed(name: str, source: Source) -> list[str]:
 def held_out(split: str, source: Source) -> list[str]:
     """Return the clips of a split of experiment=held_out_subjects."""
     return list(RESOLVERS["clips_of"](composed([f"paths.data={source.data}"]).clips.held_out, split))
-
-
-def by_seed(source: Source, n_seeds: int | None) -> dict[Labels, list[Run]]:
-    """Return the perturbed runs of test clips with the default prior, by seed."""
-    runs = over_people({("",): ("held_out_subjects", LINEAR)}, partial(held_out, "test"), 3)(source, n_seeds)[("",)]
-    return {(str(seed),): [run for run in runs if run.seed == seed] for seed in range(n_seeds or 3)}
 
 
 def calibration(columns: Sequence[Column]) -> Table:
@@ -207,17 +189,9 @@ TABLES: Mapping[str, Table] = {
          mean("mpjpe_abs_mm"), RUNS], lowest_nll, "lowest `nll`",
     ),
     "held_out_subjects": Table(
-        ("prior", "perturbed"), over_people(HELD_OUT, _TEST, 3),
-        [*_SUBJECT_ERRORS, mean("coverage_90", 2), TRACKED, RUNS],
+        ("prior",), over_people(HELD_OUT, _TEST, 3), [*_SUBJECT_ERRORS, mean("coverage_90", 2), TRACKED, RUNS]
     ),
-    "held_out_runs": Table(("prior", "perturbed"), over_people(HELD_OUT, _TEST, 3), _OVER_RUNS),
-    "held_out_keypoints": Table(
-        ("prior",), over_people(DETECTIONS, _TEST, 3), [*_SUBJECT_ERRORS, mean("coverage_90", 2), TRACKED, RUNS]
-    ),
-    "held_out_keypoints_runs": Table(("prior",), over_people(DETECTIONS, _TEST, 3), _OVER_RUNS),
-    "held_out_seeds": Table(
-        ("seed",), by_seed, [mean("mpjpe_abs_mm"), mean("mpjpe_px", 1), mean("mpjpe_mm"), TRACKED, RUNS]
-    ),
+    "held_out_runs": Table(("prior",), over_people(HELD_OUT, _TEST, 3), _OVER_RUNS),
     **REAL_TABLES,
     "video": video.VIDEO,
     "results": Table(

@@ -21,13 +21,6 @@ SETTINGS = {
     "least_squares": ("experiment=points_walk_variable", *POINTS),
     "hybrid": ("experiment=points_hybrid", *POINTS),
     "synthesis": ("experiment=custom", "dataset=blank", "dataset.n_frames=6"),
-    "iterated_ekf": (
-        "experiment=custom",
-        *SCENE[:-2],
-        "prior=linear",
-        "training.motions=builtin",
-        "likelihood=dense_alignment",
-    ),
 }
 """Settings of inferences that do not track images or that need a particular prior."""
 WITHOUT_WEIGHTED_SAMPLES = ("least_squares", "synthesis")

@@ -8,7 +8,6 @@ import pytest
 from linear_gaussian import DrawnOnly, LinearPrior, TwoJoints
 from still_clips import clip as clip_of
 
-from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.inference.least_squares.motion_fit import MotionFit
@@ -25,7 +24,6 @@ from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
 from workbench.likelihoods.cues.edges import Edges
 from workbench.likelihoods.cues.silhouette import Silhouette
-from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.surface_points import SurfacePoints
@@ -34,7 +32,6 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.ar_offsets import AROffsets
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import KinematicFlips
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -48,10 +45,6 @@ def filtered(algorithm, prior=PRIOR, **options):
 
 def static_clip():
     return clip_of(*[np.full((240, 320), 100, np.uint8)] * 3)[0]
-
-
-def flips(prior, **options):
-    return KinematicFlips(prior, lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)), **options)
 
 
 MAKERS = {
@@ -68,7 +61,6 @@ MAKERS = {
     "motion_fit": lambda cache, **options: MotionFit(**options),
     "synthesis": lambda cache, **options: Synthesis(Smooth(), BODY, **options),
     "ar_offsets": lambda cache, **options: AROffsets(Smooth(), **options),
-    "kinematic_flips": lambda cache, **options: flips(Smooth(parameters=["left_arm"]), **options),
     "walking": lambda cache, **options: from_motions.walking(motions="builtin", cache=cache, n_components=3, **options),
     "smooth": lambda cache, **options: Smooth(**options),
     "implicit": lambda cache, **options: Implicit(learn_windows(builtin_motions(n_subjects=1)), **options),
@@ -79,7 +71,6 @@ MAKERS = {
     "silhouette": lambda cache, **options: Silhouette(BODY, static_clip(), **options),
     "keypoints": lambda cache, **options: KeypointLikelihood(BODY, **options),
     "surface_points": lambda cache, **options: SurfacePoints(BODY, **options),
-    "dense_alignment": lambda cache, **options: DenseAlignment(BODY, static_clip(), **options),
 }
 OUT_OF_RANGE = """
 filter n_particles=0 on_degenerate=ignore | bootstrap resampling=stratifed ess_threshold=1.5
@@ -89,7 +80,7 @@ tempered_smc n_mcmc_steps=0 ess_threshold=1.0 | annealed layers=0
 reinitializing reinitialized_fraction=0.0 n_particles=0 | fixed_lag lag=0 min_effective_ancestors=0
 backward_simulation n_paths=0 | motion_fit rho=1.0 | synthesis blend_time_s=-1.0 look_ahead=-1
 ar_offsets sigma=0.0 ar_coefficient=1.0
-kinematic_flips probability=0.0 proposal_fraction=1.0 | smooth damping=-1.0 | walking transition=C
+smooth damping=-1.0 | walking transition=C
 implicit search=linear prediction=guess leaf=nearest beta=0.0 blend_rate=1.5
 image_motion sigma=0 outlier_fraction=1 n_samples=0 reduction=max effective_pixels=0 sampling=even
 image_motion occlusion=yes background=moving
@@ -98,7 +89,6 @@ appearance effective_pixels=0 sigma=0 outlier_fraction=1 learning_rate=1.5 n_sam
 silhouette effective_pixels=0 outlier_fraction=1 n_frames=2 dilation_px=-1
 keypoints sigma_px=0 likelihood_power=1.5 loss=cauchy loss_scale=0
 surface_points sigma=0 outlier_fraction=0 likelihood_power=1.5 loss=cauchy loss_scale=0 residual=depth
-dense_alignment sigma=0 pixel_weight=-1 n_frames=2
 """
 RANGES = [
     (name, *text.split("="))
@@ -153,7 +143,6 @@ CONFLICTS = {
     "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
     "prior=activity": [lambda: Hybrid(PLAIN, None)],
-    "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: flips(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],

@@ -19,7 +19,6 @@ from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
 from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges
 from workbench.likelihoods.cues.silhouette import Silhouette
-from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
@@ -64,7 +63,6 @@ BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "silhouette": lambda: Silhouette(BODY, clip()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
-    "dense_alignment": lambda: DenseAlignment(BODY, clip()),
     "product": product,
 }
 
@@ -84,7 +82,7 @@ class Case:
         return self.after_first_frame().prepare(*self.frames[:2])
 
 
-WITH_APPEARANCE_MODEL = ("dense_alignment", "appearance", "silhouette", "product")
+WITH_APPEARANCE_MODEL = ("appearance", "silhouette", "product")
 
 
 @pytest.fixture(params=BUILDERS)
@@ -262,7 +260,7 @@ def test_images_of_two_sizes_are_compared_unless_the_background_is_static():
     assert np.isfinite(ImageMotion(BODY).prepare(before, now).evaluate(poses(2), poses(2, 2)).log_prob).all()
 
 
-@pytest.mark.parametrize("make", [Background, Silhouette, DenseAlignment])
+@pytest.mark.parametrize("make", [Background, Silhouette])
 def test_a_camera_missing_in_the_clip_is_rejected(make):
     frame = frames(np.random.default_rng(0), replace(LEFT, name="another"))[0]
     with pytest.raises(InputError, match="camera another is not in the sequence"):

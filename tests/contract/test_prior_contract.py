@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.body.camera import plain_camera
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.prior import Proposing
 from workbench.experiment.config.instantiate import build
@@ -59,7 +58,6 @@ def composed(name, folder):
         config = compose("config", overrides=["experiment=custom", "training.motions=builtin", *overrides]).prior
     return build(
         config,
-        camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
         trajectory=lambda: Trajectory(np.zeros(1), walk().poses[:1]),
     )
 
@@ -71,9 +69,7 @@ def cache_folder(cache):
 
 NAMES = [*BUILDERS, *YAMLS]
 WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "reweighted", "fitted_rest_implicit"))]
-WITH_DENSITY = [
-    name for name in NAMES if not name.startswith(("kinematic_flips", "reweighted")) and "_tree" not in name
-]
+WITH_DENSITY = [name for name in NAMES if not name.startswith("reweighted") and "_tree" not in name]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name != "reweighted"]
 WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("linear")]
 

@@ -67,13 +67,8 @@ def assert_resumed_runs_are_identical(parts):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(options("inference")))
 def test_every_resumable_inference_resumes_identically(assembled, name):
-    overrides = (
-        ("prior=linear", "training.motions=builtin", "likelihood=dense_alignment")
-        if name == "iterated_ekf"
-        else ("prior=ar_offsets",)
-    )
     try:
-        parts = assembled(f"inference={name}", *overrides)
+        parts = assembled(f"inference={name}", "prior=ar_offsets")
     except InputError:
         assert name not in RESUMABLE
         return

@@ -137,9 +137,7 @@ def test_generated_people_are_not_in_the_training_motions(experiment):
     check(None, f"experiment={experiment}", "paths.data=null")
 
 
-@pytest.mark.parametrize(
-    "prior", ["walking", "gait", "cyclic", "activity", "implicit", "kinematic_flips", "ar_offsets_gait"]
-)
+@pytest.mark.parametrize("prior", ["walking", "gait", "cyclic", "activity", "implicit", "ar_offsets_gait"])
 def test_any_other_prior_excludes_the_tracked_people(prior, recordings):
     check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "training.motions=recorded")
 

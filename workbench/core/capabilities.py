@@ -10,18 +10,14 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 DENSITY = "a density that can be evaluated"
-GAUSSIAN = "Gaussian noise about an approximately linear mean"
 MOTION = "a motion model to fit"
 ACTIVITY = "a motion model of activities"
 BODY_PARTS = "independently sampled columns for joint angles"
 SEPARABLE = "independently sampled columns"
-LIMB_COLUMNS = "columns for the twist and bend of a limb"
-DERIVATIVES = "derivatives by the pose"
 RESIDUALS = "residuals that least squares can minimise"
 IMAGES = "images"
 POINTS = "points of the person's surface"
 KEYPOINTS = "2-D joints"
-ONE_CAMERA = "a single camera"
 ESTIMATED_CAMERA = "a camera that is estimated from the person"
 ALL_JOINTS = "every joint of a motion file's skeleton"
 LOOKAHEAD_WINDOWS = "recorded windows to look ahead in (look_ahead)"

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from workbench.core.frame import Frame
-from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,54 +36,9 @@ class FrameLikelihood(Protocol):
         """Return the likelihood of the next frame, updated with this frame's expected pose (P,)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
-    """A log likelihood at one pose of P numbers, its gradient (P,), and its negative curvature (P, P), which is
-    positive semi-definite."""
-
-    log_prob: float
-    gradient: FloatArray
-    curvature: FloatArray
-
-
-@runtime_checkable
-class DifferentiableLikelihood(FrameLikelihood, Protocol):
-    """A frame likelihood with derivatives, at several levels of an image pyramid. n_levels: of smoothing; level 0 is
-    the smoothest, and `evaluate` uses the last. informative: whether the likelihood depends on the pose; false for
-    example in a first frame."""
-
-    @property
-    def n_levels(self) -> int: ...
-    @property
-    def informative(self) -> bool: ...
-
-    def derivatives(self, pose: FloatArray, level: int) -> Derivatives:
-        """Return the log likelihood and its derivatives at a pose (P,); the previous pose has no influence."""
-
-    def mean_loss(self, pose: FloatArray) -> FloatArray:
-        """Return the mean loss (J,) of the image points that each joint moves, at a pose (P,)."""
-
-
-@runtime_checkable
-class DenseLikelihood(DifferentiableLikelihood, Protocol):
-    """A differentiable likelihood that also compares distant poses, by all pixels of the frame."""
-
-    def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
-        """Return the log likelihood ratios (N,), nats, of rendering and omitting the body parts on joints `moved` (J,).
-        poses: (N, P), which may differ only in these body parts."""
-
-
 class Likelihood(Protocol):
     """log p(frame_t | pose_t, pose_t−1, frame_t−1): image motion also depends on the previous pose and frame."""
 
     def prepare(self, previous: Frame | None, frame: Frame) -> FrameLikelihood:
         """Return the likelihood of a frame, given the previous one; None for the first frame of a run, which is not
         evaluated."""
-
-
-@runtime_checkable
-class Refittable(Protocol):
-    """A likelihood that learns from a sequence, and can be learned again from tracked poses."""
-
-    def refitted(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
-        """Return the likelihood of the same sequence, from `frame` on, learned from poses (P,) by frame index."""

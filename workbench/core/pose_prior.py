@@ -40,51 +40,16 @@ class PosePrior:
         return _normalised(np.log(self.weights) - 0.5 * (whitened**2).sum(axis=1) - log_determinants)
 
     def geometric_mean(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Return mean (A,) and precision (A, A) of the Gaussian factor in `geometric_product`.
+        """Return the geometric mean of the components to a power, a Gaussian: its mean (A,) and precision (A, A).
 
-        The responsibilities are those of a posture N(mean (A,), covariance (A, A)). power : above 0.
+        Its log density is power · Σ_k r_k log N(·; means_k, covariances_k) up to a constant, with the responsibilities
+        r of a posture N(mean (A,), covariance (A, A)) (a logarithmic opinion pool). power : above 0. Deviation: the
+        product of a posture's density and the prior has K components; with the geometric mean it is one Gaussian.
         """
-        precision, information = self._pooled(mean, covariance, power)
-        return np.asarray(np.linalg.solve(precision, information)), precision
-
-    def geometric_product(
-        self, mean: FloatArray, covariance: FloatArray, power: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Multiply a Gaussian over poses by the geometric mean of the components to a power.
-
-        The log density of the geometric mean is Σ_k r_k log N(·; means_k, covariances_k), with the responsibilities r
-        of the posture's marginal (a logarithmic opinion pool).
-
-        Deviations: the power is below 1, since the Gaussian may already contain information on postures and
-        neighbouring frames repeat it. The result is one Gaussian, where the product has K components.
-
-        Parameters
-        ----------
-        mean, covariance : (P,), (P, P), of a pose whose last A numbers are the posture.
-        power : above 0.
-
-        Returns
-        -------
-        Mean (P,) and covariance (P, P) of the product.
-
-        Raises
-        ------
-        LinAlgError : the covariance is not positive semi-definite.
-        """
-        posture = slice(len(mean) - self.means.shape[1], None)
-        precision = np.linalg.inv(covariance + 1e-12 * np.eye(len(mean)))
-        pooled_precision, pooled_information = self._pooled(mean[posture], covariance[posture, posture], power)
-        total, information = precision.copy(), precision @ mean
-        total[posture, posture] += pooled_precision
-        information[posture] += pooled_information
-        product = np.linalg.inv(total)
-        return np.linalg.solve(total, information), 0.5 * (product + product.T)
-
-    def _pooled(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Return precision (A, A) and precision times mean (A,) of the geometric mean of the components to a power."""
         weights = power * self.expected_responsibilities(mean, covariance)
         precision: FloatArray = np.einsum("k,kab->ab", weights, self._precisions)
-        return precision, np.einsum("k,kab,kb->a", weights, self._precisions, self.means)
+        information = np.einsum("k,kab,kb->a", weights, self._precisions, self.means)
+        return np.asarray(np.linalg.solve(precision, information)), precision
 
     @cached_property
     def _whitening(self) -> FloatArray:

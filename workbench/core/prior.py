@@ -95,17 +95,6 @@ class Density(Protocol):
         """
 
 
-@runtime_checkable
-class Gaussian(Density, Protocol):
-    """A transition density with Gaussian noise about its mean, as a Kalman filter requires."""
-
-    def initial_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean (D,) and covariance (D, D) of the initial state for an initial pose (P,)."""
-
-    def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Return the transition noise covariance (D, D) `dt_s` seconds after one state (D,)."""
-
-
 @dataclass(frozen=True, eq=False)
 class PriorCapabilities:
     """Optional capabilities of a prior. Wrappers pass on those of their base that remain valid.

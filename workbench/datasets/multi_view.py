@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import records_arguments
@@ -74,10 +74,9 @@ class MultiView:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare images, keypoints where they are set, and whether there is a single camera."""
+        """Declare images, and keypoints where they are set."""
         keypoints = (KEYPOINTS, START) if keys.get("keypoints") else ()
-        single = (ONE_CAMERA,) if len(keys.get("cameras") or keys.get("sources") or ()) == 1 else ()
-        return component_traits(IMAGES, *single, *keypoints)
+        return component_traits(IMAGES, *keypoints)
 
     def __init__(
         self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, component_traits
+from workbench.core.capabilities import ALL_JOINTS, IMAGES, POINTS, START, Traits, component_traits
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
@@ -52,7 +52,7 @@ class Points(Scene):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare points, which allow initialization, and images where they are rendered. Every joint of a file's
         skeleton requires a prior of all joints."""
-        images = (IMAGES, ONE_CAMERA) if keys.get("images") else ()
+        images = (IMAGES,) if keys.get("images") else ()
         skeleton = keys.get("skeleton", "person")
         joints = () if skeleton == "person" else (ALL_JOINTS,)
         needs = {"prior": ALL_JOINTS} if skeleton == "full" else {}

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.camera import Camera
-from workbench.core.capabilities import IMAGES, ONE_CAMERA, POINTS, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, POINTS, START, Traits, component_traits
 from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
@@ -56,7 +56,7 @@ class Stereo(Scene):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare points, which allow initialization, images, and the assumptions on the initial pose."""
-        return component_traits(POINTS, IMAGES, ONE_CAMERA, START, *sequence.provided_assumptions(keys))
+        return component_traits(POINTS, IMAGES, START, *sequence.provided_assumptions(keys))
 
     cache: str | None = None
     n_points: int = 400

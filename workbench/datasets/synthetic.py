@@ -14,7 +14,7 @@ from workbench.body.camera import Camera, load_cameras
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import at_least, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
@@ -64,7 +64,7 @@ class Synthetic(Scene):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, an initial pose, and detected joints where they are simulated."""
         keypoints = () if keys.get("keypoint_sigma_px") is None else (KEYPOINTS,)
-        return component_traits(IMAGES, ONE_CAMERA, START, INITIAL_POSE, *keypoints)
+        return component_traits(IMAGES, START, INITIAL_POSE, *keypoints)
 
     n_frames: int = 50
     rate_hz: float = 30.0

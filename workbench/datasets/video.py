@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from workbench.body.camera import Camera, load_lenses
-from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
@@ -86,9 +86,9 @@ class Video:
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
         annotations = () if keys.get("initial_annotations") is None else (START, INITIAL_ANNOTATIONS)
         if _is_placed(keys.get("calibration_file")):
-            return component_traits(IMAGES, ONE_CAMERA, *keypoints, *annotations)
+            return component_traits(IMAGES, *keypoints, *annotations)
         height = () if keys.get("height_m") is None else (HEIGHT,)
-        return component_traits(IMAGES, ONE_CAMERA, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
+        return component_traits(IMAGES, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
 
     source: str
     calibration_file: str | None

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame_cache import FrameCache
@@ -71,8 +70,7 @@ def build_components(
     body: Body = build(config.body, info=info, clip=clip)
     with stage("prior_learning"):
         prior: Prior | None = None if config.prior is None else build(
-            config.prior, camera=lambda: _only_camera(info), frames_hz=info.rate_hz,
-            trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip),
+            config.prior, frames_hz=info.rate_hz, trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip)
         )  # fmt: skip
     _check_skeletons(info, body, prior)
     live = {"body": body, "clip": clip, "info": info, "phase_ends": info.phase_ends, "prior": prior}
@@ -88,12 +86,6 @@ def build_components(
             if message:
                 log.info(message)
     return Components(clip, body, prior, inference, start)
-
-
-def _only_camera(info: SequenceInfo) -> Camera:
-    if len(info.cameras) != 1:
-        raise InputError(f"prior: kinematic flips require one camera, found {len(info.cameras)}")
-    return info.cameras[0]
 
 
 def _check_skeletons(info: SequenceInfo, body: Body, prior: Prior | None) -> None:

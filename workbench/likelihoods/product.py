@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.capabilities import DERIVATIVES, Traits, combined_requirements, common_capabilities
+from workbench.core.capabilities import Traits, combined_requirements, common_capabilities
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.core.observations import Observables, Observed
@@ -41,7 +41,7 @@ class Product:
         """Declare the common capabilities of all terms with a weight, except derivatives, and the requirements of any
         of them."""
         used = {name: term for name, term in keys["terms"].items() if keys["weights"].get(name)}
-        return Traits(common_capabilities(used) - {DERIVATIVES}, combined_requirements(used))
+        return Traits(common_capabilities(used), combined_requirements(used))
 
     terms: Mapping[str, Likelihood]
     weights: Mapping[str, float]

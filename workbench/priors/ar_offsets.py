@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.capabilities import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
+from workbench.core.capabilities import ACTIVITY, BODY_PARTS, SEPARABLE, Traits
 from workbench.core.discrepancy import Discrepancy, small_sample_inflation
 from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
@@ -46,9 +46,9 @@ class AROffsets(AppendedColumns):
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the base's capabilities, and columns for every joint."""
+        """Declare the base's capabilities, and independent columns for every joint if the base's are independent."""
         base: Traits = keys["base"]
-        parts = {LIMB_COLUMNS, *({BODY_PARTS} if SEPARABLE in base.provides else ())}
+        parts = {BODY_PARTS} if SEPARABLE in base.provides else set()
         return replace(base, provides=(base.provides - {ACTIVITY}) | parts)
 
     def __init__(

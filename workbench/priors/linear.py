@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.capabilities import DENSITY, GAUSSIAN, component_traits
+from workbench.core.capabilities import DENSITY, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.prior import RECORDED_SMOOTHNESS, PriorCapabilities
 from workbench.core.state_space import StateSpace
@@ -30,7 +30,7 @@ class Linear:
     InputError if noise_scale is not positive.
     """
 
-    traits = component_traits(DENSITY, GAUSSIAN)
+    traits = component_traits(DENSITY)
 
     model: LinearMotion
     _: KW_ONLY
@@ -66,18 +66,13 @@ class Linear:
 
     def sample_initial(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """Sample n initial states (n, 50) around an initial pose (P,), with velocities given the posture."""
-        mean, covariance = self.initial_moments(pose)
-        return mean + rng.standard_normal((n, 2 * N_POSE)) @ np.linalg.cholesky(covariance).T
-
-    def initial_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean (50,) and covariance (50, 50) of the initial state for an initial pose (P,)."""
         model, covariance = self.model, np.zeros((2 * N_POSE, 2 * N_POSE))
-        velocity = model.initial_gain @ pose[POSTURE] + model.initial_offset
+        mean = np.concatenate([pose, model.initial_gain @ pose[POSTURE] + model.initial_offset])
         std = np.full(N_POSE, INITIAL_ANGLE_STD)
         std[:3] = INITIAL_POSITION_STD
         covariance[:N_POSE, :N_POSE] = np.diag(std**2)
         covariance[N_POSE:, N_POSE:] = model.initial_covariance
-        return np.concatenate([pose, velocity]), covariance
+        return mean + rng.standard_normal((n, 2 * N_POSE)) @ np.linalg.cholesky(covariance).T
 
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Sample from p(state_t | state_t−1), (N, D), once for each state (N, D), `dt_s` seconds later.
@@ -99,15 +94,6 @@ class Linear:
             velocity = self._predicted_velocity(state)
             state = np.concatenate([integrated(state[:, :N_POSE], velocity, self.model.rate_hz), velocity], axis=1)
         return state
-
-    def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Return the transition noise covariance (D, D) at one state (D,)."""
-        self._one_frame(dt_s)
-        integration = np.eye(N_POSE) / self.model.rate_hz
-        c, s = np.cos(state[3]), np.sin(state[3])
-        integration[:2, :2] = np.array([[c, -s], [s, c]]) / self.model.rate_hz
-        root = np.concatenate([integration, np.eye(N_POSE)]) @ self._root
-        return root @ root.T
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """Return log p(pose | previous), (...), of states (..., D) that broadcast."""

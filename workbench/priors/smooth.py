@@ -11,7 +11,7 @@ import scipy
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, component_traits
+from workbench.core.capabilities import BODY_PARTS, DENSITY, SEPARABLE, Traits, component_traits
 from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
@@ -70,12 +70,11 @@ class Smooth(AllColumnsFree):
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare a density and independent columns for every joint; Gaussian noise if all parameters move, else that
-        the other joints are fixed."""
+        """Declare a density and independent columns for every joint, and that the other joints are fixed, if there are
+        any."""
         partial = keys.get("parameters") is not None
         assumptions = (FIXED_OTHER_JOINTS,) if partial else ()
-        gaussian = () if partial else (GAUSSIAN,)
-        return component_traits(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, *gaussian, assumptions=assumptions)
+        return component_traits(DENSITY, SEPARABLE, BODY_PARTS, assumptions=assumptions)
 
     def __init__(
         self, *, parameters: Sequence[str] | None = None,
@@ -164,22 +163,6 @@ class Smooth(AllColumnsFree):
         moved[:, moving] = np.clip(state[:, moving] + dt_s * state[:, velocity], *self.limits.T)
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity]
         return moved
-
-    def initial_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean (D,) and covariance (D, D) of the initial state, without limits and uniform initial values."""
-        mean = self.enter(pose[None], np.zeros((1, len(POSE_NAMES))))[0]
-        moving = self.space.slices["pose"]
-        mean[moving] = np.clip(mean[moving], *self.limits.T)
-        return mean, self._diagonal(self.initial_pose_scale * self.sigma, INITIAL_VELOCITY_SCALE * self.sigma_velocity)
-
-    def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Return the transition noise covariance (D, D) at one state (D,), without the limits."""
-        growth = np.sqrt(dt_s * REFERENCE_RATE_HZ)
-        return self._diagonal(growth * self.sigma, growth * self.sigma_velocity)
-
-    def _diagonal(self, moving: FloatArray, velocity: FloatArray) -> FloatArray:
-        """Return the covariance (D, D) of standard deviations (k,) and (k,), zero for fixed parameters."""
-        return np.diag(np.concatenate([moving, velocity, np.zeros(len(self.space) - 2 * len(moving))]) ** 2)
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """Return log p(state | previous), (...), of states (..., D) that broadcast: −∞ beyond a limit."""

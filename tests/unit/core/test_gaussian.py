@@ -1,9 +1,9 @@
-"""Prediction, conditioning and smoothing against conditioning of the joint Gaussian of all states."""
+"""Prediction and conditioning against conditioning of the joint Gaussian of all states."""
 
 import numpy as np
 import pytest
 
-from workbench.core.gaussian import condition, condition_block, predict, smooth
+from workbench.core.gaussian import condition, predict
 
 D, K, N_STEPS = 4, 2, 5
 
@@ -66,17 +66,14 @@ def filtered_states(model, observations):
     return predicted, filtered
 
 
-def test_the_kalman_filter_and_smoother_agree_with_the_joint_gaussian(model, rng):
+def test_the_kalman_filter_agrees_with_the_joint_gaussian(model, rng):
     observations = rng.standard_normal((N_STEPS, K))
     mean, covariance = joint(model)
     predicted, filtered = filtered_states(model, observations)
-    smoothed = filtered[-1:]
-    for t in range(N_STEPS - 2, -1, -1):
-        smoothed.insert(0, smooth(filtered[t], model[0], predicted[t + 1], smoothed[0]))
     first_y = N_STEPS * D
     for t in range(N_STEPS):
         rows = np.arange(t * D, (t + 1) * D)
-        for results, n_observed in ((predicted, t), (filtered, t + 1), (smoothed, N_STEPS)):
+        for results, n_observed in ((predicted, t), (filtered, t + 1)):
             columns = np.arange(first_y, first_y + n_observed * K)
             expected = marginal_given(mean, covariance, rows, columns, observations[:n_observed].ravel())
             np.testing.assert_allclose(results[t][0], expected[0], atol=1e-9)
@@ -97,36 +94,3 @@ def test_states_with_one_covariance_are_conditioned_together_as_alone(model, rng
         )
         np.testing.assert_allclose(updated[:, k], single[0], rtol=1e-12)
         np.testing.assert_allclose(updated_covariance, single[1], rtol=1e-12)
-
-
-def test_a_new_marginal_of_a_block_preserves_the_conditional_of_the_rest(rng):
-    mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
-    block_mean, block_covariance = rng.standard_normal(n), covariance_of(rng, n)
-    new_mean, new_covariance = condition_block(mean, covariance, block_mean, block_covariance)
-    np.testing.assert_allclose(new_mean[:n], block_mean, atol=1e-9)
-    np.testing.assert_allclose(new_covariance[:n, :n], block_covariance, atol=1e-9)
-    block, rest, values = np.arange(n), np.arange(n, D), rng.standard_normal(n)
-    before = marginal_given(mean, covariance, rest, block, values)
-    for a, b in zip(marginal_given(new_mean, new_covariance, rest, block, values), before, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-8)
-
-
-def test_conditioning_a_block_on_a_noisy_observation_agrees_with_condition(rng):
-    mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
-    noise, observed = covariance_of(rng, n), rng.standard_normal(n)
-    cross, block = covariance[:, :n], covariance[:n, :n]
-    expected = condition(mean, covariance, cross, block + noise, observed - mean[:n])
-    marginal = condition(mean[:n], block, block, block + noise, observed - mean[:n])
-    for a, b in zip(condition_block(mean, covariance, *marginal), expected, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-9)
-
-
-def test_smoothing_supports_a_singular_predicted_covariance(rng):
-    mean, covariance = rng.standard_normal(2), covariance_of(rng, 2)
-    transition = np.array([[1.0, 0.0], [0.0, 0.0]])
-    predicted = predict(mean, covariance, transition, np.zeros((2, 2)))
-    next_state = (predicted[0] + [0.3, 0.0], np.diag([0.05, 0.0]))
-    smoothed = smooth((mean, covariance), transition, predicted, next_state)
-    expected = condition_block(mean, covariance, next_state[0][:1], next_state[1][:1, :1])
-    for a, b in zip(smoothed, expected, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-8)

@@ -13,7 +13,6 @@ from workbench.priors.activity import Activity
 from workbench.priors.ar_offsets import AROffsets
 from workbench.priors.fitted_rest import FittedRest, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.kinematic_flips import KinematicFlips
 from workbench.priors.smooth import Smooth
 
 
@@ -58,10 +57,7 @@ def test_wrappers_pass_on_the_capabilities_of_their_base(folder, windows):
     offsets = AROffsets(walking)
     assert offsets.capabilities.motion is walking.capabilities.motion
     assert offsets.capabilities.smoothness is None
-    flips = KinematicFlips(offsets, lambda: None)
-    assert flips.capabilities.motion is walking.capabilities.motion
     fitted = FittedRest(Smooth(parameters=["left_arm"]), lambda: Trajectory(np.zeros(1), np.ones((1, 25))))
     assert (fitted.capabilities.first_pose() == 1.0).all()
-    assert (KinematicFlips(fitted, lambda: None).capabilities.first_pose() == 1.0).all()
     arm = Implicit(windows)
     assert len(AROffsets(arm).capabilities.examples()) == len(arm.capabilities.examples())

@@ -12,16 +12,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.core.capabilities import (
-    ESTIMATED_CAMERA,
-    EVIDENCE,
-    IMAGES,
-    KEYPOINTS,
-    ONE_CAMERA,
-    POINTS,
-    START,
-    Traits,
-)
+from workbench.core.capabilities import ESTIMATED_CAMERA, EVIDENCE, IMAGES, KEYPOINTS, POINTS, START, Traits
 from workbench.core.side_information import (
     CAMERA_CALIBRATION,
     FIRST_FRAMES,
@@ -49,7 +40,7 @@ SOURCES: Mapping[str, str] = MappingProxyType(
 _INTERACTING = ("dataset", "prior", "likelihood", "inference")
 """Groups with requirements on each other."""
 
-_WITH_CAMERA = frozenset({IMAGES, KEYPOINTS, ONE_CAMERA, POINTS})
+_WITH_CAMERA = frozenset({IMAGES, KEYPOINTS, POINTS})
 """Observations that require a calibration, which also places points in the world."""
 _WITH_SURFACE = frozenset({IMAGES, POINTS})
 """Observations of the person's surface, not of the joints alone."""

@@ -46,7 +46,7 @@ LEANING_SIGMA_RAD = np.inf
 """Standard deviation of an additional residual of pitch and roll; infinite, because the pose prior includes them."""
 POSE_PRIOR_POWER, EM_ROUNDS = 0.2, 2
 """Power of the pose prior, below 1 because neighbouring frames are dependent, chosen on clips.split=validation of
-experiment=held_out_subjects with detected joints; and the number of expectation-maximisation iterations."""
+experiment=held_out_subjects; and the number of expectation-maximisation iterations."""
 N_HYPOTHESES = 3
 """Number of initial poses that are fitted sequentially, because one camera does not separate forwards from
 backwards."""

@@ -1,1 +1,0 @@
-"""The iterated extended Kalman filter over poses, with backward smoothing."""

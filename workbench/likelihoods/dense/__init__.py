@@ -1,1 +1,0 @@
-"""Dense alignment of the rendered person with the image, with derivatives."""
