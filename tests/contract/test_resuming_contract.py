@@ -24,7 +24,6 @@ SCENE = (
 CUES = (
     "likelihood=product", "likelihood.weights.edges=0", "likelihood.weights.image_motion=0.5",
     "likelihood.weights.background=0.5", "likelihood.weights.appearance=0.5", "likelihood.weights.silhouette=0.5",
-    "likelihood.terms.silhouette.background_from_first_pose=true",
 )  # fmt: skip
 RESUMABLE = (
     "annealed", "auxiliary", "fixed_lag", "gauss_newton", "particle_filter", "partitioned", "reinitializing",

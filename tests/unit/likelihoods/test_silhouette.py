@@ -1,13 +1,11 @@
-"""The silhouette likelihood: unions of outlines against NumPy and closed forms, and backgrounds of standing people."""
+"""The silhouette likelihood: unions of outlines against NumPy and closed forms."""
 
 import likelihood_scenes as scenes
 import numpy as np
 from still_clips import by_hand, clip, of_frames, with_block
 
 from tests.oracles import outlines as oracle
-from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.cues.image_levels import static_background, uncovered_background
 from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
 from workbench.likelihoods.cues.silhouette import Silhouette
 
@@ -90,62 +88,3 @@ def test_without_an_initial_pose_the_value_is_zero_with_a_note():
     assert frame_likelihood.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
     assert "the person's area in camera front is not known yet" in frame_likelihood.notes[0]
     assert Silhouette(ROD, cache).prepare(None, frames[0]).notes == ()
-
-
-def people(*centres, size=(60, 80)):
-    """Return a textured background, images (60, 80, 1) of a block 10 px wide at columns `centres`, and its masks."""
-    rng = np.random.default_rng(2)
-    background = rng.uniform(60.0, 120.0, (*size, 1)).astype(np.float32)
-    images, masks = [], []
-    for centre in centres:
-        mask = np.zeros(size, dtype=bool)
-        mask[20:50, centre - 5 : centre + 5] = True
-        noisy = np.where(mask[..., None], 200.0, background) + rng.normal(0.0, 1.0, (*size, 1))
-        images.append(noisy.astype(np.float32))
-        masks.append(mask)
-    return background, images, masks
-
-
-def test_the_background_behind_a_person_who_moves_once_is_recovered():
-    background, images, masks = people(20, *[60] * 19)
-    estimated = uncovered_background(images, masks[0], masks[0])
-    assert np.abs(estimated.background.median - background)[~masks[0]].max() < 5.0  # one image with noise of 1
-    assert np.abs(estimated.background.median - background)[masks[0]].max() < 3.0
-    assert not estimated.person.any()
-    assert not estimated.unknown.any()
-    median = static_background(images).median
-    assert np.abs(median - 200.0)[masks[1]].max() < 3.0  # the median is the person
-
-
-def test_a_person_at_rest_is_distinguished_from_the_background():
-    _, images, masks = people(*[40] * 20)
-    near = np.zeros_like(masks[0])
-    near[17:53, 32:48] = True
-    estimated = uncovered_background(images, masks[0], near)
-    assert np.array_equal(estimated.person, masks[0])
-    assert not estimated.unknown.any()
-
-
-def test_the_background_behind_a_changing_person_is_unknown():
-    rng = np.random.default_rng(3)
-    _, images, masks = people(*[40] * 20)
-    for image in images:
-        image[masks[0]] = rng.uniform(0.0, 255.0, (masks[0].sum(), 1))
-    estimated = uncovered_background(images, masks[0], masks[0])
-    assert (estimated.unknown & masks[0]).sum() > 0.95 * masks[0].sum()
-
-
-def test_the_background_from_the_first_pose_excludes_a_standing_person():
-    dataset = Synthetic(
-        n_frames=12, width=160, height=120, person_px=80.0, focal_px=175.0, moving=["left_arm"], perturb=False, seed=1
-    )
-    frames, pose = list(dataset.frames()), dataset.info.initial_pose
-    candidates = np.stack([frames[5].truth.pose] * 2)
-    candidates[1, :3] += 0.1 * dataset.true_camera.rotation[0]
-    log_prob = {}
-    for from_first_pose in (False, True):
-        likelihood = Silhouette(dataset.body, FrameCache(dataset), background_from_first_pose=from_first_pose)
-        frame_likelihood = likelihood.prepare(None, frames[0]).update(pose).prepare(frames[0], frames[5])
-        log_prob[from_first_pose] = frame_likelihood.evaluate(candidates, candidates).log_prob
-    assert log_prob[True][0] > log_prob[True][1] + 5.0
-    assert log_prob[True][0] > 0.0 > log_prob[False][0]

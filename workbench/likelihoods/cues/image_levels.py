@@ -1,6 +1,6 @@
 """Smoothed grey or colour levels of images, and their log ratio to a static background."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,16 +9,12 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.core.frame import Frame, View
+from workbench.core.frame import View
 from workbench.core.frame_cache import FrameCache
-from workbench.utils.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+from workbench.utils.arrays import AnyArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.parallel import parallel_for
 
-CHANGE_SIGMAS = 3.5
-"""Standard deviations of noise by which a pixel must change to show something else."""
-MIN_CHANGED, MIN_AGREEMENT = 0.15, 0.6
-"""Fraction of the images that must differ from the first to uncover a pixel, and fraction of these that must agree."""
 MIN_SIGMA = 3.0
 """Lower bound of the background's standard deviation, grey levels."""
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
@@ -78,71 +74,13 @@ class StaticBackground:
 def static_backgrounds(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, StaticBackground]:
     """Return the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
     `n_frames` evenly spaced frames of the sequence."""
-    by_camera = spaced_images(clip, n_frames, blur_px)
-    return {camera: static_background(images) for camera, images in by_camera.items()}
-
-
-def spaced_images(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
-    """Return every camera's smoothed levels in `n_frames` evenly spaced frames of the sequence, beginning with the
-    first."""
-    images: dict[str, list[Float32Array]] = {}
-    for frame in spaced_frames(clip, n_frames):
-        for view in frame.views:
-            images.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
-    return images
-
-
-def spaced_frames(clip: FrameCache, n_frames: int) -> Iterator[Frame]:
-    """Yield `n_frames` evenly spaced frames of the sequence, beginning with the first."""
     n = clip.info.n_frames
+    images: dict[str, list[Float32Array]] = {}
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
-    yield from (f for i, f in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)) if i in used)
-
-
-@dataclass(frozen=True, eq=False)
-class UncoveredBackground:
-    """A background as far as it is visible without the person. person: (height, width), pixels that the person of the
-    first frame covers and that never change, so that `background` holds the person's levels. unknown: (height, width),
-    pixels without any information."""
-
-    background: StaticBackground
-    person: BoolArray
-    unknown: BoolArray
-
-
-def uncovered_background(images: Sequence[Float32Array], inside: BoolArray, near: BoolArray) -> UncoveredBackground:
-    """Return the background behind a person who may stay in place for most of F images (height, width, C).
-
-    Far from the person, and near them where no image changes, the background is the mean of the first image and those
-    that agree with it. Elsewhere it is the median of the images that differ from the first; if none differ, or they
-    disagree, it is unknown.
-
-    Parameters
-    ----------
-    images : F images (height, width, C).
-    inside : (height, width), pixels that the person covers in the first image.
-    near : (height, width), pixels that the person may cover there.
-    """
-    stack = np.stack(images)
-    noise = float(MAD_TO_SIGMA * np.median(np.abs(stack[1] - stack[0])) / np.sqrt(2.0))
-    threshold = np.float32(CHANGE_SIGMAS * np.sqrt(2.0) * max(noise, 0.5 * MIN_SIGMA))
-    unchanged = (np.abs(stack - stack[0]) <= threshold).all(axis=3)
-    levels = (stack * unchanged[..., None]).sum(axis=0) / unchanged.sum(axis=0)[..., None]
-    rows, columns = np.nonzero(near)
-    n_changed = (~unchanged[:, rows, columns]).sum(axis=0)
-    changed_often = n_changed >= max(3, round(MIN_CHANGED * len(images)))
-    rows, columns, n_changed = rows[changed_often], columns[changed_often], n_changed[changed_often]
-    changed = np.where(unchanged[:, rows, columns, None], np.nan, stack[:, rows, columns])
-    uncovered = np.nanmedian(changed, axis=0) if len(rows) else np.zeros((0, levels.shape[2]))
-    agreed = (np.abs(changed - uncovered) <= threshold).all(axis=2).sum(axis=0) >= MIN_AGREEMENT * n_changed
-    levels[rows[agreed], columns[agreed]] = uncovered[agreed]
-    mostly_unchanged = unchanged.mean(axis=0) > 1.0 - MIN_CHANGED
-    unknown = near & (inside | ~mostly_unchanged)
-    unknown[rows[agreed], columns[agreed]] = False
-    person = inside & unknown & mostly_unchanged
-    sigma = np.full(levels.shape, max(noise, MIN_SIGMA), dtype=np.float32)
-    background = StaticBackground(levels.astype(np.float32), sigma)
-    return UncoveredBackground(background, person, unknown & ~person)
+    for i, frame in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)):
+        for view in frame.views if i in used else ():
+            images.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
+    return {camera: static_background(levels) for camera, levels in images.items()}
 
 
 def static_background(images: Sequence[Float32Array]) -> StaticBackground:

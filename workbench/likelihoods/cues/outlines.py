@@ -3,7 +3,6 @@
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numba
 import numpy as np
 
@@ -46,18 +45,6 @@ def outline_sums(
     sums = np.empty(len(corners))
     _outline_sums(row_sums, corners, spheres, dilation_px, sums)
     return sums
-
-
-def outline_mask(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Return the pixels of an image of this shape (height, width) inside the union of L outlines (L, 4, 2), px."""
-    image = np.zeros(shape, dtype=np.uint8)
-    for outline, sphere in zip(corners, spheres, strict=True):
-        if sphere:
-            centre, radius = outline.mean(axis=0), float(np.linalg.norm(outline[2] - outline[0])) / 2.0
-            cv2.circle(image, (round(float(centre[0])), round(float(centre[1]))), round(radius), 1, -1)
-        else:
-            cv2.fillConvexPoly(image, np.rint(outline).astype(np.int32), 1)
-    return image.astype(np.bool_)
 
 
 @kernel()
