@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
+from workbench.cameras.camera import Camera
 from workbench.core.residual import projection_jacobian
 from workbench.likelihoods.dense.background_model import DILATION_PX, MAX_FRAMES, MIN_NOISE, BackgroundModel, dilated
 from workbench.likelihoods.dense.kernels import COARSE_PX, THICK_M

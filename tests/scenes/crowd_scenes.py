@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera, plain_camera
 from workbench.datasets.association.detections import detector_view, triangulate_places
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.motion.formats.openpose import People

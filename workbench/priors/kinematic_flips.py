@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from workbench.body.angles import wrapped
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.cameras.camera import Camera
 from workbench.core import capabilities
 from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, combined_requirements, component_traits
 from workbench.core.keys import records_arguments

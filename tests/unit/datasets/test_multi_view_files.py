@@ -11,10 +11,10 @@ from crowd_scenes import CAMERAS, walkers
 from openpose_scenes import points, write
 from video_files import video, with_durations
 
-from workbench.body.camera import nearest_points
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.camera_file import write_cameras
-from workbench.datasets.files.calibration import camera_named
+from workbench.cameras.calibration import camera_named
+from workbench.cameras.camera_file import write_cameras
+from workbench.cameras.triangulation import nearest_points
 from workbench.datasets.multi_view import MultiView
 from workbench.motion.formats.keypoint_layouts import LAYOUTS
 from workbench.utils.errors import InputError

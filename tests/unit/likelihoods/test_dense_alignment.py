@@ -5,10 +5,10 @@ import pytest
 from dense_walker import third_frame, tracked, walker
 
 from tests.oracles import alignment as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import DifferentiableLikelihood, Refittable
 from workbench.datasets.rendering import render

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.oracles import alignment as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, world_axes
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.likelihoods.dense.background_model import BackgroundModel
 from workbench.likelihoods.dense.surface_elements import (
     contour_samples,

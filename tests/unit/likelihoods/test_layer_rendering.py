@@ -8,10 +8,10 @@ import pytest
 from dense_walker import third_frame
 
 from tests.oracles import alignment as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.likelihood import DenseLikelihood
 from workbench.likelihoods.dense.layer_rendering import (
     LayerImage,

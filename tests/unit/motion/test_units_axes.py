@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
-from workbench.motion.formats.units_axes import (
-    AXES,
-    UNITS,
-    metres_per_unit,
-    stature,
-    upward,
-    vertical_axis,
-    world_axes,
-)  # fmt: skip
+from workbench.body.stature import stature
+from workbench.body.units import UNITS
+from workbench.motion.formats.units_axes import AXES, metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.errors import InputError
 
 PAIRS = [(up, forward) for up in AXES for forward in (None, *AXES) if forward is None or forward[-1] != up[-1]]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.cameras.camera import plain_camera
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.ar_offsets import AROffsets
 from workbench.priors.kinematic_flips import LIMBS, KinematicFlips, angles, stratified_choice

@@ -10,9 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants, forward
 from workbench.body.limbs import Body
+from workbench.cameras.camera import Camera
 from workbench.core.capabilities import DERIVATIVES, IMAGES, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame, View

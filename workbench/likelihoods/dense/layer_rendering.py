@@ -10,10 +10,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
 from workbench.body.simd_kinematics import inlined_exactly
+from workbench.cameras.camera import Camera
 from workbench.likelihoods.dense.surface_elements import ALONG, AROUND, SurfaceElements
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants
 from workbench.body.limbs import Limbs
 from workbench.body.skeleton import Skeleton
+from workbench.cameras.camera import Camera
 from workbench.likelihoods.dense.kernels import (
     MARGIN_PX,
     place_contour_samples,

@@ -7,9 +7,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
+from workbench.cameras.camera import Camera
 from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.cues.outlines import CORNERS, outline_mask
 from workbench.likelihoods.dense.kernels import add_normal_equations, interpolate_rows

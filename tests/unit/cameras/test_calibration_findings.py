@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from observed_walkers import HEIGHT_M, camera_arc, observed_joints, walker_joints
 
-from workbench.body.camera import plain_camera
-from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
-from workbench.evaluation.calibration_findings import check_calibration, stand_upright, triangulate
+from workbench.cameras.calibration_findings import check_calibration, stand_upright
+from workbench.cameras.camera import plain_camera
+from workbench.cameras.overlay import AXES, LEFT, draw_overlay
+from workbench.cameras.triangulation import triangulate
 
 
 def tilted_world(camera, degrees):

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from rendered_boards import COLUMNS, ROWS, SQUARE_M, board_poses, lens, rendered
 
-from workbench.body.camera import load_cameras
-from workbench.camera_calibration.camera_file import write_cameras
-from workbench.camera_calibration.checkerboard import (
+from workbench.cameras.camera_file import load_cameras, write_cameras
+from workbench.cameras.checkerboard import (
     TO_CHECKERBOARD,
     Checkerboard,
     CheckerboardDetections,
