@@ -16,11 +16,11 @@ import numpy as np
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s
 from tests.oracles import image_motion as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.simd_kinematics import FAST, LANES
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import FrameLikelihood
 from workbench.likelihoods.cues.image_levels import grey_levels

@@ -15,10 +15,10 @@ import numpy as np
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s, peak_gb
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED_SMOOTHNESS
 from workbench.core.residual import Loss

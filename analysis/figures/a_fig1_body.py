@@ -16,11 +16,11 @@ from analysis.figures.readings import OURS, PaperFigure, Reading
 from analysis.figures.run_descriptions import setup
 from analysis.figures.style import ON_IMAGE, bare, canvas
 from tests.oracles.image_motion import PosedView, hidden_samples, inside_image, limb_patches
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body, person
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import POSE_NAMES
+from workbench.cameras.camera import Camera, plain_camera
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.recording.read.chunks import read_chunks, static_values
 from workbench.recording.read.reader import Run

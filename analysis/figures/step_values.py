@@ -3,9 +3,9 @@
 import numpy as np
 
 from workbench.body.angles import flexions
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
+from workbench.cameras.camera import Camera
 from workbench.core.step import Step
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.pose_errors import geodesic_deg

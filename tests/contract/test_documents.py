@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.body import camera_formats
+from workbench.cameras import camera_formats
 from workbench.cli.main import main
 from workbench.datasets.files import point_formats
 from workbench.experiment.config.instantiate import config_keys, import_target

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from still_clips import of_frames
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import FrameLikelihood, Likelihood
 from workbench.likelihoods.cues.appearance import Appearance

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import plain_camera
 from workbench.motion.formats.motion_export import trc_text
 from workbench.recording.read.reader import read
 

@@ -16,8 +16,8 @@ from observed_walkers import camera_arc, walker_joints
 from openpose_scenes import points, write
 from rendered_boards import board_poses, lens, rendered
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera
 from workbench.cli.main import main
 from workbench.datasets.points import Points
 from workbench.motion.sources import find_motion

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
+from workbench.cameras.camera import Camera
 from workbench.likelihoods.cues.image_levels import bilinear
 from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion
 from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_SINE

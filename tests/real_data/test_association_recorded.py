@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_scenes import copies, crowd, identities
 
-from workbench.body.camera import load_cameras
+from workbench.cameras.camera_file import load_cameras
 from workbench.datasets.association.target_selection import select_target
 from workbench.motion.formats.openpose import read_openpose
 

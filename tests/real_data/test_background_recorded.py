@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.body.camera import load_cameras
+from workbench.cameras.camera_file import load_cameras
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.video import Video
 from workbench.likelihoods.cues.image_levels import log_ratio, static_backgrounds

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera_file import load_cameras
 from workbench.datasets.detection import landmark_network
 from workbench.datasets.detection.detection_files import detect_video
 from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region

@@ -9,8 +9,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from workbench.body.camera import load_cameras
-from workbench.camera_calibration.camera_file import write_cameras
+from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
 from workbench.datasets.detection.model_file import MODELS
 from workbench.datasets.files.decode import decode

@@ -7,7 +7,7 @@ import pytest
 from damage import refusal, withstands
 from valid_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
 
-from workbench.body.camera import load_cameras, load_lenses
+from workbench.cameras.camera_file import load_cameras, load_lenses
 from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh

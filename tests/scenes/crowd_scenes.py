@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.detections import detector_view, triangulate_places
+from workbench.cameras.camera import Camera, plain_camera
+from workbench.cameras.triangulation import triangulate_normalized
+from workbench.datasets.association.detections import detector_view
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.motion.formats.openpose import People
 
@@ -133,7 +134,7 @@ def copies(cameras, own, motions, rate_hz):
     views = [detector_view(people[name], camera) for name, camera in cameras.items()]
     pairs = zip(views, cameras, strict=True)
     places = np.array([[view.detection(rows).places for rows in own[name]] for view, name in pairs])
-    world, _ = triangulate_places(views, places)
+    world = triangulate_normalized(list(cameras.values()), places)
     middle = np.nanmean(world, axis=(0, 1))
     detections = {name: [rows] for name, rows in own.items()}
     for turn, shift, velocity, delay in motions:

@@ -3,10 +3,10 @@
 import numpy as np
 from least_squares_scenes import SineModel
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
 from workbench.inference.least_squares.single_frame import MotionDecoder
 

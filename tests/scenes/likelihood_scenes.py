@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.limbs import Body, Limbs, person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import Camera, plain_camera
 from workbench.core.frame import Frame, View
 
 PERSON = person(from_height(1.75))

@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.cameras.camera import plain_camera
+from workbench.cameras.observed_joints import ObservedJoints
 from workbench.motion.sources import find_motion
 
 HEIGHT_M = 1.7

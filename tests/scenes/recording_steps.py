@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import Camera, plain_camera
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step

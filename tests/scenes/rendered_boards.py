@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.cameras.camera import Camera
 
 COLUMNS, ROWS, SQUARE_M, PX = 7, 4, 0.05, 30
 """Inner corners per row and column, side of a square, m, and texture pixels per square."""

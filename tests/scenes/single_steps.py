@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step

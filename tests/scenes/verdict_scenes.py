@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import ANKLE_HEIGHT, from_height
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step

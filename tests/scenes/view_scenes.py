@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from keypoint_scenes import CAMERA
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
 from workbench.core.observations import observe
 

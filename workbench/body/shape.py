@@ -15,6 +15,9 @@ _Pair = tuple[float, float]
 ANKLE_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT, LEG_LENGTH = 0.039, 0.818, 0.93, 0.491
 """Of a standing person, as fractions of the height, as in `from_height`: heights of ankles, shoulders and the head's
 centre, and the length of thigh and calf together."""
+FOREARM_OVER_HEIGHT = 0.044
+"""A forearm's width over a person's height, the mean of the two ends of `from_height`: the threshold of a track in the
+image."""
 
 
 @dataclass(frozen=True)

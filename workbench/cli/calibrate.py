@@ -8,10 +8,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from workbench.camera_calibration import checkerboard
-from workbench.camera_calibration.camera_file import check_name, write_cameras
-from workbench.datasets import person_height
-from workbench.datasets.files.decode import decode
+from workbench.cameras import checkerboard, person_height
+from workbench.cameras.camera_file import check_name, write_cameras
+from workbench.datasets.files.decode import count_frames, decode
 from workbench.datasets.files.joint_annotations import read_annotations
 from workbench.utils.errors import InputError
 
@@ -63,7 +62,10 @@ def _board(
     _check_output(output, overwrite)
     paths = _sources(sources)
     board = checkerboard.Checkerboard(*_corners(corners), square_mm / 1000.0)
-    detections = [checkerboard.find_checkerboards(path, board, floor) for path in paths.values()]
+    detections = [
+        checkerboard.find_checkerboards(str(path), decode(path), count_frames(path), board, floor)
+        for path in paths.values()
+    ]
     lenses = [checkerboard.calibrate_lens(name, one, board) for name, one in zip(paths, detections, strict=True)]
     cameras, pair_errors = checkerboard.pose_cameras([lens.camera for lens in lenses], detections, board)
     if floor is None:
@@ -115,7 +117,8 @@ def _height(
     image = next(decode(video), None)
     if image is None:
         raise InputError(f"{video}: expected images, found none that can be decoded")
-    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(read_annotations(annotations))
+    size, joints = (image.shape[1], image.shape[0]), read_annotations(annotations)
+    segments = person_height.head_foot_segments(joints.frames, joints.pixels, joints.source)
     calibration = person_height.calibrate_by_height(name, size, *segments, measurements)
     notes = {"made_by": "workbench calibrate height"} | {
         key: f"{calibration.values[key]:.4g} ± {deviation:.2g}" for key, deviation in calibration.sigma.items()

@@ -10,16 +10,17 @@ import numpy as np
 import typer
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.camera_calibration.observed_joints import observe_joints
-from workbench.camera_calibration.overlay import draw_overlay
-from workbench.evaluation.calibration_findings import CalibrationCheck, check_calibration
-from workbench.evaluation.finding import NOTE, TRUSTWORTHY, Finding, conclusion
-from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.cameras.calibration_findings import CalibrationCheck, check_calibration
+from workbench.cameras.observed_joints import ObservedJoints
+from workbench.cameras.overlay import draw_overlay
+from workbench.datasets.joint_observation import observe_joints
 from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import allow_packages, packages_in
+from workbench.recording.write import styles
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
+from workbench.utils.finding import NOTE, TRUSTWORTHY, Finding, conclusion
 
 _SIGNS = {TRUSTWORTHY: "fits", NOTE: "note"}
 
@@ -78,7 +79,7 @@ def _draw(observed: ObservedJoints, check: CalibrationCheck, folder: Path) -> li
         marks, joints = (
             values[observed.best] if len(values) else empty for values in (observed.keypoints[v], check.joints)
         )
-        overlay = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0)
+        overlay = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0, styles.ESTIMATE, styles.KEYPOINT)
         name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in camera.name) or "camera"
         files.append(folder / f"{name}.png")
         with whole_file(files[-1], parents=True) as part:

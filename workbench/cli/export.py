@@ -12,7 +12,7 @@ import typer
 from workbench.body.kinematics import joints, undetermined
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
-from workbench.evaluation.camera_agreement import MIN_WEIGHT
+from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.experiment.config.options import options
 from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
 from workbench.recording.read.chunks import timed

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.body.shape import Shape
+from workbench.cameras.camera import Camera
 from workbench.core.frame import AnnotatedFrames, Frame
 from workbench.utils.arrays import FloatArray
 

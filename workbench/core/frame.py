@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from workbench.body.camera import Camera
+from workbench.cameras.camera import Camera
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 

@@ -6,9 +6,10 @@ from itertools import groupby
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.body.surface import Kind
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
 from workbench.core.frame import Frame
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -118,8 +119,8 @@ def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | N
 
 
 def person_px(observed: Sequence[Keypoints]) -> float:
-    """Return the person's height in the image, px: that of the keypoints' bounding box, the median over n ≥ 1 views."""
-    return float(np.median([np.ptp(keypoints.detections[:, 1]) for keypoints in observed]))
+    """Return the person's height in the image, px, the median over n ≥ 1 views of `height_px`."""
+    return float(np.median([height_px(keypoints.detections[:, :2]) for keypoints in observed]))
 
 
 def _points(frame: Frame, max_points: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:

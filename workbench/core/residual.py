@@ -15,10 +15,10 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface, nearest_residual_jacobian
+from workbench.cameras.camera import Camera
 from workbench.core.observations import Observables, Observed
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError

@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
+from workbench.cameras.calibration import camera_named, fitted, in_units, read_calibration, unit_of_people
+from workbench.cameras.camera import Camera
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import records_arguments
-from workbench.datasets.association.target_selection import select_target
+from workbench.datasets.association.target_selection import most_prominent, select_target
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
-from workbench.datasets.files.calibration import camera_named, fitted, in_units, read_calibration, unit_of_people
 from workbench.datasets.files.frame_times import FrameTimes, is_equal
 from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_people, target_annotations
 from workbench.datasets.synchronization import PairedFrames, at_times, estimated_offsets, paired_by_time, people_at
@@ -189,8 +190,8 @@ class MultiView:
         sizes = {name: video.image_size for name, video in zip(self._names, self._sources, strict=True)}
         if unit is None and len(self._folders) > 1:
             in_file = read_calibration(file, 1.0, "z")
-            views = {name: in_units(camera_named(in_file, name, file), sizes[name]) for name in self._folders}
-            unit = unit_of_people(views, self._people, file)
+            views = [in_units(camera_named(in_file, name, file), sizes[name]) for name in self._people]
+            unit = unit_of_people(views, most_prominent(self._people.values()), file)
         cameras = read_calibration(file, unit, up)
         return {name: fitted(camera_named(cameras, name, file), sizes[name], name) for name in self._names}
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from workbench.body.units import UNITS, unit_of_extent
 from workbench.core.capabilities import POINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check, one_of, optional
 from workbench.core.dataset import SequenceInfo
@@ -19,7 +20,7 @@ from workbench.core.frame import Frame
 from workbench.datasets.files.point_formats import READERS, in_order, read_hdf5
 from workbench.datasets.rendering import sequence
 from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
-from workbench.motion.formats.units_axes import AXES, UNITS, world_axes
+from workbench.motion.formats.units_axes import AXES, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
@@ -28,8 +29,8 @@ from workbench.utils.rng import stream
 log = logging.getLogger(__name__)
 
 _UNITS = ("m", "cm", "mm", "inch")
-_LARGEST = {"m": 20.0, "cm": 500.0, "mm": np.inf}
-"""Extent of a cloud, in its unit, up to which a unit is assumed: a room of 20 m, or a person in 5 m of surroundings."""
+_EXTENTS = {"m": (0.0, 20.0), "cm": (20.0, 500.0), "mm": (500.0, np.inf)}
+"""Extents of a cloud by its unit: up to a room of 20 m, or a person in 5 m of surroundings."""
 _SAME_RATE = 0.01
 _ON_GRID = 0.3  # of a step: larger deviations are no equal intervals
 
@@ -151,7 +152,7 @@ class PointFiles:
         if self.unit is not None:
             return UNITS[self.unit]
         extent = float(np.median([np.ptp(points, axis=0).max() for points in clouds if len(points)]))
-        unit = next(unit for unit, largest in _LARGEST.items() if extent <= largest)
+        unit = unit_of_extent(extent, _EXTENTS) or "mm"
         if unit != "m":
             log.warning("%s: the clouds extend over %.3g; read in %s (key unit)", self.source, extent, unit)
         return UNITS[unit]

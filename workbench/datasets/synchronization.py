@@ -6,8 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.body.camera import Camera, ray_distances
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera
+from workbench.cameras.triangulation import ray_distances
 from workbench.datasets.files.frame_times import FrameTimes
 from workbench.motion.formats.openpose import People
 from workbench.utils.arrays import FloatArray, IntArray

@@ -6,13 +6,14 @@ from itertools import permutations, product
 
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
 from workbench.utils.arrays import FloatArray
 
 log = logging.getLogger(__name__)
 
 _BETTER = 0.5  # a rotation is used if it halves the median distance from the detections …
-_CLOSE = 0.05  # … to less than this share of the person's size in the image: 9 cm, a detector's large errors
+_CLOSE = 0.05  # … to less than this share of the person's height in the image: 9 cm, a detector's large errors
 _FRAMES = 50
 ROTATIONS = np.array([
     matrix for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
@@ -32,9 +33,9 @@ def in_axes_of_cameras(
     some = np.unique(np.linspace(0, len(joints) - 1, _FRAMES).astype(int))
     errors = [_distance_px(joints[some] @ rotation.T, [(c, p[some]) for c, p in detections]) for rotation in ROTATIONS]
     best = int(np.argmin(errors))
-    sizes = [np.linalg.norm(np.nanmax(p, axis=1) - np.nanmin(p, axis=1), axis=-1) for _, pixels in detections
-             if len(p := pixels[np.isfinite(pixels[..., 0]).any(axis=1)])]  # fmt: skip
-    if not sizes or not errors[best] < min(_BETTER * errors[0], _CLOSE * float(np.median(np.concatenate(sizes)))):
+    heights = [height_px(pixels[np.isfinite(pixels[..., 0]).any(axis=1)]) for _, pixels in detections]
+    height = float(np.median(each)) if len(each := np.concatenate([np.empty(0), *heights])) else 0.0
+    if not errors[best] < min(_BETTER * errors[0], _CLOSE * height):
         return joints
     rotation = ROTATIONS[best]
     names = [f"{'-' if row.sum() < 0.0 else ''}{'xyz'[np.abs(row).argmax()]}" for row in rotation]

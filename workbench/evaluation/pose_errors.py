@@ -11,15 +11,15 @@ from functools import lru_cache
 import numpy as np
 
 from workbench.body.angles import N_POSITION, flexions, wrapped_deg
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
+from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.body.skeleton import POSE_NAMES, Skeleton
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import height_px
 from workbench.evaluation.step_calibration import given_parameters, joint_calibration, pose_calibration
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
 from workbench.utils.arrays import FloatArray
 
 _PCK_M = 0.15
@@ -92,7 +92,7 @@ def step_errors(
         camera = step.frame.views[0].camera
         errors["forearm_width_px"] = forearm_width_px(camera, body, truth.joints, measured) / image_scale
     elif truth.annotations is not None and "mpjpe_px" in errors:
-        errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * height_px(truth.annotations) / image_scale
+        errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * float(height_px(truth.annotations)) / image_scale
     if truth.pose is not None:
         given = None if initial is None else given_parameters(skeleton, moving, truth.pose, initial)
         errors |= pose_calibration(step, skeleton, given)

@@ -5,24 +5,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.shape import from_height
+from workbench.body.shape import FOREARM_OVER_HEIGHT, from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.evaluation.calibration_findings import (
+from workbench.body.stature import limb_lengths, usual_height
+from workbench.cameras.calibration_findings import (
     HEIGHTS_M,
     check_calibration,
     distance,
     lens_findings,
-    triangulate,
     unit_of,
     upright,
-    usual_height,
-)  # fmt: skip
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
-from workbench.evaluation.multiview_consistency import bends, limb_lengths
+)
+from workbench.cameras.observed_joints import MIN_WEIGHT
+from workbench.cameras.triangulation import triangulate
+from workbench.evaluation.multiview_consistency import bends
 from workbench.evaluation.run_measurements import RunMeasurements, foot_speeds, walking_velocity
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, UNCERTAIN_MM, WINDOW_FRAMES
+from workbench.evaluation.track_loss import UNCERTAIN_MM
 from workbench.evaluation.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.crossings import WINDOW_FRAMES
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
 
 _LIMB_TOLERANCE = 0.20
 """Tolerance of a single limb against the others: three deviations, and the error of a detector's joint."""
@@ -112,7 +114,7 @@ def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
             text = f"{name} has keypoints in {has_person[v]} of the {in_image[v]} frames that show the person"
             yield Finding("inconsistent cameras", text)
     if len(measured.cameras) > 1:
-        bent = bends(triangulate(observed.cameras, observed.keypoints))
+        bent = bends(triangulate(observed.cameras, observed.pixels(MIN_WEIGHT)))
         if len(bent) >= _MIN_BENT_LEGS and (backwards := float((bent < 0.0).mean())) > 0.5:
             text = f"knees bend backwards in {backwards:.0%} of {len(bent)} bent legs: left and right are exchanged"
             yield Finding("left–right swap", text, NOT_USABLE)
@@ -161,7 +163,7 @@ def _limbs(measured: RunMeasurements) -> Iterator[Finding]:
     """Compare the body's limbs, and the triangulated ones, with those of people of their height."""
     observed = measured.observed
     several = len(observed.cameras) > 1 and measured.has_keypoints
-    triangulated = limb_lengths(triangulate(observed.cameras, observed.keypoints)) if several else {}
+    triangulated = limb_lengths(triangulate(observed.cameras, observed.pixels(MIN_WEIGHT))) if several else {}
     height_m = usual_height(measured.lengths_m)
     if not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
         low, high = HEIGHTS_M

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from workbench.body.angles import N_POSITION
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.stature import LIMBS
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
+from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.frame import View
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import LIMBS, height_px, keypoint_pixels
-from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.multiview_consistency import keypoint_pixels
 from workbench.evaluation.step_calibration import GROUPS
 from workbench.evaluation.track_loss import UNCERTAIN_MM
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -132,7 +134,7 @@ class MeasurementCollector:
                 "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
                 "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
-                "annotation_height_px": np.nan if annotations is None else height_px(annotations) / self._scale,
+                "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
                 "depth_std_m": _depth_std(step), "depth_error_m": _depth_error(step, estimate),
                 "extent_m": np.full(3, np.nan) if points is None else np.ptp(
                     np.percentile(points, [5.0, 95.0], axis=0), axis=0

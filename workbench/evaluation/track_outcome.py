@@ -5,16 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
+from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.evaluation.run_measurements import RunMeasurements
-from workbench.evaluation.track_loss import (
-    FOREARM_OVER_HEIGHT,
-    TRACKED_MM,
-    WINDOW_FRAMES,
-    criteria,
-    lost_states,
-)
+from workbench.evaluation.track_loss import TRACKED_MM, criteria, lost_states
 from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.crossings import WINDOW_FRAMES
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
 
 TRACKED, LOST, UNKNOWN = "tracked", "lost", "not known"
 """States of a frame, with DOUBTFUL."""

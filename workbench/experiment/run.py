@@ -21,7 +21,6 @@ from workbench.core.study import Study
 from workbench.evaluation.headline import ERRORS
 from workbench.evaluation.run_findings import RunInputs
 from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.track_loss import WINDOW_FRAMES
 from workbench.evaluation.verdict import verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
@@ -31,6 +30,7 @@ from workbench.experiment.resume import Continuation
 from workbench.experiment.summary import Summary, set_aside, versions
 from workbench.experiment.tracking import Components, Meter, build_components, track
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_products, check_sizes
 from workbench.utils.parallel import single_blas_thread

@@ -13,13 +13,14 @@ from tqdm import tqdm
 
 from workbench.datasets.rendering.perturbations import perturbation_sizes
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.track_loss import WINDOW_FRAMES, track_events
+from workbench.evaluation.track_loss import track_events
 from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.resume import branch_config, continuation_at
 from workbench.experiment.run import execute
 from workbench.recording.read.chunks import cells
 from workbench.recording.read.reader import Run, read
+from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.errors import InputError
 from workbench.utils.processes import pool
 

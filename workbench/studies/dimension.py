@@ -8,10 +8,10 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import PARTS, POSE_NAMES, person_skeleton
+from workbench.cameras.camera import plain_camera
 from workbench.core.gaussian import condition, predict
 from workbench.core.study import Curves, StudyResult
 from workbench.evaluation.intervals import bootstrap_interval

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from workbench.body.angles import mirror_image
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
+from workbench.cameras.camera import plain_camera
 
 SKELETON = person_skeleton(from_height(1.75))
 FEW_EXAMPLES = settings(max_examples=30)

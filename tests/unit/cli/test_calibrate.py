@@ -8,9 +8,8 @@ import pytest
 from observed_walkers import camera_arc, observed_joints
 from rendered_boards import COLUMNS, ROWS, board_poses, lens, rendered
 
-from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.camera_file import write_cameras
+from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
 from workbench.datasets.files.decode import decode
 

@@ -9,9 +9,8 @@ import pytest
 from observed_walkers import camera_arc, walker_joints
 from openpose_scenes import points, write
 
-from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.camera_file import write_cameras
+from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
 from workbench.datasets.detection import detection_files
 from workbench.datasets.detection.landmark_network import PersonLandmarks, Region

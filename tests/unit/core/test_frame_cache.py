@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
+from workbench.cameras.camera import plain_camera
 from workbench.core import frame_cache
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View

@@ -11,10 +11,10 @@ from crowd_scenes import CAMERAS, walkers
 from openpose_scenes import points, write
 from video_files import video, with_durations
 
-from workbench.body.camera import nearest_points
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.camera_file import write_cameras
-from workbench.datasets.files.calibration import camera_named
+from workbench.cameras.calibration import camera_named
+from workbench.cameras.camera_file import write_cameras
+from workbench.cameras.triangulation import triangulate
 from workbench.datasets.multi_view import MultiView
 from workbench.motion.formats.keypoint_layouts import LAYOUTS
 from workbench.utils.errors import InputError
@@ -68,9 +68,7 @@ def error_mm(dataset):
     assert len(frames) == dataset.info.n_frames
     cameras = [view.camera for view in frames[0].views]
     pixels = np.array([[frame.views[v].keypoints[ROWS, :2] for frame in frames] for v in range(len(cameras))])
-    rays = np.stack([c.directions(c.undistorted(points)) for c, points in zip(cameras, pixels, strict=True)])
-    triangulated = nearest_points(rays, np.stack([camera.position for camera in cameras]))
-    distances = np.linalg.norm(triangulated - true_joints([frame.time_s for frame in frames]), axis=2)
+    distances = np.linalg.norm(triangulate(cameras, pixels) - true_joints([frame.time_s for frame in frames]), axis=2)
     assert np.isfinite(distances).mean() > 0.9
     return 1e3 * float(np.nanmean(distances)), len(frames)
 

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.camera_calibration.camera_file import write_cameras
+from workbench.cameras.camera import plain_camera
+from workbench.cameras.camera_file import write_cameras
 from workbench.datasets.detection import detection_files
 from workbench.datasets.detection.detection_files import detect_video
 from workbench.datasets.detection.landmark_network import N_LANDMARKS, SIZE_PX, PersonLandmarks, Region, refined

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.oracles import rendering as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Limbs, person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.datasets.rendering import render
 
 BODY = person(from_height(1.75))

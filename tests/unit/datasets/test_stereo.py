@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from workbench.body.camera import plain_camera
+from workbench.cameras.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
 from workbench.datasets.rendering.surroundings import empty_view, room
 from workbench.datasets.rendering.visible import surface_points

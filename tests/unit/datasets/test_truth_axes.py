@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.datasets.truth_axes import ROTATIONS, in_axes_of_cameras
 
 CAMERAS = [plain_camera(640, 480, 600.0, at, (0.0, 0.0, 1.0)) for at in ((4.0, 1.0, 1.5), (-1.0, 4.5, 1.2))]

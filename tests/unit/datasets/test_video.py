@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera_file import load_cameras
 from workbench.datasets.files.decode import count_frames, decode, image_files
 from workbench.datasets.video import Video
 from workbench.utils.errors import InputError

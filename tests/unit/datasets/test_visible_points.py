@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.oracles import rendering as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.limbs import Limbs, person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.datasets.points import with_depth_noise
 from workbench.datasets.rendering.render import Rays
 from workbench.datasets.rendering.visible import first_depth, surface_points, visible_points

@@ -7,10 +7,17 @@ import pytest
 from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, RunInputs, cameras, scene
 
 from workbench.body.kinematics import joints
+from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.evaluation.calibration_findings import unit_of, usual_height
-from workbench.evaluation.camera_agreement import pair_separations
-from workbench.evaluation.finding import (
+from workbench.body.stature import limb_lengths, usual_height
+from workbench.cameras.calibration_findings import unit_of
+from workbench.cameras.camera_agreement import pair_separations
+from workbench.cameras.observed_joints import ObservedJoints
+from workbench.cameras.triangulation import triangulate
+from workbench.evaluation.multiview_consistency import bends
+from workbench.evaluation.track_loss import TRACKED_MM, track_metrics
+from workbench.evaluation.verdict import Verdict
+from workbench.utils.finding import (
     DOUBTFUL,
     NOT_USABLE,
     NOTE,
@@ -20,10 +27,6 @@ from workbench.evaluation.finding import (
     level_of,
     problems,
 )
-from workbench.evaluation.multiview_consistency import bends, limb_lengths, triangulate_rays
-from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM, track_metrics
-from workbench.evaluation.verdict import Verdict
 
 LATE = np.arange(N) >= 20
 INPUTS = RunInputs(height_m=HEIGHT_M, max_iterations=40, rate_hz=RATE_HZ)
@@ -50,7 +53,7 @@ def observed(rig, shown=None, positions=None):
 def test_rays_of_cameras_meet_in_the_joints():
     rig = cameras(3)
     keypoints = observed(rig)
-    positions = triangulate_rays(list(zip(rig, keypoints.pixels()[:, 0], strict=True)))
+    positions = triangulate(rig, keypoints.pixels()[:, 0])
     np.testing.assert_allclose(positions, standing()[0], atol=1e-6)
     assert max(separations.max() for separations in pair_separations(keypoints).values()) < 1e-6
     assert usual_height(limb_lengths(positions[None])) == pytest.approx(HEIGHT_M, rel=1e-6)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from least_squares_scenes import PriorStub, SineModel
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import person_surface
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
 from workbench.core.prior import Smoothness
 from workbench.core.residual import surface_residual

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_residuals, walk
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
+from workbench.cameras.camera import plain_camera
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss, keypoint_residual
 from workbench.inference.least_squares.all_frames import fit_motion, fit_problem

@@ -8,11 +8,11 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, streams, walk
 from view_scenes import CAMERAS, errors_mm, frames, observed, swinging
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
+from workbench.cameras.camera import plain_camera
 from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness

@@ -5,7 +5,7 @@ import numba
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
+from workbench.cameras.camera import plain_camera
 from workbench.core.frame import View
 from workbench.likelihoods.cues.image_levels import StaticBackground, background_log_ratio, colour_levels
 

@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 from analysis.benchmarks.likelihood import packed_lookups
 from tests.oracles import image_motion as oracle
 from tests.oracles.kinematics import forward as forward_oracle
-from workbench.body.camera import plain_camera
+from workbench.cameras.camera import plain_camera
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
 from workbench.likelihoods.image_motion.kernel import GREY_STEP, PARENT_BLOCK, PackedView, packed, view_log_prob

@@ -5,10 +5,10 @@ import pytest
 import scipy
 
 from tests.oracles import cyclic as oracle
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, person_skeleton
+from workbench.cameras.camera import plain_camera
 from workbench.core.residual import projection_jacobian
 from workbench.motion.models.walking import WalkingModel
 from workbench.priors.cyclic import TABLE_PHASES, Cyclic, at_table_phases, decode

@@ -8,13 +8,13 @@ from recorded import components, static, values
 from recording_steps import BODY, CAMERA, SPACE, steps
 
 from workbench.body.kinematics import joints
-from workbench.evaluation.finding import Finding
 from workbench.evaluation.run_findings import RunInputs
 from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict import Verdict, verdict
 from workbench.recording.read.reader import read
 from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.finding import Finding
 
 LOST = Verdict((), Finding("lost", "from frame 3"), ("tracked", "tracked", "tracked", "lost", "lost", "tracked"))
 OFFSET_PX = np.array([3.0, 4.0])

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.cameras.camera import plain_camera
 from workbench.recording.write import images, scene
 
 BODY = person(from_height(1.8))

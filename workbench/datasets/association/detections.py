@@ -1,14 +1,14 @@
 """Detections of people in normalised image coordinates, and the projection model of a view."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.camera import Camera, nearest_points
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
 from workbench.motion.formats.openpose import People
-from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.arrays import BoolArray, FloatArray
 
 J = len(JOINT_NAMES)
 HEIGHT_M = 1.5
@@ -80,25 +80,11 @@ class DetectorView:
         places = pixels / self.px_per_m if self.camera is None else self.camera.undistorted(pixels)
         return Detection(places, sigma, self.detectable & ~np.isfinite(joints[:, 0]))
 
-    def rays(self, places: FloatArray) -> FloatArray:
-        """Return unit directions (..., 3) in the world of a camera's rays to places (..., 2)."""
-        assert self.camera is not None
-        return self.camera.directions(places)
-
     @property
-    def position(self) -> FloatArray:
-        """The centre of the view's camera, (3,) m."""
+    def calibrated(self) -> Camera:
+        """The camera of a view that has one."""
         assert self.camera is not None
-        return self.camera.position
-
-
-def triangulate_places(views: Sequence[DetectorView], places: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the points (..., 3), m, nearest to V cameras' rays to places (V, ..., 2), and the numbers of rays (...,).
-
-    Places are NaN where there is none, points where fewer than two rays meet.
-    """
-    rays = np.stack([view.rays(one) for view, one in zip(views, places, strict=True)])
-    return nearest_points(rays, np.stack([view.position for view in views])), np.isfinite(places[..., 0]).sum(axis=0)
+        return self.camera
 
 
 def detector_view(people: People, camera: Camera | None) -> DetectorView:
@@ -109,7 +95,11 @@ def detector_view(people: People, camera: Camera | None) -> DetectorView:
 
 
 def median_height(places: FloatArray) -> float:
-    """Return the median of the longer sides of the boxes around joints (n, J, 2), NaN where unknown; 0 for none."""
+    """Return the median height in the image of people's joints (n, J, 2), NaN where unknown; 0 for none."""
     detected = places[np.isfinite(places[..., 0]).sum(axis=1) > 1]
-    heights = (np.nanmax(detected, axis=1) - np.nanmin(detected, axis=1)).max(axis=1)
-    return float(np.median(heights)) if len(heights) else 0.0
+    return float(np.median(height_px(detected))) if len(detected) else 0.0
+
+
+def prominence(joints: FloatArray) -> FloatArray:
+    """Return the sum of confidence times the height in the image, (...), of people's joints (..., J, 3)."""
+    return np.nansum(joints[..., 2], axis=-1) * height_px(joints[..., :2])

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.detections import HEIGHT_M, SIGMA_M, DetectorView, median_height, triangulate_places
+from workbench.cameras.triangulation import triangulate_normalized
+from workbench.datasets.association.detections import HEIGHT_M, SIGMA_M, DetectorView, median_height
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
@@ -90,7 +91,7 @@ def _ray_costs(views: Sequence[DetectorView], current: FloatArray, detected: Flo
         for label, labelled in enumerate(_both_labellings(detected, part)):
             rows = current[:, :, _ROWS[part]]
             rows[v] = labelled
-            points, _ = triangulate_places(views, rows)
+            points = triangulate_normalized([view.calibrated for view in views], rows)
             for view, one in zip(views, rows, strict=True):
                 projected, depth = view.places(points)
                 costs[:, label] += _robust(projected - one, depth[..., None] / SIGMA_M)

@@ -1,17 +1,17 @@
 """Selection of the target person among the people detected in all views."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera
 from workbench.datasets.association.assignment import Assignment, track
-from workbench.datasets.association.detections import detector_view, median_height
+from workbench.datasets.association.detections import detector_view, median_height, prominence
 from workbench.datasets.association.left_right import PARTS, exchanged_labels, with_corrected_labels
 from workbench.datasets.association.track_stitching import extended_backwards, stitched, without_short
 from workbench.datasets.files.frame_times import FrameTimes
@@ -186,8 +186,20 @@ def _way(joints: FloatArray) -> float:
 def _presence(joints: FloatArray) -> float:
     """Return the sum of confidence times height in the image over one person's joints (V, T, J, 3)."""
     detected = joints[np.isfinite(joints[..., 0]).any(axis=2)]
-    heights = (np.nanmax(detected[..., :2], axis=1) - np.nanmin(detected[..., :2], axis=1)).max(axis=1)
-    return float((np.nansum(detected[..., 2], axis=1) * heights).sum())
+    return float(prominence(detected).sum())
+
+
+def most_prominent(people: Iterable[People]) -> FloatArray:
+    """Return the pixels (V, T, J, 2) of the most prominent person of every view and frame with people; NaN without."""
+    views = tuple(people)
+    frames = np.unique(np.concatenate([each.frames for each in views]))
+    pixels = np.full((len(views), len(frames), len(JOINT_NAMES), 2), np.nan)
+    for v, each in enumerate(views):
+        for frame, joints in zip(each.frames, each.joints, strict=True):
+            if len(joints):
+                row = np.searchsorted(frames, frame)
+                pixels[v, row] = joints[int(np.argmax(prominence(joints))), :, :2]
+    return pixels
 
 
 def _report_gaps(tracked: _TrackedPeople, detected: BoolArray, rate_hz: float) -> None:

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy
 
-from workbench.datasets.association.detections import Detection, DetectorView, triangulate_places
+from workbench.cameras.triangulation import triangulate_normalized
+from workbench.datasets.association.detections import Detection, DetectorView
 from workbench.datasets.association.keypoint_kalman import KeypointState, initial_state
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -49,10 +50,11 @@ def _affinities(
     The distance between two rays to a joint has the detections' sigma for one person, except for outliers, and
     _OTHER_SIGMA_M for two people. Rays whose nearest points are behind a camera belong to two people.
     """
-    rays = {place: views[place[0]].rays(one.places) for place, one in detections.items()}
+    rays = {place: views[place[0]].calibrated.directions(one.places) for place, one in detections.items()}
     affinities = dict[tuple[Place, Place], float]()
     for a, b in ((a, b) for a in rays for b in rays if a[0] < b[0]):
-        distance_m, ahead = _distances(rays[a], rays[b], views[b[0]].position - views[a[0]].position)
+        baseline = views[b[0]].calibrated.position - views[a[0]].calibrated.position
+        distance_m, ahead = _distances(rays[a], rays[b], baseline)
         common = np.isfinite(distance_m)
         sigma = np.hypot(detections[a].sigma, detections[b].sigma)[common]
         same = (1.0 - _OUTLIER_FRACTION) * _half_normal(distance_m[common], sigma) * ahead[common]
@@ -93,7 +95,7 @@ def _partition(affinities: Mapping[tuple[Place, Place], float], places: Sequence
 def _triangulated(views: Sequence[DetectorView], detections: Mapping[Place, Detection]) -> KeypointState:
     """Return the state with triangulated joints; joints with fewer than two rays are at the mean of the others."""
     places = np.stack([one.places for one in detections.values()])
-    joints, n_rays = triangulate_places([views[view] for view, _ in detections], places)
-    triangulated = n_rays > 1
+    joints = triangulate_normalized([views[view].calibrated for view, _ in detections], places)
+    triangulated = np.isfinite(places[..., 0]).sum(axis=0) > 1
     joints[~triangulated] = joints[triangulated].mean(axis=0)
     return initial_state(joints, np.where(triangulated, _TRIANGULATED_M, _SINGLE_RAY_M))

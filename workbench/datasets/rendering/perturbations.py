@@ -7,7 +7,7 @@ from types import MappingProxyType
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.cameras.camera import Camera
 from workbench.core.checks import Range
 from workbench.utils.arrays import FloatArray
 from workbench.utils.rng import stream

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import scipy
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
+from workbench.cameras.camera import Camera
 from workbench.utils.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 

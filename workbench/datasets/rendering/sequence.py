@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.skeleton import POSE_NAMES, Skeleton
+from workbench.cameras.camera import Camera, plain_camera
 from workbench.core.checks import FINITE, RATE, Range, at_least, check
 from workbench.core.frame import Truth
 from workbench.core.side_information import INITIAL_POSE, PHASE_ENDS

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body, Limbs
+from workbench.cameras.camera import Camera
 from workbench.datasets.rendering.render import background, camera_rays
 from workbench.datasets.rendering.sequence import RenderedSequence
 from workbench.datasets.rendering.visible import first_depth, inside, surface_points

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
+from workbench.cameras.camera import Camera
 from workbench.datasets.rendering.render import Rays, cast
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 

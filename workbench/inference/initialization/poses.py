@@ -8,11 +8,11 @@ from itertools import takewhile
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import axis_rotations, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface, person_surface
+from workbench.cameras.camera import Camera
 from workbench.core.frame import AnnotatedFrames, Frame
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints

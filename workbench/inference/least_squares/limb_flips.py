@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
+from workbench.cameras.camera import Camera
 from workbench.inference.least_squares.keypoint_problem import KeypointProblem, reach_targets
 from workbench.inference.least_squares.solver import Minimum, Quadratic, minimise
 from workbench.utils.arrays import FloatArray, IntArray

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
+from workbench.cameras.camera import Camera
 from workbench.core.capabilities import Traits, component_traits
 from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior

@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 import numba
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.body.simd_kinematics import FAST, LANES, inlined
+from workbench.cameras.camera import Camera
 from workbench.core.likelihood import Evaluation, Likelihood
 from workbench.likelihoods.base import expand_finite, finite_rows, select_finite
 from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows

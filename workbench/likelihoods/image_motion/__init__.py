@@ -7,8 +7,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body
+from workbench.cameras.camera import Camera
 from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame

@@ -25,9 +25,9 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.body.camera import Camera
 from workbench.body.limbs import Body, Limbs
 from workbench.body.simd_kinematics import FAST, FRAME, LANES, inlined, lane_frames, load_frames
+from workbench.cameras.camera import Camera
 from workbench.likelihoods.image_motion.patches import (
     ACROSS,
     AX,

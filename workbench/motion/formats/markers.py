@@ -9,10 +9,11 @@ from types import MappingProxyType
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
 from workbench.motion.formats.joint_names import marker_joints, plain
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
-from workbench.motion.formats.units_axes import metres_per_unit, stature, upward, vertical_axis, world_axes
+from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places

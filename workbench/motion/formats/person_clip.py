@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.body.stature import stature
 from workbench.motion.clip import MotionClip, joint_positions, world_rotations
 from workbench.motion.formats.joint_names import skeleton_joints
-from workbench.motion.formats.units_axes import metres_per_unit, stature, upward, vertical_axis, world_axes
+from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.input_limits import check_places, check_rate
 

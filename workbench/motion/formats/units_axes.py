@@ -9,28 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench.body.shape import from_height
+from workbench.body.units import PERSON_M, UNITS, is_person, unit_of_person
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
-"""Metres per unit. "cmu" is the unit of the CMU database, 1/0.45 inch, also in its conversions to BVH."""
 _SPELLINGS = {
     "metre": "m", "meter": "m", "centimetre": "cm", "centimeter": "cm", "millimetre": "mm", "millimeter": "mm",
     "in": "inch", "inche": "inch",
 }  # fmt: skip
-STATURE_M = (0.9, 2.3)
-"""Plausible body heights: from a child of three years to the tallest adults, with 10 % for inaccurate skeletons."""
-_TYPICAL_M = 1.7
 UPRIGHT = 0.7  # cosine of 45°: an axis along which the head is above the feet
 _MOST = 0.5  # of the frames, for the axis that the format suggests
 _NEARLY_ALL = 0.9  # of the frames, for another axis
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 _FORWARD = {"x": "y", "y": "z", "z": "x"}  # by the vertical axis: cyclic, which preserves handedness
-_LIMBS = {"thigh": ("hip", "knee"), "calf": ("knee", "ankle"), "upper_arm": ("shoulder", "elbow"),
-          "forearm": ("elbow", "wrist")}  # fmt: skip
 _HEIGHTS = (  # words in the names of joints and markers, from low to high; a fibula's head is at the knee
     ("ankle", "knee", "heel", "toe", "foot", "ank", "kne", "mal"), ("pelvis", "hip", "asi", "psi", "sacr", "waist"),
     ("shoulder", "neck", "head", "sho", "c7", "acr", "clav"),
@@ -66,20 +59,6 @@ def world_axes(up: str, forward: str | None = None) -> Axes:
     z, x = (np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0) for axis in (up, forward))
     matrix = np.stack([x, np.cross(z, x), z])
     return Axes(np.abs(matrix).argmax(axis=1), matrix.sum(axis=1))
-
-
-def stature(joints: Mapping[str, FloatArray]) -> float | None:
-    """Return a person's height by the lengths of the limbs, in the unit of the joints' positions (F, 3); None without
-    any limb. Each limb implies a height by an average person's proportions; their median is returned."""
-    average, heights = from_height(1.0), []
-    for side in ("left", "right"):
-        for limb, ends in _LIMBS.items():
-            upper, lower = (joints.get(f"{side}_{end}") for end in ends)
-            if upper is not None and lower is not None:
-                lengths = np.linalg.norm(upper - lower, axis=-1)
-                if np.isfinite(lengths).any():
-                    heights.append(np.nanmedian(lengths) / getattr(average, limb))
-    return float(np.median(heights)) if heights else None
 
 
 def upward(points: Mapping[str, FloatArray]) -> FloatArray | None:
@@ -125,16 +104,15 @@ def metres_per_unit(place: object, size: float | None, header: str | float, give
     if size is None:
         log.info("%s: no limb whose length shows the unit; read as %s", place, name or "m")
         return usual or 1.0
-    if usual is not None and STATURE_M[0] <= size * usual <= STATURE_M[1]:
+    if usual is not None and is_person(size * usual):
         log.info("%s: read in %s, in which the person is %.2f m tall", place, name, size * usual)
         return usual
-    plausible = {unit: m for unit, m in UNITS.items() if STATURE_M[0] <= size * m <= STATURE_M[1]}
-    if not plausible:
+    unit = unit_of_person(size)
+    if unit is None:
         raise InputError(
-            f"{place}: expected a person of {STATURE_M[0]} to {STATURE_M[1]} m, found a body height of {size:.3g} units"
+            f"{place}: expected a person of {PERSON_M[0]} to {PERSON_M[1]} m, found a body height of {size:.3g} units"
             f"{f' of {name}' if name else ''}; give the unit (the key unit or truth_unit): one of {', '.join(UNITS)}"
         )
-    unit = min(plausible, key=lambda unit: abs(np.log(size * UNITS[unit] / _TYPICAL_M)))
     message = "%s: read in %s, in which the person is %.2f m tall"
     arguments = [place, unit, size * UNITS[unit]]
     if name:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from workbench.body.camera import Camera
+from workbench.cameras.camera import Camera
 from workbench.core.frame import Truth
 from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows

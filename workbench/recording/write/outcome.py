@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from workbench.evaluation.finding import LEVELS
+from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.evaluation.run_measurements import RunMeasurements, stance
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
 from workbench.evaluation.verdict import Verdict
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray
+from workbench.utils.finding import LEVELS
 
 VERDICT, STATE, REPROJECTION_ERRORS = "verdict", "state", "reprojection_error_px"
 _GREEN, _RED, _GREY, _BLUE, _AMBER = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190), (215, 150, 40)

@@ -13,12 +13,12 @@ import numpy as np
 import rerun as rr
 
 from workbench.body.angles import flexions
-from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
+from workbench.cameras.camera import Camera
 from workbench.core.frame import Frame, true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace

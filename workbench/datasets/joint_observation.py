@@ -3,9 +3,9 @@
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
-from workbench.evaluation.observed_joints import ObservedJoints
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from workbench.body.camera import TO_LEVEL, Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import JointAnnotations
-from workbench.utils.arrays import FloatArray
+from workbench.cameras.camera import TO_LEVEL, Camera
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 _MIN_SEGMENTS, _MAX_SEGMENTS = 3, 60
@@ -82,19 +81,30 @@ class HeightCalibration:
         return float(np.sqrt(2.0 * np.mean(self.errors_px**2)))
 
 
-def head_foot_segments(annotations: JointAnnotations) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
+def head_foot_segments(
+    frames: IntArray, pixels: FloatArray, source: str
+) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
     """Return frames, feet (the mean of both ankles) and heads, (F, 2), px, of frames with all of these joints.
 
-    Raises InputError for fewer than _MIN_SEGMENTS.
+    Parameters
+    ----------
+    frames : (T,) their numbers.
+    pixels : (T, J, 2) of the joints, px; NaN where unknown.
+    source : of the joints, for messages.
+
+    Raises
+    ------
+    InputError
+        For fewer than _MIN_SEGMENTS frames.
     """
     ankles = [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")]
-    feet, heads = annotations.pixels[:, ankles].mean(axis=1), annotations.pixels[:, JOINT_NAMES.index("head_centre")]
+    feet, heads = pixels[:, ankles].mean(axis=1), pixels[:, JOINT_NAMES.index("head_centre")]
     rows = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
     if len(rows) < _MIN_SEGMENTS:
         expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
-        raise InputError(f"{annotations.source}: expected {expected}, found {len(rows)}")
+        raise InputError(f"{source}: expected {expected}, found {len(rows)}")
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))]
-    return tuple(annotations.frames[rows].tolist()), feet[rows], heads[rows]
+    return tuple(frames[rows].tolist()), feet[rows], heads[rows]
 
 
 def calibrate_by_height(

@@ -4,10 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workbench.body.camera import Camera
-from workbench.evaluation.multiview_consistency import height_px
+from workbench.cameras.camera import Camera
+from workbench.cameras.image_height import height_px
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
+MIN_WEIGHT = 0.3
+"""Detected joints of lower confidence are ignored."""
 _MIN_JOINTS = 4
 """Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
 _LONG_GAP_S = 0.5
@@ -44,8 +46,7 @@ class ObservedJoints:
     @property
     def heights_px(self) -> FloatArray:
         """Heights (F, V) of the person in the images, 0 for fewer than two joints."""
-        heights = [[height_px(joints) for joints in frames] for frames in self.pixels()]
-        return np.array(heights, np.float64).reshape(self.keypoints.shape[:2]).T
+        return height_px(self.pixels()).T
 
     @property
     def shows_person(self) -> BoolArray:

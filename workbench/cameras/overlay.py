@@ -6,10 +6,11 @@ from itertools import pairwise, product
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.recording.write import styles
+from workbench.cameras.camera import Camera
 from workbench.utils.arrays import ByteArray, FloatArray
+
+Colour = tuple[int, int, int]
 
 AXES = {"x": (230, 60, 60), "y": (60, 200, 80), "z": (80, 140, 255)}
 _GRID, LEFT, RIGHT = (235, 235, 235), (90, 220, 255), (255, 120, 200)
@@ -21,8 +22,9 @@ _CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "cr
 
 
 def draw_overlay(
-    camera: Camera, image: ByteArray, keypoints: FloatArray, joints: FloatArray, floor_m: float
-) -> ByteArray:
+    camera: Camera, image: ByteArray, keypoints: FloatArray, joints: FloatArray, floor_m: float,
+    joint_colour: Colour, keypoint_colour: Colour,
+) -> ByteArray:  # fmt: skip
     """Return an image (height, width, 3), RGB, with floor, world axes, vertical, keypoints and joints.
 
     Parameters
@@ -31,6 +33,7 @@ def draw_overlay(
     keypoints : (J, 3), [u px, v px, weight], drawn as circles coloured by side
     joints : (J, 3), m, drawn as crosses
     floor_m : height of the floor, drawn in tiles of 1 m
+    joint_colour, keypoint_colour : (3,) RGB, 0–255; the latter of keypoints of neither side
     """
     canvas = np.array(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB), np.uint8)
     thickness = max(1, round(max(canvas.shape) / 900))
@@ -53,11 +56,11 @@ def draw_overlay(
             _write(canvas, name, _rounded(pixels[1] + 8 * thickness), 2 * thickness, colour)
     for pixel in _visible_pixels(camera, joints):
         if np.isfinite(pixel).all():
-            style = styles.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
+            style = joint_colour, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
             cv2.drawMarker(canvas, _rounded(pixel), *style)
     for name, keypoint in zip(JOINT_NAMES, keypoints, strict=True):
         if np.isfinite(keypoint[0]):
-            colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else styles.KEYPOINT
+            colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else keypoint_colour
             cv2.circle(canvas, _rounded(keypoint), 4 * thickness, colour, thickness, cv2.LINE_AA)
     for row, text in enumerate(_CAPTION):
         _write(

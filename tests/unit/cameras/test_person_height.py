@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from observed_walkers import HEIGHT_M
 
-from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import JointAnnotations
-from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
+from workbench.cameras.camera import plain_camera
+from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)
@@ -92,12 +91,12 @@ def annotations(frames, joints):
     pixels = np.full((frames, len(JOINT_NAMES), 2), np.nan)
     for name, pixel in joints.items():
         pixels[:, JOINT_NAMES.index(name)] = pixel
-    return JointAnnotations("annotations.csv", np.arange(frames), pixels, np.isfinite(pixels[..., 0]))
+    return np.arange(frames), pixels, "annotations.csv"
 
 
 def test_a_segment_connects_the_midpoint_of_the_ankles_and_the_head():
     frames, feet, heads = head_foot_segments(
-        annotations(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
+        *annotations(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
     )
     assert frames == (0, 1, 2)
     np.testing.assert_array_equal(feet[0], [15, 91])
@@ -106,7 +105,7 @@ def test_a_segment_connects_the_midpoint_of_the_ankles_and_the_head():
 
 def test_invalid_input_is_an_error():
     with pytest.raises(InputError, match="found 0"):
-        head_foot_segments(annotations(5, {"left_ankle": (10, 90)}))
+        head_foot_segments(*annotations(5, {"left_ankle": (10, 90)}))
     with pytest.raises(InputError, match=r"0.5 to 2.5 m"):
         Measurements(165.0)
     with pytest.raises(InputError, match="positive distance"):

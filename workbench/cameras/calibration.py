@@ -10,26 +10,24 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from workbench.body.camera import Camera, load_cameras, nearest_points
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.motion.formats import units_axes
-from workbench.motion.formats.openpose import People
-from workbench.motion.formats.units_axes import stature
+from workbench.body.stature import stature
+from workbench.body.units import TYPICAL_M, UNIT_NAMES, UNITS, unit_of_extent, unit_of_person
+from workbench.cameras.camera import Camera
+from workbench.cameras.camera_file import load_cameras
+from workbench.cameras.triangulation import triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-UNITS: Mapping[str, float] = {name: units_axes.UNITS[name] for name in ("m", "cm", "mm")}
+_UNITS = ("m", "cm", "mm")
 AXES: Mapping[str, FloatArray] = {
     f"{sign}{axis}": factor * np.eye(3)[k] for k, axis in enumerate("xyz") for sign, factor in (("", 1.0), ("-", -1.0))
 }
-_LARGEST_M = 60.0
-"""Largest plausible distance between cameras: a sports field."""
-_SMALLEST_M = 3.0
-"""A distance that is larger in millimetres than any in centimetres up to 30 m."""
-_HEIGHTS_M = (0.7, 2.4)
-"""Heights of people, from small children."""
+_DISTANCES = {"m": (0.0, 60.0), "mm": (3000.0, np.inf)}
+"""Distances between cameras by their unit: up to a sports field in metres, and in millimetres from what in centimetres
+is more than 30 m."""
 _MAX_RAY_DISTANCE = 0.05
 """Largest median distance of the rays to a joint, over the height, of detections of one person."""
 _MAX_ASPECT_CHANGE = 0.01
@@ -91,48 +89,47 @@ def unit_factor(cameras: Sequence[Camera], unit: str | float | None, source: str
     Raises InputError for an unknown unit, and for distances that may be centimetres as well as millimetres.
     """
     if unit is not None:
-        factor = UNITS.get(unit) if isinstance(unit, str) else float(unit)
+        factor = (UNITS[unit] if unit in _UNITS else None) if isinstance(unit, str) else float(unit)
         if factor is None or not 0.0 < factor < np.inf:
             raise InputError(f"dataset.unit: expected m, cm, mm or a number of metres, found {unit!r}")
         return factor
     distance = _distance(cameras)
-    if distance <= _LARGEST_M:
-        return 1.0
-    if distance < _SMALLEST_M / UNITS["mm"]:
+    name = unit_of_extent(distance, _DISTANCES)
+    if name is None:
         raise InputError(f"{source}: cameras are {distance:.4g} units apart, no metres; set dataset.unit=cm or mm")
-    log.warning("%s: cameras are %.4g units apart, which are taken for millimetres (dataset.unit)", source, distance)
-    return UNITS["mm"]
+    if name != "m":
+        named = UNIT_NAMES[name]
+        log.warning("%s: cameras are %.4g units apart, which are taken for %s (dataset.unit)", source, distance, named)
+    return UNITS[name]
 
 
-def unit_of_people(cameras: Mapping[str, Camera], people: Mapping[str, People], source: str) -> float | None:
-    """Return the metres of a calibration's unit in which the most prominent person has a plausible height.
+def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -> float | None:
+    """Return the metres of a calibration's unit in which a person has a plausible height.
 
-    None where no limb is measured by rays that meet. Raises InputError where no unit of UNITS is plausible.
+    pixels: (V, T, J, 2), px, of the person in all cameras; NaN where unknown. None where no limb is measured by rays
+    that meet. Raises InputError where neither m, cm nor mm is plausible.
     """
-    height = triangulated_height(cameras, people)
+    height = triangulated_height(cameras, pixels)
     if not np.isfinite(height):
         return None
-    for name, factor in UNITS.items():
-        if _HEIGHTS_M[0] <= height * factor <= _HEIGHTS_M[1]:
-            if name != "m":
-                log.warning("%s: lengths are taken for %s: a person is %.3g tall (dataset.unit)", source, name, height)
-            return factor
-    raise InputError(
-        f"{source}: a person is {height:.3g} units tall, neither m, cm nor mm; set dataset.unit to its metres, "
-        f"{1.7 / height:.2g} for a person of 1.7 m"
-    )
+    name = unit_of_person(height, _UNITS)
+    if name is None:
+        raise InputError(
+            f"{source}: a person is {height:.3g} units tall, neither m, cm nor mm; set dataset.unit to its metres, "
+            f"{TYPICAL_M / height:.2g} for a person of {TYPICAL_M} m"
+        )
+    if name != "m":
+        log.warning("%s: lengths are taken for %s: a person is %.3g tall (dataset.unit)", source, name, height)
+    return UNITS[name]
 
 
-def triangulated_height(cameras: Mapping[str, Camera], people: Mapping[str, People]) -> float:
-    """Return the median height, in the cameras' unit, of the person most prominent in each view; NaN where the rays of
-    different cameras do not meet."""
-    frames = np.unique(np.concatenate([each.frames for each in people.values()]))
-    origins = np.stack([cameras[name].position for name in people])
-    rays = np.stack([
-        cameras[name].directions(cameras[name].undistorted(_prominent(each, frames))) for name, each in people.items()
-    ])  # fmt: skip
-    points = nearest_points(rays, origins)
-    offsets = points - origins[:, None, None]
+def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray) -> float:
+    """Return the median height, in the cameras' unit, of a person with joints at pixels (V, T, J, 2); NaN where the
+    rays of different cameras do not meet."""
+    places = undistorted(cameras, pixels)
+    points = triangulate_normalized(cameras, places)
+    rays = np.stack([camera.directions(one) for camera, one in zip(cameras, places, strict=True)])
+    offsets = points - np.stack([camera.position for camera in cameras])[:, None, None]
     distances = np.linalg.norm(np.cross(offsets, rays), axis=-1)
     height = stature({name: points[:, k] for k, name in enumerate(JOINT_NAMES)})
     if height is None or not np.isfinite(distances).any():
@@ -190,14 +187,3 @@ def _distance(cameras: Iterable[Camera]) -> float:
     positions = [camera.position for camera in cameras]
     pairs = list(combinations(positions, 2)) or [(positions[0], np.zeros(3))]
     return float(np.median([np.linalg.norm(a - b) for a, b in pairs]))
-
-
-def _prominent(people: People, frames: np.ndarray) -> FloatArray:
-    """Return the pixels (T, J, 2) of the largest person by confidence in frames (T,), NaN without one."""
-    pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
-    for frame, joints in zip(people.frames, people.joints, strict=True):
-        if len(joints):
-            heights = np.fmax.reduce(joints[..., 1], axis=1) - np.fmin.reduce(joints[..., 1], axis=1)
-            prominence = np.nan_to_num(np.nansum(joints[..., 2], axis=1) * heights)
-            pixels[np.searchsorted(frames, frame)] = joints[int(np.argmax(prominence)), :, :2]
-    return pixels

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from observed_walkers import HEIGHT_M, camera_arc, observed_joints, walker_joints
 
-from workbench.body.camera import plain_camera
-from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
-from workbench.evaluation.calibration_findings import check_calibration, stand_upright, triangulate
+from workbench.cameras.calibration_findings import check_calibration, stand_upright
+from workbench.cameras.camera import plain_camera
+from workbench.cameras.observed_joints import MIN_WEIGHT
+from workbench.cameras.overlay import AXES, LEFT, draw_overlay
+from workbench.cameras.triangulation import triangulate
+
+COLOURS = (255, 159, 28), (120, 255, 130)
+"""Of joints and of keypoints."""
 
 
 def tilted_world(camera, degrees):
@@ -26,9 +31,9 @@ def problems(observed, height_m=HEIGHT_M):
 def test_exact_keypoints_are_triangulated_to_the_joints_under_lens_distortion():
     cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in camera_arc())
     observed = observed_joints(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulate(cameras, observed.keypoints), walker_joints(), atol=1e-5)
+    np.testing.assert_allclose(triangulate(cameras, observed.pixels(MIN_WEIGHT)), walker_joints(), atol=1e-5)
     observed.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
-    assert np.isnan(triangulate(cameras, observed.keypoints)[0, 3]).all()
+    assert np.isnan(triangulate(cameras, observed.pixels(MIN_WEIGHT))[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -104,7 +109,9 @@ def test_the_position_of_an_upright_person_is_exact():
 def test_axes_and_keypoints_are_drawn_at_their_projections():
     camera = camera_arc(3)[0]  # a side view, in which no axis hides another
     observed = observed_joints([camera], sigma_px=0.0)
-    overlay = draw_overlay(camera, observed.images[0], observed.keypoints[0, 0], np.full((15, 3), np.nan), 0.0)
+    overlay = draw_overlay(
+        camera, observed.images[0], observed.keypoints[0, 0], np.full((15, 3), np.nan), 0.0, *COLOURS
+    )
     assert overlay.shape == (960, 1280, 3)
     for end, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
         u, v = np.round(camera.project(end)).astype(int)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from workbench.body.camera import load_cameras, load_lenses
+from workbench.cameras.camera_file import load_cameras, load_lenses
 from workbench.utils.errors import InputError
 
 MATRIX = np.array([[500.0, 0.0, 322.5], [0.0, 510.0, 238.25], [0.0, 0.0, 1.0]])

@@ -5,15 +5,14 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.body.camera import Camera, ray_distances
-from workbench.evaluation.finding import NOT_USABLE, Finding
-from workbench.evaluation.multiview_consistency import triangulate_rays
-from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, track_events
+from workbench.body.shape import FOREARM_OVER_HEIGHT
+from workbench.cameras.camera import Camera
+from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.triangulation import ray_distances, triangulate
 from workbench.utils.arrays import FloatArray
+from workbench.utils.crossings import crossings
+from workbench.utils.finding import NOT_USABLE, Finding
 
-MIN_WEIGHT = 0.3
-"""Detected joints of lower confidence are ignored."""
 _MAX_SHIFT_S = 0.5
 _MAX_FRAMES = 120
 """Evenly spaced frames in which rays are compared."""
@@ -106,11 +105,11 @@ def _since(observed: ObservedJoints, skip_first: bool) -> Iterator[Finding]:
     """Yield the pairs of cameras that contradict each other, with the frame from which on they do."""
     texts = []
     for (first, second), separation in pair_separations(observed).items():
-        events = track_events(separation.tolist(), [FOREARM_OVER_HEIGHT] * len(separation))
-        if not events or (skip_first and events[0].frame == 0):
+        frames = crossings(separation, np.full(len(separation), FOREARM_OVER_HEIGHT))
+        if not frames or (skip_first and frames[0] == 0):
             continue
-        since = f" from {observed.times_s[events[0].frame]:.2f} s on" if events[0].frame > 0 else ""
-        by = f"by {np.nanmedian(separation[events[0].frame :]):.0%} of the person's height{since}"
+        since = f" from {observed.times_s[frames[0]]:.2f} s on" if frames[0] > 0 else ""
+        by = f"by {np.nanmedian(separation[frames[0] :]):.0%} of the person's height{since}"
         texts.append(f"rays of {first} and {second} miss each other {by}")
     if texts:
         more = [f"and {len(texts) - 2} more pairs"] if len(texts) > 2 else []
@@ -126,13 +125,12 @@ def pair_separations(observed: ObservedJoints) -> dict[tuple[str, str], FloatArr
     pixels, heights = observed.pixels(MIN_WEIGHT), observed.heights_px.T
     separations = {}
     for a, b in combinations(range(len(observed.cameras)), 2):
-        pair = [(observed.cameras[v], pixels[v].reshape(-1, 2)) for v in (a, b)]
-        points = triangulate_rays(pair)
+        points = triangulate([observed.cameras[v] for v in (a, b)], pixels[[a, b]])
         residuals = [
-            np.linalg.norm(camera.project(points) - each, axis=1).reshape(pixels.shape[1:3]) / _positive(heights[v])
-            for (camera, each), v in zip(pair, (a, b), strict=True)
+            np.linalg.norm(observed.cameras[v].project(points) - pixels[v], axis=-1) / _positive(heights[v])
+            for v in (a, b)
         ]
-        valid = np.isfinite(points[:, 0]).reshape(pixels.shape[1:3]) & np.isfinite(_positive(heights[[a, b]])).all(0)
+        valid = np.isfinite(points[..., 0]) & np.isfinite(_positive(heights[[a, b]])).all(0)
         mean = np.where(valid, np.nan_to_num(np.mean(residuals, axis=0), nan=1.0), np.nan)
         series = [np.nanmedian(row) if np.isfinite(row).any() else np.nan for row in mean]
         if np.isfinite(series).any():

@@ -5,14 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.body.camera import Camera
-from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT, from_height
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.evaluation.camera_agreement import MIN_WEIGHT, camera_findings
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
-from workbench.evaluation.multiview_consistency import height_px, limb_lengths, triangulate_rays
-from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.body.stature import limb_lengths, usual_height
+from workbench.body.units import TYPICAL_M, UNIT_NAMES, unit_of_person
+from workbench.cameras.camera import Camera
+from workbench.cameras.camera_agreement import camera_findings
+from workbench.cameras.image_height import height_px
+from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.triangulation import triangulate
 from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
 
 _MAX_ERROR = 0.035
 """Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
@@ -45,7 +48,6 @@ _MAX_CLEARANCE = 0.1
 """Height of a walk's swinging ankle above the standing one, over the person's height."""
 _MIN_WALK_M = 1.0
 """Distance over which feet determine the slope of the floor."""
-_UNITS = {1000.0: "millimetres", 100.0: "centimetres"}
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -113,7 +115,7 @@ def lens_findings(camera: Camera) -> list[Finding]:
 
 def _check_several(observed: ObservedJoints, height_m: float | None) -> CalibrationCheck:
     """Check several cameras by triangulated joints."""
-    joints = triangulate(observed.cameras, observed.keypoints)
+    joints = triangulate(observed.cameras, observed.pixels(MIN_WEIGHT))
     if not np.isfinite(joints).any():
         text = "no joint is annotated or detected by two cameras in one frame, so that their agreement is unknown"
         return CalibrationCheck((Finding("inconsistent cameras", text),), joints)
@@ -175,14 +177,6 @@ def _floor(floor_m: float, cameras: Sequence[Camera], subject: str) -> Finding:
     return Finding("ground contact", f"{text}, {abs(floor_m):.2f} m {where} the calibration's floor z = 0")
 
 
-def triangulate(cameras: Sequence[Camera], keypoints: FloatArray) -> FloatArray:
-    """Return points (F, J, 3), m, nearest to the rays of keypoints (V, F, J, 3), [u, v, weight]; NaN for
-    fewer than two."""
-    pixels = np.where(np.nan_to_num(keypoints[..., 2:]) >= MIN_WEIGHT, keypoints[..., :2], np.nan)
-    points = triangulate_rays([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
-    return points.reshape(*keypoints.shape[1:3], 3)
-
-
 def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Finding:
     """Compare a camera's keypoints with the joints from all cameras, and from the others if these are several."""
     camera, keypoints, kind = observed.cameras[v], observed.keypoints[v], "inconsistent cameras"
@@ -197,10 +191,10 @@ def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Findi
         return Finding(kind, f"{camera.name}: no joint is also detected in another camera", NOTE)
     text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
     if len(others) > 1:
-        from_others = triangulate([observed.cameras[k] for k in others], observed.keypoints[others])
+        from_others = triangulate([observed.cameras[k] for k in others], observed.pixels(MIN_WEIGHT)[others])
         text += f", {_px(_error_px(camera, keypoints, from_others))} from those of the others"
-    heights = [height_px(frame[:, :2]) for frame in keypoints]
-    tall = float(np.median([height for height in heights if height > 0.0] or [np.nan]))
+    heights = height_px(keypoints[..., :2])
+    tall = float(np.median(heights[heights > 0.0])) if (heights > 0.0).any() else float("nan")
     text += f", and the person is {_px(tall)} tall"
     limits = {TRUSTWORTHY: _MAX_ERROR * tall, DOUBTFUL: _WRONG_ERROR * tall}
     return Finding(kind, text, next((level for level, limit in limits.items() if error <= limit), NOT_USABLE))
@@ -238,18 +232,11 @@ def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
     return Finding("height mismatch", f"{text}, expected {height_m:.2f} m", level)
 
 
-def usual_height(lengths: Mapping[str, float]) -> float:
-    """Return the height, m, of an average person with limbs (m, by name) as long, the mean over their logarithms."""
-    unit = from_height(1.0)
-    return float(np.exp(np.mean([np.log(length / getattr(unit, limb)) for limb, length in lengths.items()])))
-
-
 def unit_of(ratio: float) -> str | None:
-    """Return the unit in which a length that is `ratio` times the expected one is given instead of metres, or None.
-
-    A person's height differs from the average by less than a factor of 1.5.
-    """
-    return next((unit for factor, unit in _UNITS.items() if abs(np.log(ratio / factor)) < np.log(1.5)), None)
+    """Return the name of the unit in which a length that is `ratio` times the expected one is given instead of metres,
+    or None: the one in which a typical person of that length is of a plausible size."""
+    unit = unit_of_person(ratio * TYPICAL_M, UNIT_NAMES)
+    return None if unit is None else UNIT_NAMES[unit]
 
 
 def _check_single(observed: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:

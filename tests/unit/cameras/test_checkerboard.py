@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from rendered_boards import COLUMNS, ROWS, SQUARE_M, board_poses, lens, rendered
 
-from workbench.body.camera import load_cameras
-from workbench.camera_calibration.camera_file import write_cameras
-from workbench.camera_calibration.checkerboard import (
+from workbench.cameras.camera_file import load_cameras, write_cameras
+from workbench.cameras.checkerboard import (
     TO_CHECKERBOARD,
     Checkerboard,
     CheckerboardDetections,
@@ -155,5 +154,7 @@ def test_invalid_input_is_an_error(tmp_path):
         pose_cameras([lens(), second()], [detections[0], CheckerboardDetections("", (640, 480), 1, {})], BOARD)
     with pytest.raises(InputError, match="image 77 of at least one camera"):
         place_on_floor([lens()], detections[:1], BOARD, 77)
-    with pytest.raises(InputError, match="no such video"):
-        find_checkerboards(tmp_path / "none.mp4", BOARD)
+    with pytest.raises(InputError, match="empty: expected images"):
+        find_checkerboards("empty", [], 0, BOARD)
+    with pytest.raises(InputError, match="image 1 has another size than the first, 8×6 px"):
+        find_checkerboards("two", [np.zeros((6, 8, 3), np.uint8), np.zeros((6, 9, 3), np.uint8)], 2, BOARD)

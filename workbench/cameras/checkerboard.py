@@ -1,6 +1,6 @@
 """Calibration of cameras by images of a checkerboard, with OpenCV (Zhang 2000)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.camera import TO_LEVEL, Camera
-from workbench.datasets.files.decode import count_frames, decode
+from workbench.cameras.camera import TO_LEVEL, Camera
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 
@@ -77,15 +76,24 @@ class Lens:
         return float(np.sqrt(np.mean(np.square(list(self.errors_px.values())))))
 
 
-def find_checkerboards(source: Path, board: Checkerboard, extra_image: int | None = None) -> CheckerboardDetections:
-    """Search up to _MAX_IMAGES evenly spaced images of a video or folder, and number `extra_image`, for a checkerboard.
+def find_checkerboards(
+    source: str, images: Iterable[ByteArray], n: int, board: Checkerboard, extra_image: int | None = None
+) -> CheckerboardDetections:
+    """Search up to _MAX_IMAGES evenly spaced ones of n images, and number `extra_image`, for a checkerboard.
 
-    Raises InputError for a source that cannot be read, and images of different sizes.
+    Parameters
+    ----------
+    source : of the images, for messages.
+    images : n RGB images, (height, width, 3).
+
+    Raises
+    ------
+    InputError
+        For no images, and for images of different sizes.
     """
-    n = count_frames(source)
     searched = set(np.linspace(0, n - 1, min(n, _MAX_IMAGES)).round().astype(int).tolist()) | {extra_image} - {None}
     size, corners = None, {}
-    for number, image in tqdm(enumerate(decode(source)), f"searching {source.name}", n, unit="image", disable=None):
+    for number, image in tqdm(enumerate(images), f"searching {Path(source).name}", n, unit="image", disable=None):
         size = size or (image.shape[1], image.shape[0])
         if image.shape[1::-1] != size:
             raise InputError(f"{source}: image {number} has another size than the first, {size[0]}×{size[1]} px")
@@ -93,7 +101,7 @@ def find_checkerboards(source: Path, board: Checkerboard, extra_image: int | Non
             corners[number] = pixels
     if size is None:
         raise InputError(f"{source}: expected images, found none that can be decoded")
-    return CheckerboardDetections(str(source), size, len(searched), corners)
+    return CheckerboardDetections(source, size, len(searched), corners)
 
 
 def find_corners(image: ByteArray, board: Checkerboard) -> FloatArray | None:

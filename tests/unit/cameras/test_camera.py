@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from workbench.body.camera import Camera, load_cameras, plain_camera, ray_distances
+from workbench.cameras.camera import Camera, plain_camera
+from workbench.cameras.camera_file import load_cameras
+from workbench.cameras.triangulation import ray_distances
 from workbench.utils.errors import InputError
 
 GOOD = """

@@ -1,0 +1,98 @@
+"""The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from workbench.body.shape import Triple
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+
+TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""From a world with x ahead and z up to a level camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
+    p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t."""
+
+    name: str
+    width: int
+    height: int
+    matrix: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+    distortion: FloatArray
+
+    @property
+    def position(self) -> FloatArray:
+        """The camera's centre in the world, (3,) m."""
+        return -self.rotation.T @ self.translation
+
+    @cached_property
+    def row(self) -> FloatArray:
+        """The camera's parameters for kernels, (23,): rotation, translation, focal lengths and centre, px, distortion,
+        width, height."""
+        size = [float(self.width), float(self.height)]
+        focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
+        return np.concatenate([self.rotation.ravel(), self.translation, focal, centre, self.distortion, size])
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """Return world points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
+        return points @ self.rotation.T + self.translation
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Return pixels (..., 2) of world points (..., 3), (0, 0) being the centre of the top left one; NaN behind the
+        camera's plane."""
+        return self.pixels(self.to_camera(points), 1e-6)
+
+    def pixels(self, camera_points: FloatArray, min_depth: float) -> FloatArray:
+        """Return pixels (..., 2) of points (..., 3) in the camera's frame, with OpenCV's radial and tangential
+        distortion; NaN up to a depth, m."""
+        depth = np.where(camera_points[..., 2] > min_depth, camera_points[..., 2], np.nan)
+        (k1, k2, p1, p2, k3), x, y = self.distortion, camera_points[..., 0] / depth, camera_points[..., 1] / depth
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        distorted_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        distorted_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.stack([distorted_x, distorted_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
+
+    def undistorted(self, pixels: FloatArray) -> FloatArray:
+        """Return x/z, y/z (..., 2) in the camera's frame of pixels (..., 2); NaN at NaN."""
+        normalized, finite = np.full(pixels.shape, np.nan), np.asarray(np.isfinite(pixels).all(axis=-1), bool)
+        if finite.any():
+            finite_pixels = np.ascontiguousarray(pixels[finite][:, None])
+            normalized[finite] = cv2.undistortPoints(finite_pixels, self.matrix, self.distortion)[:, 0]
+        return normalized
+
+    def directions(self, normalized: FloatArray) -> FloatArray:
+        """Return unit directions (..., 3) in the world of the rays through x/z, y/z (..., 2)."""
+        directions = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ self.rotation
+        return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+    def scaled(self, factor: float) -> "Camera":
+        """Return the camera of the image resized by `factor` (pixel centres stay aligned, as in cv2.resize)."""
+        matrix = self.matrix.copy()
+        matrix[:2, :2] *= factor
+        matrix[:2, 2] = (self.matrix[:2, 2] + 0.5) * factor - 0.5
+        width, height = round(self.width * factor), round(self.height * factor)
+        return replace(self, width=width, height=height, matrix=matrix)
+
+
+def plain_camera(
+    width: int, height: int, focal_px: float, position: Triple, look_at: Triple, name: str = "camera"
+) -> Camera:
+    """Return an undistorted camera at `position`, directed at the point `look_at`, both in the world (m), with z up;
+    raises InputError if these coincide or are one above the other."""
+    forward = np.subtract(look_at, position).astype(np.float64)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-9:
+        raise InputError(f"camera: position {tuple(position)} is at, above or below look_at {tuple(look_at)}")
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    translation = -rotation @ np.asarray(position, dtype=np.float64)
+    return Camera(name, width, height, matrix, rotation, translation, np.zeros(5))

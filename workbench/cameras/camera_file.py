@@ -1,0 +1,163 @@
+"""Camera files: reading in the forms of several programs, and writing in the TOML form of Pose2Sim and Sports2D."""
+
+import json
+import logging
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from workbench.cameras.camera import Camera
+from workbench.cameras.camera_formats import SUFFIXES, camera_tables
+from workbench.cameras.distortion import five_coefficients
+from workbench.utils.arrays import FloatArray
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, check_places, parse_toml
+
+log = logging.getLogger(__name__)
+
+_N_COEFFICIENTS = (4, 5, 8, 12, 14)
+"""Numbers of coefficients of OpenCV's lens models."""
+_MAX_LENS_ERROR_PX = 3.0
+"""Largest error of a lens, of the order of a detector's noise."""
+
+
+def load_cameras(path: str | Path) -> tuple[Camera, ...]:
+    """Read the cameras of a file in TOML, OpenCV's YAML, XML and JSON, or ROS' camera_info, in the order of the file.
+
+    Each camera has size [w, h], matrix, distortions (4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or matrix)
+    and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D, Anipose) it is
+    a table with these keys, for the other forms see `camera_tables`. Raises InputError if the file is missing, has
+    another form, or a camera is incomplete.
+    """
+    tables = _tables(Path(path))
+    for key, table in tables.items():
+        if not _has_pose(table):
+            raise InputError(
+                f"{path}: camera [{key}] has no rotation and translation in the world, which the dataset video "
+                "determines from a person's height; add them for other datasets, see workbench calibrate"
+            )
+    return tuple(_camera(Path(path), key, table) for key, table in tables.items())
+
+
+def load_lenses(path: str | Path) -> tuple[Camera, ...]:
+    """Return the cameras of a file without poses, at the world's origin; () if one has a pose.
+
+    Raises InputError as `load_cameras` does.
+    """
+    tables = _tables(Path(path))
+    if any(map(_has_pose, tables.values())):
+        return ()
+    pose = {"rotation": [0.0, 0.0, 0.0], "translation": [0.0, 0.0, 0.0]}
+    return tuple(_camera(Path(path), key, {**table, **pose}) for key, table in tables.items())
+
+
+def _has_pose(table: Mapping[str, Any]) -> bool:
+    return not {"rotation", "translation"}.isdisjoint(table)
+
+
+def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
+    """Return the tables of the cameras in a file by name, at least one."""
+    if not path.exists():
+        raise InputError(f"{path}: no such camera file")
+    check_file(path, MAX_CONFIG)
+    try:
+        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if path.suffix.lower() in SUFFIXES:
+        return dict(camera_tables(path, text))
+    tables = parse_toml(path, text)
+    if isinstance(inner := tables.get("cameras"), dict):
+        tables = inner
+    cameras = {key: table for key, table in tables.items() if _is_camera(key, table)}
+    if not cameras:
+        raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
+    return cameras
+
+
+def _is_camera(key: str, table: object) -> bool:
+    """Return whether a table has some of a camera's own keys."""
+    return key != "metadata" and isinstance(table, dict) and not {"matrix", "distortions"}.isdisjoint(table)
+
+
+def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
+    def numbers(name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
+        try:
+            values = np.array(table[name], dtype=np.float64)
+        except KeyError:
+            raise InputError(f"{path}: camera [{key}] has no {name!r}; expected {expected} numbers") from None
+        except (TypeError, ValueError, OverflowError):
+            values = np.empty(0)
+        if values.shape not in shapes or not np.isfinite(values).all():
+            raise InputError(f"{path}: camera [{key}]: {name!r} must hold {expected} numbers, found {table[name]!r}")
+        return values
+
+    width, height = numbers("size", (2,))
+    if not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
+        raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
+    if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
+        raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
+    check_places(f"{path}: camera [{key}]", numbers("translation", (3,)))
+    turn = numbers("rotation", (3,), (3, 3))
+    rotation = cv2.Rodrigues(turn)[0].astype(np.float64) if turn.ndim == 1 else turn
+    coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
+    distortion = np.resize(np.append(coefficients, 0.0), 5)
+    if fisheye or coefficients[5:].any():
+        distortion, error_px = five_coefficients(
+            (int(width), int(height)), numbers("matrix", (3, 3)), coefficients, fisheye
+        )
+        if not error_px <= _MAX_LENS_ERROR_PX:
+            raise InputError(
+                f"{path}: camera [{key}]: its lens differs by {error_px:.2g} px from five coefficients; "
+                "undistort the images first, and set fisheye = false and distortions of 0"
+            )
+        log.warning("%s: camera [%s]: its lens is approximated by five coefficients to %.2g px", path, key, error_px)
+    return Camera(
+        name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
+        rotation=rotation, translation=numbers("translation", (3,)), distortion=distortion,
+    )  # fmt: skip
+
+
+def check_name(name: str) -> str:
+    """Return a camera's name; raises InputError for a name that is empty, reserved or no bare TOML key."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name) or name == "metadata":
+        raise InputError(f"{name!r}: expected a camera's name of letters, digits, _ and -, other than metadata")
+    return name
+
+
+def write_cameras(path: Path, cameras: Sequence[Camera], error_px: float, notes: Mapping[str, str]) -> None:
+    """Write cameras to a TOML file.
+
+    Parameters
+    ----------
+    error_px : mean reprojection error
+    notes : remarks by key, which readers ignore
+
+    Raises
+    ------
+    InputError
+        For a camera's name that is not allowed, and a file that cannot be written.
+    """
+    tables: dict[str, Mapping[str, object]] = {
+        check_name(camera.name): {
+            "name": camera.name, "size": [camera.width, camera.height], "matrix": camera.matrix.tolist(),
+            "distortions": camera.distortion.tolist(), "rotation": cv2.Rodrigues(camera.rotation)[0].ravel().tolist(),
+            "translation": camera.translation.tolist(), "fisheye": False,
+        } for camera in cameras
+    }  # fmt: skip
+    tables["metadata"] = {"adjusted": False, "error": round(error_px, 4), **notes}
+    # numbers, strings, lists and booleans of TOML are written as those of JSON
+    texts = [
+        f"[{name}]\n" + "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items())
+        for name, table in tables.items()
+    ]
+    with whole_file(path) as part:
+        part.write_text("\n".join(texts), encoding="utf-8")
