@@ -12,8 +12,8 @@ import pytest
 from workbench.body.camera import load_cameras
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
-from workbench.datasets.detection.model_file import MODELS
-from workbench.datasets.files.decode import decode
+from workbench.detections.detector.model_file import MODELS
+from workbench.utils.decode import decode
 
 N = 12
 """Frames of each clip."""

@@ -9,9 +9,9 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.detections import detector_view, triangulate_places
-from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
-from workbench.motion.formats.openpose import People
+from workbench.detections.association.detector_view import detector_view, triangulate_places
+from workbench.detections.association.keypoint_kalman import ARMS, LEGS, exchanged
+from workbench.detections.readers.people import People
 
 RATE_HZ = 30.0
 CAMERAS = {

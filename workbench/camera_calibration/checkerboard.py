@@ -10,8 +10,8 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.camera import TO_LEVEL, Camera
-from workbench.datasets.files.decode import count_frames, decode
 from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.decode import count_frames, decode
 from workbench.utils.errors import InputError
 
 _MAX_IMAGES = 60

@@ -11,8 +11,8 @@ import typer
 from workbench.camera_calibration import checkerboard
 from workbench.camera_calibration.camera_file import check_name, write_cameras
 from workbench.datasets import person_height
-from workbench.datasets.files.decode import decode
-from workbench.datasets.files.joint_annotations import read_annotations
+from workbench.detections.joint_annotations import read_annotations
+from workbench.utils.decode import decode
 from workbench.utils.errors import InputError
 
 _IMPRECISE = 0.02

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from workbench.body.camera import TO_LEVEL, Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import JointAnnotations
+from workbench.detections.joint_annotations import JointAnnotations
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

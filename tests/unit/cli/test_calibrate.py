@@ -12,7 +12,7 @@ from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
-from workbench.datasets.files.decode import decode
+from workbench.utils.decode import decode
 
 
 @pytest.fixture(scope="module")

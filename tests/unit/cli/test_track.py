@@ -13,8 +13,8 @@ from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.camera_file import write_cameras
 from workbench.cli.main import main
-from workbench.datasets.detection import detection_files
-from workbench.datasets.detection.landmark_network import PersonLandmarks, Region
+from workbench.detections.detector import detection_files
+from workbench.detections.detector.landmark_network import PersonLandmarks, Region
 from workbench.recording.read.reader import read
 
 

@@ -9,8 +9,8 @@ from observed_walkers import HEIGHT_M
 from workbench.body.camera import plain_camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.joint_annotations import JointAnnotations
 from workbench.datasets.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
+from workbench.detections.joint_annotations import JointAnnotations
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)

@@ -12,8 +12,8 @@ import numpy as np
 
 from workbench.body.camera import Camera, load_cameras, nearest_points
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.detections.readers.people import People
 from workbench.motion.formats import units_axes
-from workbench.motion.formats.openpose import People
 from workbench.motion.formats.units_axes import stature
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
