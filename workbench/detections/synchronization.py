@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
-from workbench.body.camera import Camera, ray_distances
+from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.time_offset import distance_curve
 from workbench.detections.readers.people import People
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.frame_times import FrameTimes
@@ -100,12 +102,13 @@ def estimated_offsets(
     shifts_s = np.asarray(np.arange(-n, n + 1) * step_s, dtype=np.float64)
     rays = {name: _rays(each, cameras[name]) for name, each in people.items()}
     clocks = {name: times[name].at(each.frames) for name, each in people.items()}
-    curves = {
-        (a, b): _distance_curve(
-            rays[a], rays[b], cameras[b].position - cameras[a].position, clocks[a], clocks[b], shifts_s
-        )
-        for a, b in combinations(people, 2)
-    }
+    curves = {}
+    for a, b in combinations(people, 2):
+        min_frames = _MIN_OVERLAP * min(len(clocks[a]), len(clocks[b]))
+        curves[a, b] = distance_curve(
+            rays[a][:, :, None], clocks[a], rays[b][:, None], clocks[b], cameras[b].position - cameras[a].position,
+            shifts_s, partial(_mean_of_closest, min_frames=min_frames),
+        )  # fmt: skip
 
     def cost(offsets: Mapping[str, int]) -> float:
         rows = {(a, b): offsets[b] - offsets[a] + n for a, b in curves}
@@ -142,25 +145,6 @@ def _vertex(cost: Callable[[Mapping[str, int]], float], offsets: Mapping[str, in
     return float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)) if 0.0 < curvature < np.inf else 0.0
 
 
-def _distance_curve(
-    rays_a: FloatArray, rays_b: FloatArray, baseline: FloatArray, a_s: FloatArray, b_s: FloatArray, shifts_s: FloatArray
-) -> FloatArray:
-    """Return the mean distances (S,), m, of the rays of two cameras, the second of which is later by shifts (S,).
-
-    NaN where less than half of the frames overlap. Of several people those whose rays are closest are paired. rays:
-    (T, n, J, 3) unit directions. a_s, b_s: times (T,).
-    """
-    curve = np.full(len(shifts_s), np.nan)
-    for s, shift_s in enumerate(shifts_s):
-        after = np.clip(np.searchsorted(b_s + shift_s, a_s), 1, len(b_s) - 1)
-        row = np.where(a_s - b_s[after - 1] - shift_s < b_s[after] + shift_s - a_s, after - 1, after)
-        near = np.abs(b_s[row] + shift_s - a_s) <= 0.51 * np.median(np.diff(b_s))
-        distances = _closest(rays_a[near], rays_b[row[near]], baseline)
-        if np.isfinite(distances).sum() >= _MIN_OVERLAP * min(len(a_s), len(b_s)):
-            curve[s] = np.nanmean(distances)
-    return curve
-
-
 def _rays(people: People, camera: Camera) -> FloatArray:
     """Return the unit directions (T, n, J, 3) of the rays to people's joints, NaN for fewer than n people."""
     n = max(1, *(len(joints) for joints in people.joints))
@@ -170,13 +154,14 @@ def _rays(people: People, camera: Camera) -> FloatArray:
     return camera.directions(camera.undistorted(pixels))
 
 
-def _closest(a: FloatArray, b: FloatArray, baseline: FloatArray) -> FloatArray:
-    """Return the mean distances (T,), m, of the rays to joints (T, n, J, 3) and (T, m, J, 3) of the closest people.
+def _mean_of_closest(distances: FloatArray, min_frames: float) -> float:
+    """Return the mean distance, m, of the rays to the joints of those people whose rays are closest, over all frames.
 
-    Rays without a distance, see `ray_distances`, are omitted.
+    distances: (T, n, m, J) between n and m people, NaN for none. NaN for fewer than min_frames with a distance.
     """
-    distance = np.minimum(ray_distances(a[:, :, None], b[:, None], baseline), _MAX_DISTANCE_M)
-    usable = np.isfinite(distance)
-    total, count = np.where(usable, distance, 0.0).sum(axis=-1), usable.sum(axis=-1)
+    capped = np.minimum(distances, _MAX_DISTANCE_M)
+    usable = np.isfinite(capped)
+    total, count = np.where(usable, capped, 0.0).sum(axis=-1), usable.sum(axis=-1)
     means = np.where(count > 0, total / np.maximum(count, 1), np.inf).min(axis=(1, 2))
-    return np.where(np.isfinite(means), means, np.nan)
+    means = np.where(np.isfinite(means), means, np.nan)
+    return float(np.nanmean(means)) if np.isfinite(means).sum() >= min_frames else np.nan
