@@ -17,7 +17,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
 WRITTEN = [page for page in PAGES if not {"_generated", "_tables"} & {*page.parts}]
 _FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
-GENERATED = ("options.md", "experiment_components.md", "deviations.md")
+GENERATED = ("options.md", "experiment_components.md", "deviations.md", "keypoint_layouts.md")
 
 
 def prose(page):

@@ -89,13 +89,14 @@ def _unsynchronized(observed: ObservedJoints, rays: FloatArray) -> Iterator[Find
     n_frames = len(times_s)
     reach = min(int(_MAX_SHIFT_S / step_s), n_frames // 3)
     rows = np.arange(reach, n_frames - reach)[_some(n_frames - 2 * reach)]
-    shifts = np.arange(-reach, reach + 1)  # frames by which the moved camera is later
+    shifts = np.arange(-reach, reach + 1)  # frames by which the camera's rays are later than the others'
+    shifts_s = np.asarray(-step_s * shifts, dtype=np.float64)
     by_camera: list[list[FloatArray]] = [[] for _ in cameras]
     for a, b in combinations(range(len(cameras)), 2):
         for v, other in ((a, b), (b, a)):
             baseline = cameras[v].position - cameras[other].position
             by_camera[v].append(distance_curve(
-                rays[other, rows], times_s[rows], rays[v], times_s, baseline, -step_s * shifts, _mean_distance
+                rays[other, rows], times_s[rows], rays[v], times_s, baseline, shifts_s, _mean_distance
             ))  # fmt: skip
     means = np.array([np.mean(each, axis=0) for each in by_camera])  # (V, S)
     if not np.isfinite(means[:, reach]).all():

@@ -101,7 +101,7 @@ def error_message(folder):
 
 
 def test_invalid_folders_are_rejected(tmp_path):
-    assert "expected a folder of OpenPose's JSON files" in error_message(tmp_path)
+    assert "expected a folder of a detector's JSON files" in error_message(tmp_path)
     joints = standing(300.0, 100.0)
     good = write(tmp_path / "good", {0: [points("COCO_17", joints)]})
     (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 30}]}))

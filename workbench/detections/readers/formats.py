@@ -46,10 +46,10 @@ PEOPLE_KEYS = ("people", "bodies")
 """Keys of the list of people of one image; the second one is AlphaPose's."""
 IMAGE_KEY = "image_id"
 """Key of a person's image, in a file that is a list of people, of AlphaPose and COCO."""
-PERSON_KEYS: Mapping[str, str] = {
-    "pose_keypoints": "",  # OpenPose's first version
-    "pose_keypoints_2d": "",  # OpenPose
-    "joints": "",  # AlphaPose in the form of CMU
+PERSON_KEYS: Mapping[str, str | None] = {
+    "pose_keypoints": None,  # OpenPose's first version
+    "pose_keypoints_2d": None,  # OpenPose
+    "joints": None,  # AlphaPose in the form of CMU
     "keypoints": "keypoint_scores",  # AlphaPose and COCO, or MMPose with scores of their own
 }
 """Keys of a person's coordinates, u, v, confidence of one point after the other; and the key of the confidences, if a

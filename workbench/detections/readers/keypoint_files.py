@@ -1,4 +1,4 @@
-"""Files of detected people: JSON in the forms of OpenPose and AlphaPose, and DeepLabCut's CSV files."""
+"""Files of detected people: JSON in the forms of `formats`, and DeepLabCut's CSV files."""
 
 import csv
 from collections.abc import Mapping
@@ -89,7 +89,7 @@ def _numbered(folder: Path) -> dict[int, Path]:
     if found and not files:
         raise InputError(f"{found[0]}: expected the frame's number in the file's name, found none")
     if not files:
-        raise InputError(f"{folder}: expected a folder of OpenPose's JSON files, found none")
+        raise InputError(f"{folder}: expected a folder of a detector's JSON files, found none")
     return files
 
 
@@ -132,9 +132,9 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     """Return a person's points (K, 3), NaN without detection, or (K, 6) with world landmarks; K is 0 for an empty
     person."""
     key = next((key for key in PERSON_KEYS if key in person), "keypoints")
-    coordinates, confidences = person[key], person.get(PERSON_KEYS[key])
-    if confidences is not None:
-        coordinates = np.column_stack([np.array(coordinates, np.float64).reshape(-1, 2), confidences])
+    coordinates, apart = person[key], PERSON_KEYS[key]
+    if apart is not None and apart in person:
+        coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), person[apart]])
     points = keypoints_of(coordinates)
     if not len(person.get(WORLD_KEY, ())):
         return points
