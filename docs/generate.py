@@ -13,6 +13,7 @@ import yaml
 from pictures import of_experiment
 
 from analysis import deviations
+from workbench.detections.readers.formats import LAYOUTS
 from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
 from workbench.experiment.config.schema import IF_CHOSEN, LITERAL
@@ -36,7 +37,10 @@ def write(folder: Path) -> None:
     """Write all generated pages and their pictures into a folder."""
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
     draw_baselines(folder / "pictures")
-    pages = {"options": options_page(), "experiment_components": experiments_page(), "deviations": deviations.page()}
+    pages = {
+        "options": options_page(), "experiment_components": experiments_page(), "deviations": deviations.page(),
+        "keypoint_layouts": layouts_page(),
+    }  # fmt: skip
     for name, text in pages.items():
         path = folder / f"{name}.md"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:  # an unchanged page is not rebuilt
@@ -66,6 +70,20 @@ def options_page() -> str:
             for option in group_options.values():
                 lines += [*_option(option), ""]
     return "\n".join(lines)
+
+
+def layouts_page() -> str:
+    """Return the page of the detectors' layouts: their points in order."""
+    lines = [
+        "# Layouts of detected keypoints", "",
+        "This page is for users of another detector. It lists the points of every layout that the workbench reads, in "
+        "the order of the file, without those of face and hands at the end. `dataset.keypoint_layout=NAME` chooses one "
+        "([File formats](../formats.md#detected-keypoints)).", "",
+        "| layout | points | names |", "| --- | --- | --- |",
+    ]  # fmt: skip
+    for name, points in LAYOUTS.items():
+        lines.append(f"| {name} | {len(points)} | {', '.join(point for point in points if point != '-')} |")
+    return "\n".join([*lines, ""])
 
 
 def _option(option: Option) -> Iterator[str]:

@@ -10,7 +10,6 @@ from still_clips import clip as clip_of
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.cameras.camera import plain_camera
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton

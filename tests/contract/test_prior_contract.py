@@ -9,7 +9,6 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.cameras.camera import plain_camera
 from workbench.core.prior import Proposing
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.schema import prepare_hydra

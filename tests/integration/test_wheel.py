@@ -54,9 +54,11 @@ def test_the_wheel_contains_configurations_templates_and_py_typed(wheel):
     names = ZipFile(wheel).namelist()
     options = {path.relative_to(ROOT / "conf").as_posix() for path in (ROOT / "conf").rglob("*.yaml")}
     assert {f"workbench/conf/{option}" for option in options} <= set(names)
-    assert {"workbench/py.typed", "workbench/results/report/report.html", "workbench/annotation/page.html"} <= set(
-        names
-    )
+    assert {
+        "workbench/py.typed",
+        "workbench/results/report/report.html",
+        "workbench/detections/annotation/page.html",
+    } <= set(names)
 
 
 @pytest.mark.slow

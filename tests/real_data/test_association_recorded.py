@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from crowd_scenes import copies, crowd, identities
+from openpose_scenes import people_in
 
 from workbench.cameras.camera_file import load_cameras
-from workbench.datasets.association.target_selection import select_target
-from workbench.motion.formats.openpose import read_openpose
+from workbench.detections.association.target_selection import select_target
 
 RATE_HZ = 60.0
 
@@ -18,7 +18,7 @@ def recorded(data):
     if not folder.is_dir():
         pytest.skip(f"no recordings of several cameras: {folder}")
     cameras = {camera.name: camera for camera in load_cameras(folder / "Calib_qualisys.toml")}
-    people = {name: read_openpose(folder / "openpose" / f"{name.replace('_', '')}_json") for name in cameras}
+    people = {name: people_in(folder / "openpose" / f"{name.replace('_', '')}_json") for name in cameras}
     return cameras, people
 
 

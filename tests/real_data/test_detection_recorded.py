@@ -6,15 +6,15 @@ import pytest
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras
-from workbench.datasets.detection import landmark_network
-from workbench.datasets.detection.detection_files import detect_video
-from workbench.datasets.detection.landmark_network import LandmarkNetwork, Region
-from workbench.datasets.detection.people_detector import PeopleDetector
-from workbench.datasets.files.decode import decode
-from workbench.datasets.files.frame_times import given_times
-from workbench.datasets.files.joint_annotations import read_annotations
+from workbench.detections.detector import landmark_network
+from workbench.detections.detector.detection_files import detect_video
+from workbench.detections.detector.landmark_network import LandmarkNetwork, Region
+from workbench.detections.detector.people_detector import PeopleDetector
+from workbench.detections.joint_annotations import read_annotations
 from workbench.motion.formats.markers import joint_centres, read_markers
+from workbench.utils.decode import decode
 from workbench.utils.errors import InputError
+from workbench.utils.frame_times import given_times
 
 LANDMARKS = {"shoulder": 11, "elbow": 13, "wrist": 15, "hip": 23, "knee": 25, "ankle": 27}
 FRAMES = range(98, 102)

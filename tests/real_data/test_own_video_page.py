@@ -11,8 +11,8 @@ import pytest
 
 from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
-from workbench.datasets.detection.model_file import MODELS
-from workbench.datasets.files.decode import decode
+from workbench.detections.detector.model_file import MODELS
+from workbench.utils.decode import decode
 
 N = 12
 """Frames of each clip."""

@@ -9,20 +9,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from openpose_scenes import people_in
 
 from workbench.cameras.camera_file import load_cameras
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
-from workbench.datasets.association.keypoint_kalman import exchanged
-from workbench.datasets.association.target_selection import select_target
+from workbench.detections.association.keypoint_kalman import exchanged
+from workbench.detections.association.target_selection import select_target
 from workbench.evaluation.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.motion.formats.openpose import read_openpose
 from workbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -38,7 +38,7 @@ class Detections:
 
     def __init__(self, folder, calibration=None, files=FILES, rows=range(N), mirrored=False, rate_hz=RATE_HZ):
         cameras = load_cameras(calibration or folder / "Calib_qualisys.toml")
-        people = {camera.name: read_openpose(folder / "openpose" / f"{file}_json")
+        people = {camera.name: people_in(folder / "openpose" / f"{file}_json")
                  for camera, file in zip(cameras, files, strict=True)}  # fmt: skip
         if mirrored:
             order = exchanged("shoulder", "elbow", "wrist", "hip", "knee", "ankle")

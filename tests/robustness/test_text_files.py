@@ -5,14 +5,14 @@ import os
 
 import pytest
 from damage import refusal, withstands
+from openpose_scenes import people_in
 from valid_files import AMC, ANNOTATIONS, ASF, BVH, TOML, TRC, written
 
 from workbench.cameras.camera_file import load_cameras, load_lenses
-from workbench.datasets.files.joint_annotations import read_annotations
+from workbench.detections.joint_annotations import read_annotations
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
-from workbench.motion.formats.openpose import read_openpose
 from workbench.utils.input_limits import MAX_JOINTS, MAX_NUMBERS
 
 KEYPOINTS = json.dumps({"people": [{"pose_keypoints_2d": [float(k % 7) for k in range(75)]}]})
@@ -42,7 +42,7 @@ LENS = """<?xml version="1.0"?>
 
 
 def read_detections(path):
-    return read_openpose(path.parent)
+    return people_in(path.parent)
 
 
 def read_skeleton(path):

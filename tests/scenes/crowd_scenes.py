@@ -10,9 +10,9 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import Camera, plain_camera
 from workbench.cameras.triangulation import triangulate_normalized
-from workbench.datasets.association.detections import detector_view
-from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
-from workbench.motion.formats.openpose import People
+from workbench.detections.association.detector_view import detector_view
+from workbench.detections.association.keypoint_kalman import ARMS, LEGS, exchanged
+from workbench.detections.readers.people import People
 
 RATE_HZ = 30.0
 CAMERAS = {

@@ -4,13 +4,15 @@ import json
 
 import numpy as np
 
-from workbench.motion.formats.keypoint_layouts import LAYOUTS
+from workbench.detections.readers.formats import LAYOUTS
+from workbench.detections.readers.named_points import layout_joints
+from workbench.detections.readers.people import SourceImages, read_people
 
 
 def points(layout, joints, confidence=0.8):
     """Return points (K, 3) of a layout at joints (u, v) by name; a joint's points coincide, the others are zero."""
-    n, numbers = LAYOUTS[layout]
-    rows = np.zeros((n, 3))
+    numbers = layout_joints(LAYOUTS[layout])
+    rows = np.zeros((len(LAYOUTS[layout]), 3))
     for name, place in joints.items():
         for number in numbers.get(name, ()):
             rows[number] = [*place, confidence]
@@ -38,3 +40,8 @@ def write(folder, frames, name="shot_{:012d}_keypoints.json"):
         rows = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()} for points in people]
         (folder / name.format(number)).write_text(json.dumps({"version": 1.3, "people": rows}))
     return folder
+
+
+def people_in(path):
+    """Return the people detected in a folder or file, in images of unknown size."""
+    return read_people({"": path}, {"": SourceImages()})[""]

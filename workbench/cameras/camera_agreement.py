@@ -8,6 +8,7 @@ import numpy as np
 from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.cameras.camera import Camera
 from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.time_offset import distance_curve
 from workbench.cameras.triangulation import ray_distances, triangulate
 from workbench.utils.arrays import FloatArray
 from workbench.utils.crossings import crossings
@@ -50,7 +51,10 @@ def _directions(camera: Camera, pixels: FloatArray) -> FloatArray:
 
 def _distance(first: Camera, a: FloatArray, second: Camera, b: FloatArray) -> float:
     """Return the mean distance, m, between the lines of rays a and b (..., 3) of two cameras; NaN without any."""
-    distances = ray_distances(a, b, second.position - first.position)
+    return _mean_distance(ray_distances(a, b, second.position - first.position))
+
+
+def _mean_distance(distances: FloatArray) -> float:
     valid = np.isfinite(distances)
     return float(np.mean(distances[valid])) if valid.any() else float("nan")
 
@@ -84,12 +88,15 @@ def _unsynchronized(observed: ObservedJoints, rays: FloatArray) -> Iterator[Find
     n_frames = len(times_s)
     reach = min(int(_MAX_SHIFT_S / step_s), n_frames // 3)
     rows = np.arange(reach, n_frames - reach)[_some(n_frames - 2 * reach)]
-    shifts = np.arange(-reach, reach + 1)
+    shifts = np.arange(-reach, reach + 1)  # frames by which the camera's rays are later than the others'
+    shifts_s = np.asarray(-step_s * shifts, dtype=np.float64)
     by_camera: list[list[FloatArray]] = [[] for _ in cameras]
     for a, b in combinations(range(len(cameras)), 2):
         for v, other in ((a, b), (b, a)):
-            moved = [_distance(cameras[v], rays[v, rows + s], cameras[other], rays[other, rows]) for s in shifts]
-            by_camera[v].append(np.array(moved))
+            baseline = cameras[v].position - cameras[other].position
+            by_camera[v].append(distance_curve(
+                rays[other, rows], times_s[rows], rays[v], times_s, baseline, shifts_s, _mean_distance
+            ))  # fmt: skip
     means = np.array([np.mean(each, axis=0) for each in by_camera])  # (V, S)
     if not np.isfinite(means[:, reach]).all():
         return

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from workbench.annotation.annotations import Annotations
-from workbench.annotation.frames import Frames
-from workbench.annotation.server import HOST, Server
+from workbench.detections.annotation.annotations import Annotations
+from workbench.detections.annotation.frames import Frames
+from workbench.detections.annotation.server import HOST, Server
 
 
 def annotate(

@@ -10,8 +10,8 @@ import typer
 
 from workbench.cameras import checkerboard, person_height
 from workbench.cameras.camera_file import check_name, write_cameras
-from workbench.datasets.files.decode import count_frames, decode
-from workbench.datasets.files.joint_annotations import read_annotations
+from workbench.detections.joint_annotations import read_annotations
+from workbench.utils.decode import count_frames, decode
 from workbench.utils.errors import InputError
 
 _IMPRECISE = 0.02

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from workbench.datasets.detection.detection_files import detect_video, has_people
-from workbench.datasets.detection.model_file import model_file
+from workbench.detections.detector.detection_files import detect_video, has_people
+from workbench.detections.detector.model_file import model_file
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
 

@@ -10,9 +10,9 @@ from typer import Argument, Exit, Option
 from workbench.cli.export import estimated_track
 from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
-from workbench.datasets.files.decode import count_frames
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
+from workbench.utils.decode import count_frames
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import RECORDING, read_summary
 

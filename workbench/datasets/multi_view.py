@@ -12,26 +12,25 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.cameras.calibration import camera_named, fitted, in_units, read_calibration, unit_of_people
 from workbench.cameras.camera import Camera
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import records_arguments
-from workbench.datasets.association.target_selection import most_prominent, select_target
-from workbench.datasets.detection.detection_files import DETECT, cached_detections
-from workbench.datasets.files.frame_times import FrameTimes, is_equal
-from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_people, target_annotations
-from workbench.datasets.synchronization import PairedFrames, at_times, estimated_offsets, paired_by_time, people_at
 from workbench.datasets.truth_axes import in_axes_of_cameras
 from workbench.datasets.video import Video
 from workbench.datasets.visible_frames import visible_frames
-from workbench.motion.formats.keypoint_files import is_detections
+from workbench.detections.association.target_selection import most_prominent, select_target
+from workbench.detections.detector.detection_files import DETECT, cached_detections
+from workbench.detections.joint_annotations import JointAnnotations, target_annotations
+from workbench.detections.readers.keypoint_files import is_detections
+from workbench.detections.readers.people import People, SourceImages, read_people
+from workbench.detections.synchronization import PairedFrames, at_times, estimated_offsets, paired_by_time, people_at
 from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres, read_markers
-from workbench.motion.formats.openpose import People
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.frame_times import FrameTimes, is_equal
 
 log = logging.getLogger(__name__)
 

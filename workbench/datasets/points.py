@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from workbench.body.limbs import Body
-from workbench.core.capabilities import ALL_JOINTS, IMAGES, POINTS, START, Traits, component_traits
 from workbench.cameras.camera import Camera
-from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, component_traits
+from workbench.core.capabilities import ALL_JOINTS, IMAGES, POINTS, START, Traits, component_traits
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.core.capabilities import IMAGES, POINTS, START, Traits, component_traits
 from workbench.cameras.camera import Camera
-from workbench.core.capabilities import IMAGES, ONE_CAMERA, POINTS, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, POINTS, START, Traits, component_traits
 from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View

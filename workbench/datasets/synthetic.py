@@ -13,10 +13,9 @@ from tqdm import tqdm
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
-from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_cameras
-from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import at_least, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View

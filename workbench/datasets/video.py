@@ -11,24 +11,24 @@ from typing import Any
 import cv2
 import numpy as np
 
-from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
 from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
-from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
+from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
-from workbench.datasets.detection.detection_files import DETECT, cached_detections
-from workbench.datasets.files.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
-from workbench.datasets.files.frame_times import FrameTimes, frame_times, given_times
-from workbench.datasets.files.joint_annotations import JointAnnotations, SourceImages, read_annotations
-from workbench.datasets.files.pairing import image_numbers
 from workbench.datasets.visible_frames import visible_frames
+from workbench.detections.detector.detection_files import DETECT, cached_detections
+from workbench.detections.joint_annotations import JointAnnotations, read_annotations
+from workbench.detections.readers.pairing import image_numbers
+from workbench.detections.readers.people import SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
+from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
+from workbench.utils.frame_times import FrameTimes, frame_times, given_times
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,6 @@ import numpy as np
 from omegaconf import DictConfig
 
 from workbench.body.limbs import Body
-from workbench.cameras.camera import Camera
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Likelihood

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from workbench.datasets.files.decode import decode
 from workbench.recording.read.chunks import cells, flat, read_chunks, static_values
 from workbench.recording.read.reader import Run
 from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.decode import decode
 from workbench.utils.errors import InputError
 
 SKELETONS = ("particles", "estimate", "truth")

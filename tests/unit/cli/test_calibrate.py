@@ -11,7 +11,7 @@ from rendered_boards import COLUMNS, ROWS, board_poses, lens, rendered
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
-from workbench.datasets.files.decode import decode
+from workbench.utils.decode import decode
 
 
 @pytest.fixture(scope="module")

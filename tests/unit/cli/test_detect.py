@@ -6,8 +6,8 @@ import pytest
 
 from workbench.cli import detect
 from workbench.cli.main import main
-from workbench.datasets.detection import detection_files
-from workbench.datasets.detection.landmark_network import PersonLandmarks
+from workbench.detections.detector import detection_files
+from workbench.detections.detector.landmark_network import PersonLandmarks
 
 
 @pytest.fixture

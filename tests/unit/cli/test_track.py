@@ -12,8 +12,8 @@ from openpose_scenes import points, write
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli.main import main
-from workbench.datasets.detection import detection_files
-from workbench.datasets.detection.landmark_network import PersonLandmarks, Region
+from workbench.detections.detector import detection_files
+from workbench.detections.detector.landmark_network import PersonLandmarks, Region
 from workbench.recording.read.reader import read
 
 

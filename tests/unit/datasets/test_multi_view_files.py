@@ -16,7 +16,7 @@ from workbench.cameras.calibration import camera_named
 from workbench.cameras.camera_file import write_cameras
 from workbench.cameras.triangulation import triangulate
 from workbench.datasets.multi_view import MultiView
-from workbench.motion.formats.keypoint_layouts import LAYOUTS
+from workbench.detections.readers.formats import LAYOUTS
 from workbench.utils.errors import InputError
 
 N, FINE_HZ = 24, 3000.0

@@ -13,8 +13,8 @@ import pytest
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras
-from workbench.datasets.files.decode import count_frames, decode, image_files
 from workbench.datasets.video import Video
+from workbench.utils.decode import count_frames, decode, image_files
 from workbench.utils.errors import InputError
 
 WIDTH, HEIGHT = 64, 48
@@ -235,7 +235,7 @@ def test_a_file_named_like_an_address_is_read_as_a_file(tmp_path, monkeypatch, s
 DECODE = """
 import os, sys
 from pathlib import Path
-from workbench.datasets.files.decode import count_frames
+from workbench.utils.decode import count_frames
 for path in sys.argv[1:]:
     try:
         print(count_frames(Path(path)) > 0)

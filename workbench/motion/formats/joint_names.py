@@ -13,6 +13,7 @@ from itertools import pairwise, product, takewhile
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.utils.errors import InputError
+from workbench.utils.text import plain_name
 
 log = logging.getLogger(__name__)
 
@@ -50,11 +51,6 @@ _MARKERS = {
 sides of a joint come before one on its outside, which is some centimetres from its centre."""
 
 
-def plain(name: str) -> str:
-    """Return the letters and digits of a name, in lower case."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
-
-
 def marker_joints(names: Sequence[str], place: object = "markers") -> dict[str, tuple[str, ...]]:
     """Return the names of the markers at whose mean a joint is, by joint. Of several subjects the one with most joints
     is used, with a warning. place : of the markers, for messages."""
@@ -64,7 +60,7 @@ def marker_joints(names: Sequence[str], place: object = "markers") -> dict[str, 
         own = [name for name in names if name.rpartition(":")[0] == subject]
         best: dict[str, tuple[str, ...]] = {}
         for words in unprefixed(own):
-            index = {plain(word): name for word, name in reversed(list(zip(words, own, strict=True)))}
+            index = {plain_name(word): name for word, name in reversed(list(zip(words, own, strict=True)))}
             matched = {joint: _markers(index, joint) for joint in JOINT_NAMES}
             joints = {joint: markers for joint, markers in matched.items() if markers}
             best = max(best, joints, key=len)
@@ -128,7 +124,7 @@ def skeleton_joints(names: Sequence[str], parents: Sequence[int], given: Mapping
     given = given or {}
     if unknown := sorted(set(given) - set(JOINT_NAMES)):
         raise InputError(f"{place}: landmarks: unknown joint {unknown[0]!r}, expected some of {', '.join(JOINT_NAMES)}")
-    variants = [{plain(word): k for k, word in reversed(list(enumerate(words)))} for words in unprefixed(names)]
+    variants = [{plain_name(word): k for k, word in reversed(list(enumerate(words)))} for words in unprefixed(names)]
     known = {joint: _index(place, names, variants, name) for joint, name in given.items()}
     found = max((_matches(variant, parents, known) for variant in variants), key=len)
     return {joint: names[found[joint]] for joint in JOINT_NAMES if joint in found and joint != "pelvis"}
@@ -137,7 +133,7 @@ def skeleton_joints(names: Sequence[str], parents: Sequence[int], given: Mapping
 def _index(place: object, names: Sequence[str], variants: Sequence[Mapping[str, int]], name: str) -> int:
     """Return the index of a joint named by the user, with or without the subject's name."""
     for index in ({each: k for k, each in reversed(list(enumerate(names)))}, *variants):
-        for key in (name, plain(name)):
+        for key in (name, plain_name(name)):
             if key in index:
                 return index[key]
     raise InputError(f"{place}: landmarks: no joint {name!r}, expected some of {', '.join(names)}")

@@ -11,12 +11,13 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
-from workbench.motion.formats.joint_names import marker_joints, plain
+from workbench.motion.formats.joint_names import marker_joints
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
+from workbench.utils.text import plain_name
 
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
@@ -78,7 +79,7 @@ def in_world(
     ------
     InputError : no marker is measured, the person has no plausible size in any unit, or the vertical axis is unclear.
     """
-    chosen = [k for k, name in enumerate(raw.names) if not _OUTPUT.search(plain(name))]
+    chosen = [k for k, name in enumerate(raw.names) if not _OUTPUT.search(plain_name(name))]
     names, positions = [raw.names[k] for k in chosen], raw.positions[:, chosen]
     positions = np.where((positions == 0.0).all(axis=-1, keepdims=True), np.nan, positions)
     if not np.isfinite(positions).any():

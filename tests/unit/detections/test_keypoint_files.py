@@ -1,0 +1,136 @@
+"""Keypoint files of other detectors, layouts by anatomy, and frame numbers in names."""
+
+import json
+
+import numpy as np
+import pytest
+from crowd_scenes import CAMERAS, walkers
+from openpose_scenes import people_in, points, standing
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.detections.readers.detected_points import keypoints_of, numbers_in_names
+from workbench.detections.readers.keypoint_files import is_detections, read_points
+from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
+from workbench.detections.readers.named_points import named_points
+from workbench.detections.readers.people import people_of_points
+from workbench.utils.errors import InputError
+
+PIXELS = standing(300.0, 100.0)
+KNEE = JOINT_NAMES.index("left_knee")
+
+
+def read(path):
+    assert is_detections(path)
+    people, _ = people_of_points({"": read_points(path)})
+    return people[""]
+
+
+def test_alphapose_files_are_read(tmp_path):
+    keypoints = points("HALPE_26", PIXELS).ravel().tolist()
+    rows = [{"image_id": f"{k}.jpg", "keypoints": keypoints, "score": 2.0} for k in (10, 9, 9)]
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    people = read(tmp_path / "a.json")
+    assert (people.layout, people.frames.tolist(), list(map(len, people.joints))) == ("HALPE_26", [9, 10], [2, 1])
+    assert people.joints[0][1, KNEE, :2] == pytest.approx(PIXELS["left_knee"])
+    (tmp_path / "b.json").write_text(
+        json.dumps({"4.jpg": {"people": [{"pose_keypoints_2d": keypoints}]}, "5.jpg": {"bodies": []}})
+    )
+    assert read(tmp_path / "b.json").frames.tolist() == [4, 5]
+    for text in ("[3]", '{"a": 3}', "[]", '[{"image_id": "x", "keypoints": [1, 2, 3]}]'):
+        (tmp_path / "c.json").write_text(text)
+        with pytest.raises(InputError, match=r"c\.json"):
+            read_points(tmp_path / "c.json")
+
+
+def test_confidences_may_be_apart_from_the_coordinates(tmp_path):
+    keypoints = points("COCO_17", PIXELS)
+    person = {"keypoints": keypoints[:, :2].tolist(), "keypoint_scores": keypoints[:, 2].tolist()}
+    (tmp_path / "shot_3.json").write_text(json.dumps([person, person]))
+    people = people_in(tmp_path)
+    assert (people.layout, people.frames.tolist(), list(map(len, people.joints))) == ("COCO_17", [3], [2])
+    assert people.joints[0][1, KNEE] == pytest.approx([*PIXELS["left_knee"], 0.8])
+    (tmp_path / "shot_3.json").write_text(json.dumps([person | {"keypoint_scores": [0.5]}]))
+    with pytest.raises(InputError, match=r"shot_3\.json: expected people"):
+        people_in(tmp_path)
+
+
+@pytest.mark.parametrize("several", [False, True])
+@pytest.mark.parametrize("index", ["{}", "labeled-data/walk/img{:04d}.png"])
+def test_deeplabcut_files_are_read(tmp_path, several, index):
+    parts, people = ["LeftKnee", "ankle_r", "tail"], ["anna", "ben"] if several else ["anna"]
+    cells = [(person, part, axis) for person in people for part in parts for axis in ("x", "y", "likelihood")]
+    lines = [["scorer", *["net"] * len(cells)], ["individuals", *[person for person, _, _ in cells]]][: 1 + several]
+    lines += [["bodyparts", *[part for _, part, _ in cells]], ["coords", *[axis for _, _, axis in cells]]]
+    for frame in range(3):
+        values = [
+            10.0 * people.index(person) + 20 + frame if axis != "likelihood" else 0.5 for person, _, axis in cells
+        ]
+        lines.append([index.format(frame + 7), *map(str, values)])
+    lines[-1][1] = ""  # a gap
+    (tmp_path / "a.csv").write_text("\n".join(",".join(line) for line in lines))
+    detections = read(tmp_path / "a.csv")
+    assert detections.frames.tolist() == [7, 8, 9]
+    assert detections.joints[1][:, KNEE].tolist() == [
+        [21.0 + 10.0 * k, 21.0 + 10.0 * k, 0.5] for k in range(len(people))
+    ]
+    assert np.isnan(detections.joints[2][0, KNEE]).all()
+    assert np.isfinite(detections.joints[2][0, JOINT_NAMES.index("right_ankle"), 0])
+
+
+def test_other_files_are_not_detections(tmp_path):
+    (tmp_path / "a.csv").write_text("frame,joint,u,v,visible\n")
+    assert not is_detections(tmp_path / "a.csv")
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF")
+    with pytest.raises(InputError, match="expected DeepLabCut's CSV file"):
+        read_points(tmp_path / "a.h5")
+    (tmp_path / "b.csv").write_text("scorer,a,a\nbodyparts,tail,tail\ncoords,x,y\n0,30,40\n")
+    with pytest.raises(InputError, match="no point has the name of a joint"):
+        people_of_points({"": read_points(tmp_path / "b.csv")})
+
+
+def test_invalid_points_are_missing_and_scores_are_at_most_one():
+    keypoints = keypoints_of([0, 0, 0.9, 5, 6, 0, 5, None, 1, float("nan"), 2, 1, 7, 8, 3])
+    assert np.isnan(keypoints[:4]).all()
+    assert keypoints[4].tolist() == [7.0, 8.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "numbers"),
+    [
+        (["cam1_0001_keypoints", "cam1_0002_keypoints"], [1, 2]),
+        (["a_0001_2d", "a_0002_2d"], [1, 2]),
+        (["f0001_t33.3", "f0002_t66.7", "f0003_t100.0"], [1, 2, 3]),
+        (["walk_9_12", "walk_10_30"], [9, 10]),
+        (["7"], [7]),
+        (["metadata"], []),
+    ],
+)
+def test_the_frame_number_of_a_name_is_the_one_that_increases(names, numbers):
+    assert list(numbers_in_names(names).values()) == numbers
+
+
+def test_points_are_recognized_by_many_names():
+    layout = named_points(["L_Knee", "right hip", "ankleL", "wrist-right", "nose", "REar", "LEar"])
+    assert layout == {
+        "left_knee": (0,), "right_hip": (1,), "left_ankle": (2,), "right_wrist": (3,), "head_centre": (6, 5),
+    }  # fmt: skip
+    with pytest.raises(InputError, match=r"a\.json: .*17 points, found 25"):
+        check_layout("a.json", "COCO_17", 25)
+
+
+@pytest.mark.parametrize("n_people", [1, 3])
+@pytest.mark.parametrize("layout", ["BODY_25", "BODY_25B"])
+def test_the_layout_of_25_points_is_decided_by_anatomy(layout, n_people):
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        paths = [(rng.uniform(-1.0, 1.0, 2), rng.uniform(-1.0, 1.0, 2)) for _ in range(n_people)]
+        people = []
+        for camera in CAMERAS.values():
+            for joints in walkers(paths, n_frames=10):
+                for pixels in camera.project(joints):
+                    keypoints = points(layout, dict(zip(JOINT_NAMES, pixels, strict=True)))
+                    keypoints[(keypoints[:, 2] == 0.0) | (rng.random(25) < 0.2)] = np.nan
+                    people.append(keypoints + rng.normal(0.0, 3.0, keypoints.shape))
+        best, evidence = matching_layout("", people)
+        assert best == layout
+        assert is_clear(evidence)

@@ -1,0 +1,119 @@
+"""Detection of every person in every frame of a video by a landmark network.
+
+A grid of square regions is searched in the first frame and at the end of every chunk of frames. In between, each person
+is detected in the region that follows from the frame before. People first found at the end of a chunk are followed
+backwards to its start, so that no person appears late.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from workbench.detections.detector.landmark_network import PersonLandmarks, Region
+from workbench.utils.arrays import ByteArray
+
+Network = Callable[[ByteArray, Region], PersonLandmarks]
+
+MIN_PRESENCE = 0.5
+"""Smallest probability that a region shows a person."""
+_SIDES = (1.0, 0.7, 0.5, 0.35)
+"""Sides of the regions of the grid over the longer side of the image."""
+_PROMISING = 0.1
+"""Smallest presence in a region of the grid for which it is refined."""
+_N_REFINEMENTS = 4
+_SAME_PERSON = 0.15
+"""Largest mean distance of two detections' landmarks, over their region's side, for which they show one person."""
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """A detected person. number: the same in all frames in which the person is followed without a gap."""
+
+    number: int
+    landmarks: PersonLandmarks
+
+
+class PeopleDetector:
+    """Detects people in the frames of a video, in order.
+
+    Parameters
+    ----------
+    network : returns the landmarks of the person in a region of an image.
+    chunk_frames : frames between two searches of the whole image, at least 1; they are in memory at once.
+    """
+
+    def __init__(self, network: Network, chunk_frames: int) -> None:
+        self.network, self.chunk_frames = network, chunk_frames
+        self._n_people = 0
+
+    def detect(self, images: Iterable[ByteArray], previous: Sequence[Person] = ()) -> Iterator[list[Person]]:
+        """Yield the people in each image (height, width, 3), RGB.
+
+        previous: those in the frame before the first, from whom the detection is resumed.
+        """
+        self._n_people = 1 + max((person.number for person in previous), default=-1)
+        people, source, first = list(previous), iter(images), not previous
+        while chunk := list(islice(source, self.chunk_frames)):
+            if first:
+                people, first = self._search(chunk[0], []), False
+            frames = []
+            for image in chunk:
+                people = self._follow(image, people)
+                frames.append(people)
+            new = self._search(chunk[-1], people)
+            for t in range(len(chunk) - 1, -1, -1):
+                new = self._follow(chunk[t], new, frames[t]) if new else []
+                frames[t] = [*frames[t], *new]
+            people = frames[-1]
+            yield from frames
+
+    def _follow(self, image: ByteArray, people: Sequence[Person], others: Sequence[Person] = ()) -> list[Person]:
+        """Return those of the people of a neighbouring frame who are in the image and are none of the others."""
+        present: list[Person] = []
+        for person in people:
+            landmarks = self.network(image, person.landmarks.next_region)
+            if landmarks.presence >= MIN_PRESENCE and not _known(landmarks, [*others, *present]):
+                present.append(Person(person.number, landmarks))
+        return present
+
+    def _search(self, image: ByteArray, people: Sequence[Person]) -> list[Person]:
+        """Return the people in the image who are none of those already detected."""
+        new: list[Person] = []
+        for region in grid(image.shape[1], image.shape[0]):
+            landmarks = self.network(image, region)
+            for _ in range(_N_REFINEMENTS):
+                if landmarks.presence < _PROMISING or _known(landmarks, [*people, *new]):
+                    break
+                landmarks = self.network(image, landmarks.next_region)
+            if landmarks.presence >= MIN_PRESENCE and not _known(landmarks, [*people, *new]):
+                new.append(Person(self._n_people, landmarks))
+                self._n_people += 1
+        return new
+
+
+def grid(width: int, height: int) -> Iterator[Region]:
+    """Yield overlapping square regions that cover an image, large ones first."""
+    for side in (share * max(width, height) for share in _SIDES):
+        for u in _centres(side, width):
+            for v in _centres(side, height):
+                yield Region(float(u), float(v), side)
+
+
+def _centres(side: float, size: int) -> Sequence[float]:
+    """Return centres along one axis, at most half a side apart, whose squares lie in the image where they fit."""
+    if side >= size:
+        return [0.5 * size]
+    return [
+        float(x) for x in np.linspace(0.5 * side, size - 0.5 * side, int(np.ceil((size - side) / (0.5 * side))) + 1)
+    ]
+
+
+def _known(landmarks: PersonLandmarks, people: Iterable[Person]) -> bool:
+    """Return whether the landmarks are those of one of the people."""
+    for person in people:
+        distances = np.linalg.norm(landmarks.pixels - person.landmarks.pixels, axis=1)
+        if distances.mean() < _SAME_PERSON * max(landmarks.next_region.side, person.landmarks.next_region.side):
+            return True
+    return False

@@ -1,0 +1,98 @@
+"""Points of people detected in a video, before they are joints: their frames, and their scale."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import LARGEST_PX
+
+_UNIT_RANGE = 1.05
+"""Largest coordinate of points that are scaled to the image's size: some lie outside the image."""
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedPoints:
+    """A detector's points in one video.
+
+    Parameters
+    ----------
+    source : file or folder.
+    frames : (M,) numbers of the frames, ascending.
+    points : points (K, 3) of every person by frame, [u, v, confidence], NaN without detection; (0, 3) for an empty one;
+        (K, 6) with world landmarks.
+    names : names of the K points, where the file has them.
+    """
+
+    source: str
+    frames: IntArray
+    points: tuple[Sequence[FloatArray], ...]
+    names: tuple[str, ...] = ()
+
+    @property
+    def detected(self) -> list[FloatArray]:
+        """Points (K, 3) of the people with at least one point."""
+        return [person for frame in self.points for person in frame if np.isfinite(person).any()]
+
+    @property
+    def n_points(self) -> int:
+        """Number of points per person."""
+        return len(self.detected[0])
+
+    def check(self) -> None:
+        """Raise InputError for different numbers of points per person, and if no person is detected."""
+        if len(sizes := {len(person) for frame in self.points for person in frame} - {0}) > 1:
+            raise InputError(
+                f"{self.source}: expected the same number of points per person in every file, found {sorted(sizes)}"
+            )
+        if not self.detected:
+            raise InputError(f"{self.source}: expected a person in some frame, found none in {len(self.points)} frames")
+
+    def in_pixels(self, size: tuple[int, int] | None) -> tuple["DetectedPoints", str]:
+        """Return the points in pixels of an image of `size`, width and height, and how they are scaled, if they are.
+
+        Coordinates within 0 to 1, or −1 to 1, are fractions of the image's size, as of MediaPipe; OpenPose's
+        keypoint_scale 3 and 4 differ by up to a pixel. Raises InputError for such coordinates without a size.
+        """
+        places = np.concatenate([person[:, :2] for person in self.detected])
+        if not np.nanmax(np.abs(places)) <= _UNIT_RANGE:
+            return self, ""
+        if size is None:
+            raise InputError(f"{self.source}: expected coordinates in pixels, found numbers up to 1")
+        low = -1.0 if np.nanmean(places < 0.0) > 0.05 else 0.0
+        factors = np.array(size) / (1.0 - low)
+        scaled = [
+            [np.hstack([(person[:, :2] - low) * factors, person[:, 2:]]) for person in frame] for frame in self.points
+        ]
+        return replace(self, points=tuple(scaled)), f"coordinates of {low:g} to 1 are scaled to {size[0]}×{size[1]} px"
+
+
+def numbers_in_names(names: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of frames in file names, of those with a number.
+
+    Of several numbers in a name it is the one that counts through all files without a gap, or else the last one that
+    differs between all files, or else the last one.
+    """
+    digits = {name: [int(text) for text in re.findall(r"\d+", name)] for name in names}
+    digits = {name: numbers for name, numbers in digits.items() if numbers}
+    columns = list(zip(*digits.values(), strict=True)) if len({len(each) for each in digits.values()}) == 1 else []
+    varying = [k for k, column in enumerate(columns) if len(set(column)) == len(column)]
+    counting = [k for k in varying if max(columns[k]) - min(columns[k]) + 1 == len(digits)]
+    place = (counting or varying or [-1])[-1]
+    return {name: numbers[place] for name, numbers in digits.items()}
+
+
+def keypoints_of(coordinates: Any) -> FloatArray:
+    """Return points (K, 3) of flat coordinates u, v, confidence; NaN for missing ones."""
+    points = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
+    if np.isinf(points).any():
+        raise ValueError("numbers that are not finite")
+    if (np.abs(points[:, :2]) > LARGEST_PX).any():
+        raise ValueError(f"a coordinate beyond {LARGEST_PX:g} px")
+    points[~(points[:, 2] > 0.0) | np.isnan(points).any(axis=1) | (points[:, :2] == 0.0).all(axis=1)] = np.nan
+    points[:, 2] = np.minimum(points[:, 2], 1.0)
+    return points

@@ -1,0 +1,144 @@
+"""People detected in videos, with the points of any detector's layout as joints."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.detections.readers.detected_points import DetectedPoints
+from workbench.detections.readers.formats import LAYOUTS
+from workbench.detections.readers.keypoint_files import read_points
+from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
+from workbench.detections.readers.named_points import joints_of_points, layout_joints, named_points
+from workbench.detections.readers.pairing import paired_frames
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+
+log = logging.getLogger(__name__)
+
+_NAMED = "named points"
+"""Layout of points whose names are in their file."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceImages:
+    """The images in which people are detected. size : width and height, px; None: unknown.
+
+    numbers : numbers of all images, which those of the detections refer to; None: detections are numbered by frame.
+    """
+
+    size: tuple[int, int] | None = None
+    numbers: IntArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """People detected in one video.
+
+    Parameters
+    ----------
+    source : file or folder.
+    layout : name in LAYOUTS, or "named points".
+    frames : (M,) numbers of the frames, ascending.
+    joints : (n, J, 3) per frame, for n people in the order of the file, [u px, v px, confidence 0..1] in the order of
+        JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person. (n, J, 6) where the
+        files have world landmarks, [x, y, z] m about the middle of the hips along the camera's axes.
+    """
+
+    source: str
+    layout: str
+    frames: IntArray
+    joints: tuple[FloatArray, ...]
+
+
+def read_people(
+    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None
+) -> dict[str, People]:
+    """Return the people detected in the videos of several cameras by frame, and log what is assumed.
+
+    Parameters
+    ----------
+    paths : detector's folder or file by camera, see `read_points`.
+    images : of each camera.
+    layout : name of the detector's layout, see `people_of_points`.
+
+    Raises
+    ------
+    InputError
+        As `read_points`, `people_of_points` and `paired_frames`.
+    """
+    points = {name: read_points(path) for name, path in paths.items()}
+    for name, each in points.items():
+        points[name], scaling = each.in_pixels(images[name].size)
+        if scaling:
+            log.warning("%s: %s", each.source, scaling)
+    people, decisions = people_of_points(points, layout)
+    for found in people.values():
+        log.info("%s: %s, %d frames", found.source, found.layout, len(found.frames))
+    for name, decision in decisions.items():
+        log.info("layout %s of all cameras by anatomy: %s", name, decision)
+    numbers = {name: images[name].numbers for name in people}
+    images_by_name = {name: each for name, each in numbers.items() if each is not None}
+    frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
+    for name, assumption in assumptions.items():
+        log.warning("%s: %s", people[name].source, assumption)
+    return people | {name: _at_frames(people[name], each) for name, each in frames.items()}
+
+
+def _at_frames(people: People, frames: IntArray) -> People:
+    """Return people at other numbers of frames, without those of a negative one."""
+    rows = np.flatnonzero(frames >= 0)
+    return replace(people, frames=frames[rows], joints=tuple(people.joints[row] for row in rows))
+
+
+def people_of_points(
+    points: Mapping[str, DetectedPoints], layout: str | None = None
+) -> tuple[dict[str, People], dict[str, str]]:
+    """Return the people of several cameras, and how the layout of ambiguous numbers of points was decided.
+
+    Parameters
+    ----------
+    points : by camera, in pixels.
+    layout : name in LAYOUTS of points without names; None: decided once for all cameras with the same number of points.
+
+    Raises
+    ------
+    InputError
+        For a layout with another number of points, an unknown number of points, and names without a joint.
+    """
+    by_number: dict[int, list[FloatArray]] = {}
+    sources = dict[int, str]()
+    for each in points.values():
+        if not each.names:
+            by_number.setdefault(each.n_points, []).extend(each.detected)
+            sources.setdefault(each.n_points, each.source)
+    layouts, decisions = dict[int, str](), dict[str, str]()
+    for number, people in by_number.items():
+        if layout is not None:
+            check_layout(sources[number], layout, number)
+            layouts[number] = layout
+            continue
+        layouts[number], evidence = matching_layout(sources[number], people)
+        if np.isfinite(evidence):
+            certainty = "" if is_clear(evidence) else "not clear, set keypoint_layout; "
+            decisions[layouts[number]] = (
+                f"{certainty}bones deviate {100 * np.expm1(evidence):.0f} % more by the next one"
+            )
+    return {
+        name: _people_of(each, _NAMED if each.names else layouts[each.n_points]) for name, each in points.items()
+    }, decisions
+
+
+def _people_of(points: DetectedPoints, name: str) -> People:
+    numbers = named_points(points.names) if points.names else layout_joints(LAYOUTS[name])
+    if not numbers:
+        raise InputError(
+            f"{points.source}: no point has the name of a joint, such as left_knee, found {', '.join(points.names)}"
+        )
+    width = min(person.shape[1] for person in points.detected)
+    joints = [[joints_of_points(numbers, person, width) for person in frame] for frame in points.points]
+    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
+    return People(points.source, name, points.frames, by_frame)
