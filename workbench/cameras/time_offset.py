@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from workbench.body.camera import ray_distances
+from workbench.cameras.triangulation import ray_distances
 from workbench.utils.arrays import FloatArray
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from workbench.body.camera import plain_camera
+from workbench.cameras.camera import plain_camera
 
 from workbench.cameras.time_offset import distance_curve
 
