@@ -13,8 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.camera_calibration.observed_joints import observe_joints
 from workbench.camera_calibration.overlay import draw_overlay
 from workbench.evaluation.calibration_findings import CalibrationCheck, check_calibration
-from workbench.evaluation.finding import NOTE, TRUSTWORTHY, Finding, conclusion
 from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.verdict.finding import NOTE, TRUSTWORTHY, Finding, conclusion
 from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import allow_packages, packages_in

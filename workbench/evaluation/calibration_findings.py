@@ -9,9 +9,9 @@ from workbench.body.camera import Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT, from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.evaluation.camera_agreement import MIN_WEIGHT, camera_findings
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
-from workbench.evaluation.multiview_consistency import height_px, limb_lengths, triangulate_rays
 from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.verdict.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
+from workbench.evaluation.verdict.multiview_consistency import height_px, limb_lengths, triangulate_rays
 from workbench.utils.arrays import BoolArray, FloatArray
 
 _MAX_ERROR = 0.035

@@ -6,10 +6,10 @@ from itertools import combinations
 import numpy as np
 
 from workbench.body.camera import Camera, ray_distances
-from workbench.evaluation.finding import NOT_USABLE, Finding
-from workbench.evaluation.multiview_consistency import triangulate_rays
+from workbench.evaluation.errors.track_loss import FOREARM_OVER_HEIGHT, track_events
 from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, track_events
+from workbench.evaluation.verdict.finding import NOT_USABLE, Finding
+from workbench.evaluation.verdict.multiview_consistency import triangulate_rays
 from workbench.utils.arrays import FloatArray
 
 MIN_WEIGHT = 0.3

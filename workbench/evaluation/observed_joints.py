@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workbench.body.camera import Camera
-from workbench.evaluation.multiview_consistency import height_px
+from workbench.evaluation.verdict.multiview_consistency import height_px
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 _MIN_JOINTS = 4

@@ -18,11 +18,11 @@ from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_
 from workbench.core.prior import Prior
 from workbench.core.step import resumable
 from workbench.core.study import Study
+from workbench.evaluation.errors.track_loss import WINDOW_FRAMES
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.run_findings import RunInputs
-from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.track_loss import WINDOW_FRAMES
-from workbench.evaluation.verdict import verdict
+from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, evidence_problem, traits_of

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.track_loss import track_metrics
+from workbench.evaluation.errors.track_loss import track_metrics
 from workbench.recording.migrations import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
@@ -24,7 +24,7 @@ from workbench.utils.signals import deferred
 
 if TYPE_CHECKING:  # slow imports that a rejected configuration does not need
     from workbench.core.step import Step
-    from workbench.evaluation.verdict import Verdict
+    from workbench.evaluation.verdict.run_verdict import Verdict
 
 log = logging.getLogger(__name__)
 

@@ -12,8 +12,8 @@ from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from workbench.datasets.rendering.perturbations import perturbation_sizes
+from workbench.evaluation.errors.track_loss import WINDOW_FRAMES, track_events
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.track_loss import WINDOW_FRAMES, track_events
 from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.resume import branch_config, continuation_at

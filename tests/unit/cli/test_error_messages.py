@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from workbench.cli import run_output
 from workbench.cli.error_messages import message_of
 from workbench.cli.hydra_quoting import quoted
-from workbench.evaluation.finding import Finding
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.verdict.finding import Finding
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.experiment.config.schema import prepare_hydra
 
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from workbench.evaluation.finding import LEVELS
-from workbench.evaluation.run_measurements import RunMeasurements, stance
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.errors.track_loss import FOREARM_OVER_HEIGHT
+from workbench.evaluation.verdict.finding import LEVELS
+from workbench.evaluation.verdict.run_measurements import RunMeasurements, stance
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray

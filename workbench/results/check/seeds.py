@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from workbench.evaluation.intervals import mean_interval
+from workbench.evaluation.uncertainty.intervals import mean_interval
 from workbench.recording.read.reader import Run
 from workbench.results.check.agreement import MetricChange
 from workbench.utils.arrays import FloatArray, IntArray

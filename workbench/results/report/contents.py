@@ -6,7 +6,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from workbench.evaluation.headline import TITLES
-from workbench.evaluation.intervals import N_RESAMPLES
+from workbench.evaluation.uncertainty.intervals import N_RESAMPLES
 from workbench.results.formatting import table_of
 from workbench.results.report.groups import LEVEL, STATUS, Grouping
 from workbench.results.report.people import half_of

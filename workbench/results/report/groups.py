@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from workbench.evaluation.headline import ERRORS, TITLES
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.results.report import variation as varied
 from workbench.results.report.people import MOTION, half_of, keys_of_people, person_of

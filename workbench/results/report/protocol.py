@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.evaluation.step_calibration import GROUPS, LARGE_MM, area_under_curve, spearman
+from workbench.evaluation.uncertainty.step_calibration import GROUPS, LARGE_MM, area_under_curve, spearman
 from workbench.recording.read.reader import Run
 from workbench.results.report.groups import Grouping
 from workbench.utils.arrays import FloatArray

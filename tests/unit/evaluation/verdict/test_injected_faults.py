@@ -9,7 +9,7 @@ from verdict_scenes import HEIGHT_M, RATE_HZ, N, RunInputs, moved, point_scene, 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.association.keypoint_kalman import exchanged
-from workbench.evaluation import run_measurements
+from workbench.evaluation.verdict import run_measurements
 
 LATE = np.arange(N) >= 20
 FOUR, ONE, POINTS = scene(4), scene(1), point_scene()

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
-from workbench.evaluation.run_measurements import RunMeasurements
-from workbench.evaluation.track_loss import (
+from workbench.evaluation.errors.track_loss import (
     FOREARM_OVER_HEIGHT,
     TRACKED_MM,
     WINDOW_FRAMES,
     criteria,
     lost_states,
 )
+from workbench.evaluation.verdict.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 
 TRACKED, LOST, UNKNOWN = "tracked", "lost", "not known"

@@ -11,7 +11,14 @@ from workbench.body.angles import N_POSITION, unwrap_near
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
-from workbench.evaluation.posterior_calibration import covered, crps, gaussian_nll, moments, ranks, weight_below
+from workbench.evaluation.uncertainty.posterior_calibration import (
+    covered,
+    crps,
+    gaussian_nll,
+    moments,
+    ranks,
+    weight_below,
+)
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _LEVELS = (0.5, 0.9)

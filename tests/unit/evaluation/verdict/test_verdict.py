@@ -10,7 +10,9 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.evaluation.calibration_findings import unit_of, usual_height
 from workbench.evaluation.camera_agreement import pair_separations
-from workbench.evaluation.finding import (
+from workbench.evaluation.errors.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM, track_metrics
+from workbench.evaluation.observed_joints import ObservedJoints
+from workbench.evaluation.verdict.finding import (
     DOUBTFUL,
     NOT_USABLE,
     NOTE,
@@ -20,10 +22,8 @@ from workbench.evaluation.finding import (
     level_of,
     problems,
 )
-from workbench.evaluation.multiview_consistency import bends, limb_lengths, triangulate_rays
-from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, TRACKED_MM, track_metrics
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.verdict.multiview_consistency import bends, limb_lengths, triangulate_rays
+from workbench.evaluation.verdict.run_verdict import Verdict
 
 LATE = np.arange(N) >= 20
 INPUTS = RunInputs(height_m=HEIGHT_M, max_iterations=40, rate_hz=RATE_HZ)

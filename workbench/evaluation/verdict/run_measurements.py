@@ -12,10 +12,10 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import LIMBS, height_px, keypoint_pixels
+from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
 from workbench.evaluation.observed_joints import ObservedJoints
-from workbench.evaluation.step_calibration import GROUPS
-from workbench.evaluation.track_loss import UNCERTAIN_MM
+from workbench.evaluation.uncertainty.step_calibration import GROUPS
+from workbench.evaluation.verdict.multiview_consistency import LIMBS, height_px, keypoint_pixels
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3

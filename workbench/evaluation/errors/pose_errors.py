@@ -17,9 +17,9 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import height_px
-from workbench.evaluation.step_calibration import given_parameters, joint_calibration, pose_calibration
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT
+from workbench.evaluation.errors.track_loss import FOREARM_OVER_HEIGHT
+from workbench.evaluation.uncertainty.step_calibration import given_parameters, joint_calibration, pose_calibration
+from workbench.evaluation.verdict.multiview_consistency import height_px
 from workbench.utils.arrays import FloatArray
 
 _PCK_M = 0.15

@@ -17,11 +17,11 @@ from workbench.evaluation.calibration_findings import (
     upright,
     usual_height,
 )  # fmt: skip
-from workbench.evaluation.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
-from workbench.evaluation.multiview_consistency import bends, limb_lengths
-from workbench.evaluation.run_measurements import RunMeasurements, foot_speeds, walking_velocity
-from workbench.evaluation.track_loss import FOREARM_OVER_HEIGHT, UNCERTAIN_MM, WINDOW_FRAMES
-from workbench.evaluation.track_outcome import depth_drift, has_values
+from workbench.evaluation.errors.track_loss import FOREARM_OVER_HEIGHT, UNCERTAIN_MM, WINDOW_FRAMES
+from workbench.evaluation.verdict.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
+from workbench.evaluation.verdict.multiview_consistency import bends, limb_lengths
+from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
+from workbench.evaluation.verdict.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray
 
 _LIMB_TOLERANCE = 0.20
