@@ -14,13 +14,13 @@ from pictures import of_experiment
 
 from analysis import deviations
 from workbench.detections.readers.formats import LAYOUTS
+from workbench.evaluation.metrics import HEADLINE
 from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
 from workbench.experiment.config.schema import IF_CHOSEN, LITERAL
 from workbench.recording.read.reader import read
 
 BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"
-BASELINE_METRICS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "knee_flexion_rmse_deg", "coverage_90", "tracked")
 UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
     "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s",
@@ -145,7 +145,7 @@ def _experiment(name: str, option: Option) -> Iterator[str]:
             yield f"- {title}: " + ", ".join(f"{_code(f'{key}={_short(value)}')}" for key, value in flat.items())
     baseline = BASELINES / f"{name}.rrd"
     if baseline.is_file() and (metrics := read(baseline).result):
-        names = [key for key in BASELINE_METRICS if key in metrics] or sorted(metrics)[:6]
+        names = [key for key in HEADLINE if key in metrics] or sorted(metrics)[:6]
         yield f"- baseline: {', '.join(f'{key} {metrics[key]:.3g}' for key in names)}"
         caption = "its first figures" if "body" not in read(baseline).properties else _TRACKING_CAPTION
         yield from ("", f"![The baseline of {name}: {caption}](pictures/{name}.png)")

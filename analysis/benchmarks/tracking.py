@@ -25,7 +25,7 @@ from analysis.benchmarks.figure import Figure
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
-from workbench.evaluation.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary

@@ -10,7 +10,7 @@ from analysis.figures.cached_runs import Run
 from analysis.figures.recordings import Source
 from analysis.figures.replicates import PAPERS, runs_of, short
 from analysis.figures.unrecorded import Result
-from workbench.evaluation.track_loss import lost_frames
+from workbench.evaluation.errors.track_loss import lost_frames
 from workbench.utils.arrays import BoolArray
 from workbench.utils.errors import InputError
 

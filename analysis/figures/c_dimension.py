@@ -12,7 +12,7 @@ from analysis.figures.readings import OURS, PaperFigure, Reading
 from analysis.figures.studies import curves_named
 from analysis.figures.style import canvas
 from workbench.core.study import Curves
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.recording.study.drawing import GREY, SERIES, label_ends
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.figures.cached_runs import Run, RunCache
 from analysis.figures.recordings import Source
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 
 PAPERS = ("literal", "ours")
 N_SEEDS, N_SEEDS_QUICK = 10, 2

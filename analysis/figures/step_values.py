@@ -7,9 +7,9 @@ from workbench.body.kinematics import forward
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.cameras.camera import Camera
 from workbench.core.step import Step
-from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.pose_errors import geodesic_deg
-from workbench.evaluation.step_calibration import GROUPS
+from workbench.evaluation.errors.pose_errors import geodesic_deg
+from workbench.evaluation.uncertainty.intervals import weighted_quantiles
+from workbench.evaluation.uncertainty.step_calibration import GROUPS
 from workbench.utils.arrays import FloatArray
 
 TWIST = "right_shoulder_twist"

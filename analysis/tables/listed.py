@@ -24,7 +24,7 @@ from analysis.tables.table import (
     mean,
     over_runs,
 )
-from workbench.evaluation.step_calibration import GROUPS
+from workbench.evaluation.uncertainty.step_calibration import GROUPS
 from workbench.experiment.config.resolvers import RESOLVERS
 
 Rows = Mapping[Labels, tuple[str, Sequence[str]]]

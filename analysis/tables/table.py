@@ -9,7 +9,7 @@ import numpy as np
 from analysis.figures.cached_runs import Run
 from analysis.figures.recordings import Source
 from analysis.figures.unrecorded import Result
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.motion.formats.names import performer
 
 Labels: TypeAlias = tuple[str, ...]

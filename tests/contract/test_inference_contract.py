@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
+from workbench.evaluation.metrics import row_of
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import assemble
@@ -65,6 +66,7 @@ def test_every_frame_has_a_complete_step(parts, name):
         assert 1.0 <= step.ess <= n + 1e-6
         assert ((step.ancestors >= 0) & (step.ancestors < n)).all()
         assert all(np.isfinite(value) for value in step.diagnostics.values())
+        assert {name for name in step.diagnostics if not row_of(name).meaning} == set()  # of the table of metrics
         # a recording arranges its views by the diagnostics of the first step
         assert set(step.diagnostics) <= set(run_steps[0].diagnostics) or name == "synthesis"
     assert np.isnan(run_steps[-1].log_evidence) == (name in (*WITHOUT_WEIGHTED_SAMPLES, "annealed"))  # no evidence

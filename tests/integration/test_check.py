@@ -211,7 +211,7 @@ def clone(tmp_path_factory):
         shutil.copytree(against.ROOT / path.name, path, ignore=shutil.ignore_patterns("__pycache__", "conf"))
     against.git(folder, "add", "--all")
     commit(folder, "The current code")
-    errors = package / "evaluation" / "pose_errors.py"
+    errors = package / "evaluation" / "errors" / "pose_errors.py"
     text = errors.read_text()
     for metric, factor in (("mpjpe_mm", "1000.000000000001"), ("mpjpe_abs_mm", "1001.0")):
         assert f'"{metric}": 1e3 *' in text

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.sweep.job import read_summary
+from workbench.utils.run_files import read_summary
 from workbench.utils.run_lock import is_locked
 
 PACKAGES = (

@@ -8,7 +8,7 @@ from least_squares_scenes import PriorStub
 
 from workbench.body.limbs import person
 from workbench.datasets.points import Points
-from workbench.evaluation.pose_errors import step_errors
+from workbench.evaluation.errors.pose_errors import step_errors
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.motion.library import write_library

@@ -17,8 +17,9 @@ from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.detections.association.keypoint_kalman import exchanged
 from workbench.detections.association.target_selection import select_target
-from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.verdict import RunInputs, verdict
+from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.smooth_fit import SmoothFit

@@ -17,7 +17,7 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
-from workbench.evaluation.posterior_calibration import rank_histogram, ranks, weight_below
+from workbench.evaluation.uncertainty.posterior_calibration import rank_histogram, ranks, weight_below
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD

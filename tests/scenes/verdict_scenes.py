@@ -12,9 +12,9 @@ from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.run_findings import RunInputs
-from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.verdict import verdict
+from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.motion.sources import find_motion
 
 HEIGHT_M, RATE_HZ, N = 1.7, 25.0, 60

@@ -10,25 +10,11 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from workbench.evaluation.metrics import TERMINAL, row_of
 from workbench.utils.run_files import SUMMARY
 
 if TYPE_CHECKING:
     from workbench.experiment.summary import Summary
-
-METRICS: Mapping[str, tuple[str, float, str]] = {
-    "mpjpe_abs_mm": ("mm", 1.0, "mean joint error in the world frame"),
-    "mpjpe_mm": ("mm", 1.0, "the same, root-aligned"),
-    "pa_mpjpe_mm": ("mm", 1.0, "the same, Procrustes-aligned"),
-    "mpjpe_px": ("px", 1.0, "mean joint error in the image"),
-    "coverage_90": ("%", 100.0, "true values in their 90 % credible intervals"),
-    "coverage_90_joints": ("%", 100.0, "true joint coordinates in their 90 % credible intervals"),
-    "knee_flexion_rmse_deg": ("°", 1.0, "error of the knee flexion, RMS"),
-    "lost_fraction": ("%", 100.0, "frames in which track is lost"),
-    "ess_mean": ("particles", 1.0, "effective sample size"),
-    "inlier_fraction": ("%", 100.0, "observations near the body"),
-    "log_evidence": ("nats", 1.0, "log probability of all frames"),
-}
-"""Printed metrics by name: unit, factor to that unit, and meaning."""
 
 
 def summary_lines(summary: "Summary") -> Iterator[str]:
@@ -40,11 +26,12 @@ def summary_lines(summary: "Summary") -> Iterator[str]:
         width = max(map(len, metrics), default=0)
         yield from (f"  {name:<{width}} {value:10.4g}" for name, value in metrics.items())
     else:
-        printed = [name for name in METRICS if name in metrics and name not in omitted]
+        printed = [name for name in TERMINAL if name in metrics and name not in omitted]
         width = max(map(len, printed), default=0)
         for name in printed:
-            unit, factor, meaning = METRICS[name]
-            yield f"  {name:<{width}} {factor * metrics[name]:8.1f} {unit:<9} {meaning}"
+            row = row_of(name)
+            factor, unit = (100.0, "%") if row.unit == "fraction" else (1.0, row.unit)
+            yield f"  {name:<{width}} {factor * metrics[name]:8.1f} {unit:<9} {row.title}"
         rest = len(metrics) - len(printed)
         yield f"  {rest} more metrics: {_shortest(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"

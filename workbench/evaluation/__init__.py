@@ -1,1 +1,1 @@
-"""Errors and calibration of the posterior."""
+"""Errors, uncertainty and verdict of a run, and the table of all metrics."""

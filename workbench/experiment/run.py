@@ -18,10 +18,10 @@ from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_
 from workbench.core.prior import Prior
 from workbench.core.step import resumable
 from workbench.core.study import Study
-from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.run_findings import RunInputs
-from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.verdict import verdict
+from workbench.evaluation.metrics import HEADLINE_ERRORS, row_of
+from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, evidence_problem, traits_of
@@ -198,7 +198,7 @@ def _uninformative(config: DictConfig, components: Components) -> frozenset[str]
     provided = traits_of(config.inference).provides
     of_likelihood = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
     names = {"ess", "ess_mean"} if UNIFORM_WEIGHTS in provided | of_likelihood else set()
-    names |= {f"{error}_max_weight" for error in ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")} if FIT in provided else set()
+    names |= {f"{error}_max_weight" for error in HEADLINE_ERRORS} if FIT in provided else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
         names |= set() if angles & set(components.parameters) else {f"{joint}_flexion_rmse_deg"}
@@ -259,7 +259,7 @@ def record(
                 collector.add(step, errors)
             for message in step.warnings:
                 log.warning(message)
-            error = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
+            error = [f"error {errors[name]:.1f} {row_of(name).unit}" for name in HEADLINE_ERRORS if name in errors][:1]
             ess = [] if "ess" in summary.uninformative_metrics else [f"ESS {step.ess:.0f}"]
             bar.set_postfix_str(", ".join([*error, *ess]), refresh=False)  # shown by the update
             bar.update()

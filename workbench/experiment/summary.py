@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.track_loss import track_metrics
+from workbench.evaluation.errors.track_loss import track_metrics
+from workbench.evaluation.metrics import row_of
 from workbench.recording.migrations import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
@@ -24,12 +25,9 @@ from workbench.utils.signals import deferred
 
 if TYPE_CHECKING:  # slow imports that a rejected configuration does not need
     from workbench.core.step import Step
-    from workbench.evaluation.verdict import Verdict
+    from workbench.evaluation.verdict.run_verdict import Verdict
 
 log = logging.getLogger(__name__)
-
-_RMS = ("knee_flexion_rmse_deg", "hip_flexion_rmse_deg")
-"""Errors that are summarized by their root mean square instead of their mean."""
 
 _RESERVED_BYTES = 32_768
 """Size of summary.json during a run, bytes: reserves space for the final one on a full disk."""
@@ -48,8 +46,8 @@ def versions() -> dict[str, str]:
 class Summary:
     """Results of a run, accumulated step by step.
 
-    Means are over the frames with ground truth after the first, which is the initial condition. log_evidence covers all
-    frames.
+    The frames with ground truth after the first, which is the initial condition, are aggregated. log_evidence covers
+    all frames.
 
     assumptions: the side information used, see `requirements.assumptions`. input_counts: what the dataset counted in
     what it read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. run_metrics: metrics
@@ -116,18 +114,17 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Metrics of the run: mean errors, comparable log evidence, and and `run_metrics`; or those of a study."""
+        """Metrics of the run: those of the frames, see `Metric.aggregates`, comparable log evidence, and `run_metrics`;
+        or those of a study."""
         if self.study is not None:
             return dict(self.study)
-        means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
-        means |= {name: float(np.sqrt(np.mean(np.square(self.per_frame[name])))) for name in _RMS if name in means}
-        means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
-        if "jump_deg_mean" in means:
-            means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
-        means |= track_metrics(self.per_frame)
+        numbers: dict[str, float] = {}
+        for name, values in self.per_frame.items():
+            numbers |= row_of(name).of_run(values)
+        numbers |= track_metrics(self.per_frame)
         if "log_evidence" not in self.omitted_metrics:
-            means["log_evidence"] = self.log_evidence
-        return {**means, **self.run_metrics, "n_frames": float(self.frames)}
+            numbers["log_evidence"] = self.log_evidence
+        return {**numbers, **self.run_metrics, "n_frames": float(self.frames)}
 
     @property
     def cost(self) -> dict[str, float]:

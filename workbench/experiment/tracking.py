@@ -16,10 +16,10 @@ from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
-from workbench.evaluation.marker_offsets import MarkerOffsets
-from workbench.evaluation.pose_errors import AccelerationError, step_errors
-from workbench.evaluation.posterior_calibration import expected_calibration_error
-from workbench.evaluation.step_calibration import expected_errors, group_errors, pose_ranks
+from workbench.evaluation.errors.marker_offsets import MarkerOffsets
+from workbench.evaluation.errors.pose_errors import AccelerationError, step_errors
+from workbench.evaluation.uncertainty.posterior_calibration import expected_calibration_error
+from workbench.evaluation.uncertainty.step_calibration import expected_errors, group_errors, pose_ranks
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints

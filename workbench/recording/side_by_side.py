@@ -10,19 +10,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.core.study import Sticks
-from workbench.evaluation.headline import SHORT_TITLES
+from workbench.evaluation.metrics import HEADLINE, SHORT_TITLES, row_of
 from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
 from workbench.recording.read.crash_probe import refuse_crashing
 from workbench.recording.read.reader import Run
 from workbench.recording.study.study_recorder import entity
-from workbench.recording.write import styles
 from workbench.recording.write.file import written_file
 from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
 OVERLAID = "all runs: errors and outcomes"
-_CURVES = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "coverage_90")
-"""Metrics that are compared."""
 _EYE_M = (2.1, -2.1, 0.6)
 _MAX_FIGURES = 4
 _SIDES = {"a": (190, 190, 190), "b": (255, 110, 160)}
@@ -61,7 +58,7 @@ def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) 
 
 
 def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups: Sequence[str]) -> None:
-    """Write an .rrd with the errors and the coverage of every run over its frames, and a table of their outcomes.
+    """Write an .rrd with the headline metrics of every run over its frames, and a table of their outcomes.
 
     Every group of runs has a colour, which the table names, since a legend of all runs would cover the curves. Studies
     have no curves.
@@ -71,9 +68,9 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
     runs, names : the runs and their names.
     groups : differences of each run's configuration from the others', without the seed.
     """
-    metrics = [name for name in _CURVES if any(name in run.metrics for run in runs)]
+    metrics = [name for name in HEADLINE if any(name in run.metrics for run in runs)]
     legend = rrb.PlotLegend(visible=False)
-    views = [rrb.TimeSeriesView(origin=f"/{name}", name=styles.title(name), plot_legend=legend) for name in metrics]
+    views = [rrb.TimeSeriesView(origin=f"/{name}", name=row_of(name).heading, plot_legend=legend) for name in metrics]
     rows = [rrb.Horizontal(*views[k : k + 2]) for k in range(0, len(views), 2)]
     content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="outcomes"))
     colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
@@ -91,7 +88,7 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
 
 
 def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
-    """Return a Markdown table of the runs' verdicts and headline metrics."""
+    """Return a Markdown table of the runs' verdicts, errors and coverage."""
     titles = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
     rows = [["run", "colour", "verdict", *titles.values()], ["---"] * (3 + len(titles))]
     for run, name, word in zip(runs, names, words, strict=True):
@@ -105,7 +102,7 @@ def _two(a: Run, b: Run, names: tuple[str, str]) -> rrb.Container:
     columns = [_pictures(side, run, f"{side}: {name}") for side, run, name in zip("ab", (a, b), names, strict=True)]
     rows = [rrb.Horizontal(*pair) for pair in zip(*columns, strict=False)]
     recorded = {*a.metric_names, *b.metric_names}
-    metrics = [name for name in _CURVES if name in recorded] or sorted(recorded)
+    metrics = [name for name in HEADLINE if name in recorded] or sorted(recorded)
     return rrb.Vertical(*rows, *([] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]))
 
 
@@ -134,4 +131,4 @@ def _curve(metric: str) -> rrb.TimeSeriesView:
         f"/{side}/metrics/{metric}": rr.SeriesLines(colors=[colour], widths=[2.0], names=[side]).visualizer()
         for side, colour in _SIDES.items()
     }
-    return rrb.TimeSeriesView(origin="/", contents=list(drawn), name=styles.title(metric), overrides=drawn)
+    return rrb.TimeSeriesView(origin="/", contents=list(drawn), name=row_of(metric).heading, overrides=drawn)

@@ -12,8 +12,8 @@ from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from workbench.datasets.rendering.perturbations import perturbation_sizes
-from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.track_loss import track_events
+from workbench.evaluation.errors.track_loss import track_events
+from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.resume import branch_config, continuation_at
@@ -174,7 +174,7 @@ def _repeat(
         except InputError as error:
             refused = error
             continue
-        errors = [summary.metrics[name] for name in ERRORS if name in summary.metrics]
+        errors = [summary.metrics[name] for name in HEADLINE_ERRORS if name in summary.metrics]
         states = summary.verdict.states if summary.verdict is not None else ()
         tracked = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
         return tracked, errors[0] if errors else np.nan, at is None

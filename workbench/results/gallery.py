@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 from tqdm import tqdm
 
-from workbench.evaluation.headline import SHORT_TITLES
+from workbench.evaluation.metrics import SHORT_TITLES
 from workbench.recording.read.chunks import recording_of
 from workbench.recording.write.cards import CARD, column, preview_of, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS

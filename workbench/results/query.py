@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.evaluation.headline import ERRORS, SHORT_TITLES
+from workbench.evaluation.metrics import HEADLINE_ERRORS, SHORT_TITLES
 from workbench.results.formatting import number, table_of
 from workbench.results.report.variation import EXPERIMENT, flat, label, what_varied
 from workbench.results.table import FIELDS, SECTIONS, records_of
@@ -83,9 +83,9 @@ def sort_runs(runs: pd.DataFrame, key: str | None) -> pd.DataFrame:
 
 
 def best_first(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the complete runs sorted by the first of ERRORS that any has."""
+    """Return the complete runs sorted by the first of HEADLINE_ERRORS that any has."""
     complete = runs[runs["status"] == "complete"].dropna(axis="columns", how="all")
-    name = next((f"metrics.{name}" for name in ERRORS if f"metrics.{name}" in complete), None)
+    name = next((f"metrics.{name}" for name in HEADLINE_ERRORS if f"metrics.{name}" in complete), None)
     return complete if name is None else complete.sort_values(name, kind="stable")
 
 
@@ -111,7 +111,7 @@ def sweeps(runs: pd.DataFrame) -> pd.DataFrame:
     for folder in dict.fromkeys(filter(None, runs["sweep"])):
         jobs = runs[runs["sweep"] == folder]
         ended, best = jobs["status"].value_counts(), best_first(jobs)
-        error = next((name for name in ERRORS if f"metrics.{name}" in best), None)
+        error = next((name for name in HEADLINE_ERRORS if f"metrics.{name}" in best), None)
         others = ", ".join(f"{n} {status}" for status, n in sorted(ended.items()) if status != "complete")
         first = "" if error is None else f"{error} {number(best[f'metrics.{error}'].iloc[0])}"
         n_complete = int(ended.get("complete", 0))

@@ -14,7 +14,7 @@ from workbench.body.skeleton import PARTS, POSE_NAMES, person_skeleton
 from workbench.cameras.camera import plain_camera
 from workbench.core.gaussian import condition, predict
 from workbench.core.study import Curves, StudyResult
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.priors.smooth import Smooth
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

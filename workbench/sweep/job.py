@@ -14,7 +14,7 @@ from typing import Any
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.evaluation.headline import ERRORS
+from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.sweep.early_stop import StopCondition, parse_stop_condition
 from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
@@ -70,9 +70,9 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
 
 
 def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | None:
-    """Return the metric `name`, for None the first of ERRORS; InputError if it does not exist."""
+    """Return the metric `name`, for None the first of HEADLINE_ERRORS; InputError if it does not exist."""
     if name is None:
-        return next((metrics[error] for error in ERRORS if error in metrics), None)
+        return next((metrics[error] for error in HEADLINE_ERRORS if error in metrics), None)
     if name not in metrics:
         raise InputError(f"sweep.objective: expected one of {', '.join(sorted(metrics))}, found {name!r}")
     return metrics[name]

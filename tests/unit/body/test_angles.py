@@ -13,7 +13,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
-from workbench.evaluation.pose_errors import flexion_errors
+from workbench.evaluation.errors.pose_errors import flexion_errors
 from workbench.motion.full_skeleton import full_skeleton
 
 BANDAI = full_skeleton(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)))

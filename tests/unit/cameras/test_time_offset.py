@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from workbench.cameras.camera import plain_camera
 
+from workbench.cameras.camera import plain_camera
 from workbench.cameras.time_offset import distance_curve
 
 CAMERAS = [plain_camera(640, 480, 500.0, position, (0.0, 0.0, 1.0)) for position in ((4.0, 0.0, 1.0), (0.0, 4.0, 1.5))]

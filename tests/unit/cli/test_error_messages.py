@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from workbench.cli import run_output
 from workbench.cli.error_messages import message_of
 from workbench.cli.hydra_quoting import quoted
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.utils.finding import Finding
 
@@ -92,7 +92,7 @@ def test_the_last_line_is_a_command_that_opens_the_recording(summary, tmp_path, 
 def test_metrics_follow_the_verdict_with_their_units_aligned(summary):
     verdict, *lines = run_output.summary_lines(summary)
     assert verdict == f"verdict: {summary.verdict.message}"
-    rows = [line for line in lines if line.split()[0] in run_output.METRICS]
+    rows = [line for line in lines if line.split()[0] in run_output.TERMINAL]
     assert [row.split()[:3] for row in rows] == [["mpjpe_abs_mm", "31.0", "mm"], ["pa_mpjpe_mm", "25.0", "mm"]]
     assert len({row.index(" mm ") for row in rows}) == 1
     assert any(line.split()[:2] == ["2", "more"] for line in lines)  # the marker offset and the uninformative metric

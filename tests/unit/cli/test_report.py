@@ -19,7 +19,7 @@ from workbench.recording.write.recorder import Recorder
 from workbench.results.report.page import escaped
 from workbench.results.report.plots import joint_errors
 
-PLOTS = ["coverage", "error_against_particles", "error_against_time", "error_per_joint"]
+PLOTS = ["coverage_90", "error_against_particles", "error_against_time", "error_per_joint"]
 
 
 def config(prior, n, seed):

@@ -10,9 +10,9 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.core.keys import constructor_arguments, records_arguments
+from workbench.core.observations import Keypoints
 from workbench.experiment import provenance as module
 from workbench.experiment.provenance import code_state, has_commit, identity, object_config
-from workbench.likelihoods.keypoints import Keypoints
 from workbench.priors.smooth import Smooth
 
 

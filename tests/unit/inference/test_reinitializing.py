@@ -10,7 +10,7 @@ from linear_gaussian import streams
 from workbench.body.limbs import person
 from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
-from workbench.evaluation.pose_errors import step_errors
+from workbench.evaluation.errors.pose_errors import step_errors
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.reinitializing import PATIENCE, REFERENCE_FRAMES, Reinitializing
 from workbench.likelihoods.cues.appearance import Appearance

@@ -16,7 +16,7 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.evaluation.posterior_calibration import covered, weight_below
+from workbench.evaluation.uncertainty.posterior_calibration import covered, weight_below
 from workbench.inference.smc.bootstrap import Bootstrap
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag

@@ -25,11 +25,12 @@ from workbench.core.state_space import StateSpace
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.hybrid import NO_PROPOSAL, Hybrid
-from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Reinitializing
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
+from workbench.inference.smc.weights import DegenerateWeights
 from workbench.priors.density import log_normal, state_difference
 
 T, SEEDS, N = 5, 16, 150

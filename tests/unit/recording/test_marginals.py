@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.uncertainty.intervals import weighted_quantiles
 from workbench.recording.write import marginals as module
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, masses
 

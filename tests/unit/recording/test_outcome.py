@@ -8,9 +8,9 @@ from recorded import components, static, values
 from recording_steps import BODY, CAMERA, SPACE, steps
 
 from workbench.body.kinematics import joints
-from workbench.evaluation.run_findings import RunInputs
-from workbench.evaluation.run_measurements import MeasurementCollector
-from workbench.evaluation.verdict import Verdict, verdict
+from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import Verdict, verdict
 from workbench.recording.read.reader import read
 from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder

@@ -11,9 +11,9 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame
-from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.posterior_calibration import ranks, weight_below
-from workbench.evaluation.step_calibration import pose_ranks
+from workbench.evaluation.uncertainty.intervals import weighted_quantiles
+from workbench.evaluation.uncertainty.posterior_calibration import ranks, weight_below
+from workbench.evaluation.uncertainty.step_calibration import pose_ranks
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.motion.models.walking import learn_walking

@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint import table
 from rerun.chunk import RrdReader
 
+from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.recording.migrations import former_paths
 from workbench.recording.settings import numbers_and_texts
 from workbench.recording.write.file import CHOICES, SETTINGS, arrow, written_file
@@ -19,7 +20,7 @@ _OPEN = "recording link"
 """The viewer's column with the recording that a card opens and previews."""
 _IMAGES = ("EncodedImage:blob", "VideoFrameReference:timestamp")
 _SCENE = "/world/"
-_CURVE = "/metrics/mpjpe_abs_mm"
+_CURVE = f"/metrics/{HEADLINE_ERRORS[0]}"
 
 
 def preview_of(path: Path) -> tuple[list[str], bool]:

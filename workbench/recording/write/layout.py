@@ -9,6 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.body.angles import FLEXIONS
+from workbench.evaluation.metrics import CALIBRATED, CALIBRATION, row_of
 from workbench.recording.write import styles
 from workbench.recording.write.images import OVERLAYS, RecordedCamera
 from workbench.recording.write.outcome import REPROJECTION_ERRORS, STATE, VERDICT
@@ -35,7 +36,8 @@ _UNCERTAINTY, _INTERVAL, _FLEXION, _GROUP = 100.0, 134.0, 160.0, 300.0
 _TICK_HEIGHT, _TICK_MARGIN = 21.0, 0.06
 """Points between two ticks, below which the viewer does not label them, and the margin of an axis, without which the
 viewer cuts the labels at the ends."""
-_CALIBRATION = ("coverage_", "crps_", "nees_", "nll")
+_EXPECTED, _TRUE, _CUES = "expected_error_<group>_mm", "mpjpe_abs_<group>_mm", "variance_fraction_<cue>"
+"""Families of metrics, each in one plot."""
 _AXIS, _LANE = 54.0, 40.0
 _LINE_CHARACTERS = 190  # of the verdict
 
@@ -112,7 +114,7 @@ def trails_layout(
     metrics : each has a plot.
     warned : there are warnings.
     """
-    plots = [_plot(title(name), f"/metrics/{name}") for name in metrics]
+    plots = [_plot(row_of(name).heading, f"/metrics/{name}") for name in metrics]
     for joint in ("hip", "knee"):
         sides = {"left": styles.ESTIMATE, "right": styles.RIGHT_HAND}
         curves: dict[Any, Any] = {
@@ -150,7 +152,7 @@ def _texts(warned: bool) -> list[_Part]:
 def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return errors, uncertainty, and the posterior in tabs."""
     errors, rows = _errors(data), list[tuple[float, _Part]]()
-    name = f"effective sample size (of {data.n_particles})"
+    name = f"{row_of('ess').title} (of {data.n_particles})"
     n = float(data.n_particles)
     ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, n), name, height=_UNCERTAINTY)]
     if errors:
@@ -162,11 +164,9 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
 
 def _errors_by_group(data: LayoutInput) -> list[rrb.View]:
     """Return plots of the expected and of the true errors by joint group, with equal axes."""
-    drawn = _group_errors(data.metrics)
-    axis = _legend([f"metrics/{name}" for name in drawn], data, _GROUP, len(styles.GROUPS))
-    words = {"expected_error": "error expected by the posterior (mm)", "mpjpe_abs": "true error (mm)"}
-    chosen = {kind: [name for name in drawn if name.startswith(kind)] for kind in words}
-    return [_metrics(words[kind], metrics, data, axis) for kind, metrics in chosen.items() if metrics]
+    drawn = {plot: _in_plot(plot, data.metrics) for plot in (_EXPECTED, _TRUE)}
+    axis = _legend([f"metrics/{name}" for names in drawn.values() for name in names], data, _GROUP, len(styles.GROUPS))
+    return [_metrics(row_of(plot).heading, names, data, axis) for plot, names in drawn.items() if names]
 
 
 def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
@@ -215,24 +215,23 @@ def _world(data: LayoutInput) -> rrb.Spatial3DView:
 def _errors(data: LayoutInput) -> list[rrb.View]:
     """Return plots of joint errors in the world and in the image, or of reprojection errors without a ground truth.
 
-    Errors of the particle of largest weight are drawn once, and not in a fit, where it equals the expected pose.
+    Errors of the particle of largest weight are not drawn in a fit, where it equals the expected pose.
     """
     views: list[rrb.View] = []
-    for first, names in (("mpjpe_abs_mm", _errors_mm(data.metrics)), ("mpjpe_px", _errors_px(data.metrics))):
+    for plot in ("mpjpe_abs_mm", "mpjpe_px"):
         drawn = [
-            name for name in names
-            if name not in data.uninformative
-            and (not name.endswith("_max_weight") or not (data.flexions or name == "mpjpe_mm_max_weight"))
+            name for name in _in_plot(plot, data.metrics)
+            if name not in data.uninformative and not (data.flexions and name.endswith("_max_weight"))
         ]  # fmt: skip
-        views += [_metrics(title(first), drawn, data)] if drawn else []
+        views += [_metrics(row_of(plot).heading, drawn, data)] if drawn else []
     if data.reprojection_errors and "mpjpe_abs_mm" not in data.metrics:
-        name, paths = "reprojection error by camera (pixels)", [f"/{path}" for path in data.reprojection_errors]
+        name, paths = "reprojection error by camera (px)", [f"/{path}" for path in data.reprojection_errors]
         views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(data.reprojection_errors, data)))
     return views
 
 
 def _coverage(data: LayoutInput) -> list[rrb.View]:
-    return [_metric("coverage_90", data, (0.0, 1.0), height=_UNCERTAINTY)] if "coverage_90" in data.metrics else []
+    return [_metric(name, data, (0.0, 1.0), height=_UNCERTAINTY) for name in data.metrics if name in CALIBRATED]
 
 
 def _details(data: LayoutInput) -> list[_Part]:
@@ -245,16 +244,12 @@ def _details(data: LayoutInput) -> list[_Part]:
     tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % intervals"), _posterior(units, data)]
     if by_group := _errors_by_group(data):
         tabs.insert(1, rrb.Horizontal(*by_group, name="errors by group"))
-    fractions = styles.variance_fractions(data.metrics)
-    elsewhere = {
-        *_errors_mm(data.metrics), *_errors_px(data.metrics), *_group_errors(data.metrics), *fractions,
-        *data.uninformative, *(() if data.flexions else ("ess", "coverage_90")),
-    }  # fmt: skip
-    others = [name for name in data.metrics if name not in elsewhere]
-    calibration = [_metric(name, data) for name in others if name.startswith(_CALIBRATION)]
-    numbers = [_metric(name, data) for name in others if not name.startswith(_CALIBRATION)]
-    if fractions:
-        numbers.insert(0, _metrics("cues' fractions of the log-likelihood's variance", fractions, data))
+    elsewhere = {*data.uninformative, *(() if data.flexions else ("ess", *CALIBRATED))}
+    others = [name for name in data.metrics if row_of(name).plot == "" and name not in elsewhere]
+    calibration = [_metric(name, data) for name in others if row_of(name).section == CALIBRATION]
+    numbers = [_metric(name, data) for name in others if row_of(name).section != CALIBRATION]
+    if fractions := _in_plot(_CUES, data.metrics):
+        numbers.insert(0, _metrics(row_of(_CUES).heading, fractions, data))
     ranks = _bars("ranks of the truth (uniform: calibrated, U: overconfident)", f"/{RANKS}")
     if calibration:
         grid = rrb.Grid(*calibration, grid_columns=3, name="coverage and scores")
@@ -306,7 +301,7 @@ def _metric(
     paths = [f"metrics/{metric}", *styles.guides([metric])]
     axis = _axis(paths, data, height) if span is None else rrb.ScalarAxis(range=with_ticks(*span, height))
     contents = [f"/{path}" for path in paths]
-    return _plot(name or title(metric), contents[0], contents, axis=axis, overrides=_dots([metric], data))
+    return _plot(name or row_of(metric).heading, contents[0], contents, axis=axis, overrides=_dots([metric], data))
 
 
 def _plot(
@@ -384,24 +379,7 @@ def with_ticks(low: float, high: float, height: float) -> tuple[float, float]:
     return min(ranges, key=lambda each: each[1] - each[0])
 
 
-def _errors_mm(metrics: Sequence[str]) -> list[str]:
-    """Return the errors of the whole body in space."""
-    return [name for name in _errors_of_body(metrics) if name.removesuffix("_max_weight").endswith("_mm")]
-
-
-def _errors_px(metrics: Sequence[str]) -> list[str]:
-    """Return the errors in the image, and their threshold."""
-    errors = [name for name in _errors_of_body(metrics) if "px" in name.split("_")]
-    return [*errors, *(name for name in metrics if errors and name == "forearm_width_px")]
-
-
-def _errors_of_body(metrics: Sequence[str]) -> list[str]:
-    """Return the joint errors of the whole body, and errors of components' own."""
-    groups = set(_group_errors(metrics))
-    return [name for name in metrics if name.startswith(("mpjpe", "pa_mpjpe", "error")) and name not in groups]
-
-
-def _group_errors(metrics: Sequence[str]) -> list[str]:
-    """Return the errors expected by the posterior, and the true ones, by joint group."""
-    names = {f"{kind}_{group}_mm" for group in styles.GROUPS for kind in ("expected_error", "mpjpe_abs")}
-    return [name for name in metrics if name in names]
+def _in_plot(plot: str, metrics: Sequence[str]) -> list[str]:
+    """Return the metrics that are drawn in a shared plot; none if the only one is a threshold."""
+    drawn = [name for name in metrics if row_of(name).plot == plot]
+    return drawn if drawn != ["forearm_width_px"] else []

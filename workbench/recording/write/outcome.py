@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
-from workbench.evaluation.run_measurements import RunMeasurements, stance
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.verdict.run_measurements import RunMeasurements, stance
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray

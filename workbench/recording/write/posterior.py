@@ -12,8 +12,8 @@ from workbench.body.skeleton import Skeleton
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.posterior_calibration import rank_histogram
+from workbench.evaluation.uncertainty.intervals import weighted_quantiles
+from workbench.evaluation.uncertainty.posterior_calibration import rank_histogram
 from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram

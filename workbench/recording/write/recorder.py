@@ -23,7 +23,7 @@ from workbench.core.frame import Frame, true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.step_calibration import pose_ranks
+from workbench.evaluation.uncertainty.step_calibration import pose_ranks
 from workbench.recording.write import checkpoints as stored
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import ByteArray, FloatArray
@@ -33,8 +33,8 @@ from workbench.utils.signals import deferred
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
 
-    from workbench.evaluation.run_measurements import RunMeasurements
-    from workbench.evaluation.verdict import Verdict
+    from workbench.evaluation.verdict.run_measurements import RunMeasurements
+    from workbench.evaluation.verdict.run_verdict import Verdict
 
 FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 60
 """Seconds between two flushes, or this fraction of the run's seconds so far, and frames at most: the work that is lost

@@ -1,4 +1,4 @@
-"""Colours (RGB, 0–255) for black and white backgrounds, and the styles and titles of curves.
+"""Colours (RGB, 0–255) for black and white backgrounds, and the styles of curves.
 
 Orange estimate and blue truth differ for every kind of colour vision.
 """
@@ -8,6 +8,7 @@ from itertools import cycle
 
 import rerun as rr
 
+from workbench.evaluation.metrics import CALIBRATED, row_of
 from workbench.recording.write.columns import Entities
 
 ESTIMATE, INTERVAL, TRUTH, TRUTH_HIDDEN = (255, 159, 28), (186, 120, 60), (48, 170, 240), (38, 104, 138)
@@ -31,54 +32,27 @@ PARTS = (
 GROUPS = {"head": ("green", SERIES[0]), "arms": ("red", SERIES[1]), "legs": ("blue", SERIES[2]),
           "root": ("pink", SERIES[3])}  # fmt: skip
 """Groups of joints with a curve of their expected error: name of the colour, and the colour."""
-_ESTIMATE = ("expected pose", ESTIMATE, 2.5)
-_MAX_WEIGHT = ("particle of largest weight", HEAVIEST_PARTICLE, 1.0)
-FOREARM = ("threshold: a forearm's width", MODEL, 1.5)
+_THRESHOLD = MODEL, 1.5
 _CURVES = {
-    "mpjpe_abs_mm": _ESTIMATE,
-    "mpjpe_abs_mm_max_weight": _MAX_WEIGHT,
-    "mpjpe_mm": ("root-aligned", SERIES[3], 1.0),
-    "mpjpe_abs_marker_corrected_mm": ("marker offsets corrected", MODEL, 1.0),
-    "pa_mpjpe_mm": ("Procrustes-aligned", SERIES[0], 1.0),
-    "mpjpe_px": _ESTIMATE,
-    "mpjpe_px_max_weight": _MAX_WEIGHT,
-    "forearm_width_px": FOREARM,
-    **{f"expected_error_{group}_mm": (group, colour, 2.5) for group, (_, colour) in GROUPS.items()},
-    **{f"mpjpe_abs_{group}_mm": (group, colour, 2.0) for group, (_, colour) in GROUPS.items()},
+    "mpjpe_abs_mm": (ESTIMATE, 2.5),
+    "mpjpe_abs_mm_max_weight": (HEAVIEST_PARTICLE, 1.0),
+    "mpjpe_mm": (SERIES[3], 1.0),
+    "mpjpe_abs_marker_corrected_mm": (MODEL, 1.0),
+    "pa_mpjpe_mm": (SERIES[0], 1.0),
+    "mpjpe_px": (ESTIMATE, 2.5),
+    "mpjpe_px_max_weight": (HEAVIEST_PARTICLE, 1.0),
+    "forearm_width_px": _THRESHOLD,
+    **{f"expected_error_{group}_mm": (colour, 2.5) for group, (_, colour) in GROUPS.items()},
+    **{f"mpjpe_abs_{group}_mm": (colour, 2.0) for group, (_, colour) in GROUPS.items()},
 }
-"""Metrics that share a plot: (name in the legend, colour, width)."""
-_GUIDES = {"coverage_90": 0.9}
-"""Reference values of metrics, drawn as lines."""
-_TITLES = {
-    "mpjpe_abs_mm": "absolute MPJPE (mm)",
-    "mpjpe_mm": "MPJPE, root-aligned (mm)",
-    "mpjpe_px": "2-D MPJPE (pixels)",
-    "jump_deg": "largest change of a joint angle (degrees)",
-    "same_activity": "samples from the initial activity (1: all)",
-    "coverage_90": "coverage of 90 % intervals",
-    "crps_mm": "CRPS, position (mm)",
-    "crps_deg": "CRPS, angles (degrees)",
-    "nll": "NLL per parameter (nats)",
-    "ess": "effective sample size",
-    "log_evidence": "log evidence of all frames so far",
-    "knee_flexion_rmse_deg": "knee flexion RMSE (degrees)",
-    "hip_flexion_rmse_deg": "hip flexion RMSE (degrees)",
-    "humaneva_mm": "HumanEva error (mm)",
-    "humaneva_px": "HumanEva error (pixels)",
-    "pck_abs_150mm": "PCK at 150 mm",
-    "mpjae_local_deg": "local MPJAE (degrees)",
-    "acceleration_error_m_s2": "acceleration error (m/s²)",
-    "unique_ancestors_lag10": "distinct ancestors 10 frames ago",
-    "nees_per_dim": "NEES per dimension",
-    "coverage_50": "coverage of 50 % intervals",
-    **{f"coverage_90_{group}": f"{group}: coverage of 90 %" for group in GROUPS},
-    "activity_accuracy": "activity accuracy (1: correct)",
-}
+"""Colour and width of the curves of metrics that share a plot."""
+FOREARM = (row_of("forearm_width_px").label, *_THRESHOLD)
+"""Style of a forearm's width in the image."""
 
 
 def title(name: str, unit: str = "") -> str:
-    """Return a metric's or parameter's name as words, with its unit."""
-    words = _TITLES.get(name, name.replace("_", " "))
+    """Return a parameter's name as words, with its unit."""
+    words = name.replace("_", " ")
     unit = "degrees" if unit == "rad" else unit  # angles are drawn in degrees
     return f"{words} ({unit})" if unit not in ("", "1") else words
 
@@ -94,11 +68,16 @@ def dots(label: str, colour: tuple[int, int, int], _width: float = 0.0) -> rr.Se
 
 
 def metric_style(name: str, metrics: Sequence[str]) -> tuple[str, tuple[int, int, int], float]:
-    """Return label, colour and width of a metric's curve among all `metrics`."""
-    cues = dict(zip(variance_fractions(metrics), cycle(SERIES)))
-    if name in cues:
-        return title(name), cues[name], 2.0
-    return _CURVES.get(name, (title(name), ESTIMATE, 2.0))
+    """Return label, colour and width of a metric's curve among all `metrics`; in a shared plot colours differ."""
+    row = row_of(name)
+    if not row.plot:
+        return row.title, ESTIMATE, 2.0
+    if name in _CURVES:
+        return row.label, *_CURVES[name]
+    used = {colour for each, (colour, _) in _CURVES.items() if row_of(each).plot == row.plot}
+    others = [each for each in metrics if row_of(each).plot == row.plot and each not in _CURVES]
+    colours = dict(zip(others, cycle(colour for colour in SERIES if colour not in used), strict=False))
+    return row.label, colours[name], 2.0
 
 
 def metric_lines(metrics: Sequence[str]) -> Entities:
@@ -110,9 +89,4 @@ def metric_lines(metrics: Sequence[str]) -> Entities:
 
 def guides(metrics: Iterable[str]) -> dict[str, float]:
     """Return the reference values of metrics by entity path."""
-    return {f"guides/{name}": _GUIDES[name] for name in metrics if name in _GUIDES}
-
-
-def variance_fractions(metrics: Iterable[str]) -> list[str]:
-    """Return those of the metrics that are variance fractions of cues."""
-    return [name for name in metrics if name.startswith("variance_fraction_")]
+    return {f"guides/{name}": CALIBRATED[name] for name in metrics if name in CALIBRATED}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
+from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.recording.read.reader import Run
 from workbench.results.check.agreement import Agreement, Demand, MetricChange
 from workbench.results.formatting import table_of, text
@@ -15,8 +16,6 @@ from workbench.utils.environment import differing
 from workbench.utils.text import printable
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
-_MAIN = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
-"""Metrics whose undetectable change a check reports."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +85,9 @@ def _difference(was: Run, now: Run) -> str:
 
 
 def _undetectable(group: Sequence[Check]) -> str:
-    """Return the largest relative changes of the metrics in _MAIN within tolerances, in words."""
+    """Return the largest relative changes of the headline errors within tolerances, in words."""
     words = []
-    for name in _MAIN:
+    for name in HEADLINE_ERRORS:
         fractions = []
         for check in group:
             tolerance = check.demand.of(name) if check.demand is not None else None

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from workbench.evaluation.intervals import mean_interval
+from workbench.evaluation.metrics import HEADLINE_ERRORS
+from workbench.evaluation.uncertainty.intervals import mean_interval
 from workbench.recording.read.reader import Run
 from workbench.results.check.agreement import MetricChange
 from workbench.utils.arrays import FloatArray, IntArray
@@ -18,8 +19,6 @@ LEVEL = 0.05
 POWER = 0.95
 ROUNDING = 1e-9
 """Relative difference of a number by the order of sums or another library's last bits."""
-_DISTRIBUTIONS = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px")
-"""Metrics whose values in single frames are also compared as distributions."""
 
 
 def compare_seeds(groups: Groups) -> list[list[MetricChange]]:
@@ -130,7 +129,8 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _over_frames(was: Sequence[Run], now: Sequence[Run]) -> list[str]:
-    return [name for name in _DISTRIBUTIONS if all(name in run.metrics for run in (*was, *now))]
+    """Return the errors whose values in single frames are also compared as distributions."""
+    return [name for name in HEADLINE_ERRORS if all(name in run.metrics for run in (*was, *now))]
 
 
 def _values(name: str, was: Sequence[Run], now: Sequence[Run]) -> tuple[FloatArray, FloatArray] | MetricChange:

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from workbench.evaluation.headline import TITLES
-from workbench.evaluation.intervals import N_RESAMPLES
+from workbench.evaluation.metrics import HEADLINE, row_of
+from workbench.evaluation.uncertainty.intervals import N_RESAMPLES
 from workbench.results.formatting import table_of
 from workbench.results.report.groups import LEVEL, STATUS, Grouping
 from workbench.results.report.people import half_of
@@ -35,7 +35,7 @@ def contents(grouping: Grouping) -> Contents:
     by_metric = {name: grouping.labelled(rows).drop(columns="metric").rename(columns=_HEADER)
                  for name, rows in grouping.statistics.groupby("metric", sort=False)}  # fmt: skip
     chief = grouping.chief_metrics
-    tables = {f"{name}: {TITLES[name]}" if name in TITLES else name: by_metric[name] for name in chief}
+    tables = {f"{name}: {row_of(name).heading}" if name in HEADLINE else name: by_metric[name] for name in chief}
     tables |= divided(grouping) | _verdicts(grouping) | _extremes(grouping)
     others = {name: table for name, table in by_metric.items() if name not in chief}
     return Contents(tuple(_summary(grouping)), grouping.problems, tables, others)

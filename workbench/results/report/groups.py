@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from workbench.evaluation.headline import ERRORS, TITLES
-from workbench.evaluation.intervals import bootstrap_interval
+from workbench.evaluation.metrics import HEADLINE, HEADLINE_ERRORS
+from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.results.report import variation as varied
 from workbench.results.report.people import MOTION, half_of, keys_of_people, person_of
@@ -47,20 +47,20 @@ class Grouping(NamedTuple):
 
     @property
     def metrics(self) -> list[str]:
-        """The metrics of any run: those of TITLES first, the others alphabetically."""
+        """The metrics of any run: the headline first, the others alphabetically."""
         return list(self.statistics["metric"].unique())
 
     @property
     def chief_metrics(self) -> list[str]:
-        """The metrics of TITLES, and all metrics of studies only."""
+        """The headline metrics, and all metrics of studies only."""
         tracked = [not run.is_study for run in self.runs["run"]]
         of_tracked = self.values["recording"].isin(self.runs["recording"][tracked])
-        return [name for name in self.metrics if name in TITLES or name not in set(self.values["metric"][of_tracked])]
+        return [name for name in self.metrics if name in HEADLINE or name not in set(self.values["metric"][of_tracked])]
 
     @property
     def headline(self) -> str | None:
         """The error that the runs are ranked by; None without one, as in studies."""
-        return next((name for name in ERRORS if name in self.metrics), None)
+        return next((name for name in HEADLINE_ERRORS if name in self.metrics), None)
 
     def labelled(self, table: pd.DataFrame, keys: bool = False) -> pd.DataFrame:
         """Return a table with labels instead of group numbers; keys: also with the varying keys."""
@@ -158,7 +158,7 @@ def _numbers(counted: pd.DataFrame) -> Iterator[tuple[Any, ...]]:
 
 def _statistics(values: pd.DataFrame) -> pd.DataFrame:
     rows = []
-    names = [name for name in TITLES if name in set(values["metric"])]
+    names = [name for name in HEADLINE if name in set(values["metric"])]
     for metric in [*names, *sorted(set(values["metric"]) - set(names))]:
         for group, sample in values[values["metric"] == metric].groupby("group"):
             people = sample.groupby("person")["value"].mean()

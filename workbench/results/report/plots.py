@@ -1,6 +1,7 @@
 """Plots of a report: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.style import context
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 from tqdm import tqdm
 
-from workbench.evaluation.headline import COVERAGE, TITLES
+from workbench.evaluation.metrics import CALIBRATED, row_of
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
 from workbench.results.report.groups import Grouping, interval, repetitions
@@ -70,8 +71,9 @@ def plots_of(grouping: Grouping) -> list[Plot]:
     more = f" Shown are the best; {n_left_out} more are in the tables." if n_left_out else ""
     data = _PlotData(grouping, metric, _errors(grouping, metric), series, more)
     with context(_STYLE):
-        makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
-        plots = [make(data) for make in makers]
+        of_calibration = [partial(_calibration, metric=name) for name in CALIBRATED]
+        makers = [_against_particles, _against_seconds, *of_calibration, _per_joint]
+        plots = [make(data) for make in tqdm(makers, "plots", leave=False, disable=None)]
     return [plot for plot in plots if plot is not None]
 
 
@@ -112,7 +114,7 @@ def _against_particles(data: _PlotData) -> Plot | None:
     lines = _lines(data, "particles")
     if not any(rows["particles"].nunique() > 1 for _, rows in lines):
         return None
-    figure, axes = _canvas("Error against particles", "particles", TITLES[data.metric])
+    figure, axes = _canvas("Error against particles", "particles", row_of(data.metric).heading)
     axes.set_xscale("log")
     ticks = sorted({count for _, rows in lines for count in rows["particles"]})
     axes.set_xticks(ticks, [f"{count:.0f}" for count in ticks])
@@ -134,7 +136,7 @@ def _against_seconds(data: _PlotData) -> Plot | None:
     lines = _lines(data, "seconds")
     if not lines:
         return None
-    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[data.metric])
+    figure, axes = _canvas("Error against time", row_of("seconds").heading, row_of(data.metric).heading)
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
     for line, rows in lines:
@@ -164,32 +166,33 @@ def _against_seconds(data: _PlotData) -> Plot | None:
     return _plot("error_against_time", caption, figure)
 
 
-def _coverage(data: _PlotData) -> Plot | None:
-    covered = set(data.grouping.values["group"][data.grouping.values["metric"] == COVERAGE])
-    rows = [(line, group) for line in data.series for group in line.groups if group in covered]
+def _calibration(data: _PlotData, metric: str) -> Plot | None:
+    """Return a plot of a metric with the value of a calibrated posterior."""
+    row, level = row_of(metric), CALIBRATED[metric]
+    measured = set(data.grouping.values["group"][data.grouping.values["metric"] == metric])
+    rows = [(line, group) for line in data.series for group in line.groups if group in measured]
     if not rows:
         return None
-    figure, axes = _canvas(
-        "Coverage of the 90 % credible interval", "fraction of true values within the interval", "", len(rows)
-    )
-    axes.axvline(0.9, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    figure, axes = _canvas(row.title.capitalize(), row.heading, "", len(rows))
+    axes.axvline(level, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.annotate(
-        "calibrated", (0.9, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        "calibrated", (level, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        sample, colour = repetitions(data.grouping.sample(COVERAGE, group)), line.shade(group)
+        sample, colour = repetitions(data.grouping.sample(metric, group)), line.shade(group)
         axes.plot(sample, [y] * len(sample), color=_mixed(colour, 0.0, 0.3), **_DOTS)
         _interval_row(axes, y, sample, colour, 9.0)
     axes.set_yticks(range(len(rows)), [data.grouping.labels["group"][group] for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xlim(0.0, 1.0)
+    if row.unit == "fraction":
+        axes.set_xlim(0.0, 1.0)
     caption = (
-        "Fraction of true values within the posterior's 90 % credible interval: left of the line the tracker is "
-        "overconfident. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
-        f"single runs where there is one person.{data.more}"
+        "The line is the value of a calibrated posterior; below it the tracker is overconfident. Large dots "
+        "are means over people and seeds, bands their 95 % intervals, small dots people, or single runs where there is "
+        f"one person.{data.more}"
     )
-    return _plot("coverage", caption, figure)
+    return _plot(metric, caption, figure)
 
 
 def _per_joint(data: _PlotData) -> Plot | None:

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.evaluation.step_calibration import GROUPS, LARGE_MM, area_under_curve, spearman
+from workbench.evaluation.metrics import HEADLINE
+from workbench.evaluation.uncertainty.step_calibration import GROUPS, LARGE_MM, area_under_curve, spearman
 from workbench.recording.read.reader import Run
 from workbench.results.report.groups import Grouping
 from workbench.utils.arrays import FloatArray
 
-_METRICS = ["tracked", "mpjpe_px", "mpjpe_mm", "mpjpe_abs_mm", "coverage_90", "ms_per_frame"]
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
     "occlusion": lambda settings: settings["protocol"].get("occlusion"),
@@ -24,12 +24,13 @@ def divided(grouping: Grouping) -> dict[str, pd.DataFrame]:
     runs = grouping.runs[grouping.runs["half"] != "None"]
     if runs.empty:
         return {}
-    metrics = grouping.values.pivot(index="recording", columns="metric", values="value").reindex(columns=_METRICS)
+    shown = [name for name in grouping.metrics if name in HEADLINE]
+    metrics = grouping.values.pivot(index="recording", columns="metric", values="value").reindex(columns=shown)
     tables = {}
     for word, value_of in _BY.items():
         by = runs[["group", "recording"]].assign(**{word: [str(value_of(run.settings)) for run in runs["run"]]})
         rows = by.join(metrics, on="recording").groupby(["group", word])
-        means = pd.concat([rows.size().rename("n"), rows[_METRICS].mean()], axis="columns").reset_index()
+        means = pd.concat([rows.size().rename("n"), rows[shown].mean()], axis="columns").reset_index()
         tables[f"by {word}: means over runs"] = grouping.labelled(means)
     title = f"expected against true errors, and against those over {LARGE_MM:g} mm"
     return tables | {title: grouping.labelled(_error_prediction(runs))}

@@ -18,10 +18,10 @@ from workbench.cameras.calibration_findings import (
 )
 from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.cameras.triangulation import triangulate
-from workbench.evaluation.multiview_consistency import bends
-from workbench.evaluation.run_measurements import RunMeasurements, foot_speeds, walking_velocity
-from workbench.evaluation.track_loss import UNCERTAIN_MM
-from workbench.evaluation.track_outcome import depth_drift, has_values
+from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
+from workbench.evaluation.verdict.multiview_consistency import bends
+from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
+from workbench.evaluation.verdict.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding, level_of

@@ -9,7 +9,7 @@ from single_steps import BODY, CAMERA, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.pose_errors import (
+from workbench.evaluation.errors.pose_errors import (
     AccelerationError,
     acceleration_error,
     accelerations,

@@ -9,9 +9,9 @@ from single_steps import BODY, SKELETON, standing, step_of
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Truth
-from workbench.evaluation.pose_errors import step_errors
-from workbench.evaluation.posterior_calibration import expected_calibration_error
-from workbench.evaluation.step_calibration import (
+from workbench.evaluation.errors.pose_errors import step_errors
+from workbench.evaluation.uncertainty.posterior_calibration import expected_calibration_error
+from workbench.evaluation.uncertainty.step_calibration import (
     area_under_curve,
     expected_errors,
     group_errors,

@@ -8,9 +8,9 @@ people and detectors, or from reasoning; none was fitted to failed runs.
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.evaluation.run_findings import RunInputs, run_findings
-from workbench.evaluation.run_measurements import RunMeasurements
-from workbench.evaluation.track_outcome import outcome
+from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
 

@@ -9,9 +9,9 @@ from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.intervals import weighted_quantiles
-from workbench.evaluation.pose_errors import step_errors
-from workbench.evaluation.posterior_calibration import (
+from workbench.evaluation.errors.pose_errors import step_errors
+from workbench.evaluation.uncertainty.intervals import weighted_quantiles
+from workbench.evaluation.uncertainty.posterior_calibration import (
     covered,
     crps,
     gaussian_nll,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.track_loss import (
+from workbench.evaluation.errors.track_loss import (
     TRACKED_MM,
     TrackEvent,
     criteria,

@@ -14,9 +14,9 @@ from workbench.cameras.calibration_findings import unit_of
 from workbench.cameras.camera_agreement import pair_separations
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
-from workbench.evaluation.multiview_consistency import bends
-from workbench.evaluation.track_loss import TRACKED_MM, track_metrics
-from workbench.evaluation.verdict import Verdict
+from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
+from workbench.evaluation.verdict.multiview_consistency import bends
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.utils.finding import (
     DOUBTFUL,
     NOT_USABLE,

@@ -8,7 +8,7 @@ from single_steps import SKELETON, standing, step_of
 
 from workbench.body.kinematics import forward
 from workbench.core.frame import Truth
-from workbench.evaluation.marker_offsets import ESTIMATED_S, MarkerOffsets
+from workbench.evaluation.errors.marker_offsets import ESTIMATED_S, MarkerOffsets
 
 RATE_HZ, N_FRAMES = 30.0, 40
 N_ESTIMATED = int(ESTIMATED_S * RATE_HZ) + 1  # frames at 0, 1/30, …, ESTIMATED_S

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.evaluation.run_measurements import foot_speeds, stance, walking_velocity
+from workbench.evaluation.verdict.run_measurements import foot_speeds, stance, walking_velocity
 
 RATE_HZ = 60.0
 TIMES = np.arange(180) / RATE_HZ

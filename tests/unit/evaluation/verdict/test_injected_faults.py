@@ -9,7 +9,7 @@ from verdict_scenes import HEIGHT_M, RATE_HZ, N, RunInputs, moved, point_scene, 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.detections.association.keypoint_kalman import exchanged
-from workbench.evaluation import run_measurements
+from workbench.evaluation.verdict import run_measurements
 
 LATE = np.arange(N) >= 20
 FOUR, ONE, POINTS = scene(4), scene(1), point_scene()
@@ -149,7 +149,7 @@ def test_an_estimate_far_from_its_annotations_is_lost():
 def test_states_follow_errors_and_expected_errors():
     lost = with_truth(60.0, aligned_mm=np.where(LATE, 210.0, 50.0)).verdict()
     assert (lost.outcome.kind, lost.states[5], lost.states[-1]) == ("lost", "tracked", "lost")
-    assert "lost from frame 20: 210 mm root-aligned" in lost.message
+    assert "lost from frame 20: root-aligned MPJPE 210 mm" in lost.message
     uncertain = with_truth(60.0, expected_error_legs_mm=np.where(LATE, 600.0, 20.0)).verdict()
     assert (uncertain.states[5], uncertain.states[-1]) == ("tracked", "doubtful")
 

@@ -19,7 +19,7 @@ from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
-from workbench.evaluation.step_calibration import given_parameters, joint_calibration, pose_calibration
+from workbench.evaluation.uncertainty.step_calibration import given_parameters, joint_calibration, pose_calibration
 from workbench.utils.arrays import FloatArray
 
 _PCK_M = 0.15
@@ -53,8 +53,8 @@ def step_errors(
     the position in the image. forearm_width_px: a forearm's width in the same pixels, the threshold of `tracked`, where
     the true joints are known; of an average person of the annotations' height, where joints are annotated.
 
-    coverage_50, coverage_90, crps_mm, crps_deg, nees_per_dim, nll: calibration of the posterior, see
-    `step_calibration`; without a true pose, that of the joints' coordinates. mpjae_local_deg: mean angle between the
+    The calibration of the posterior is that of `step_calibration`; without a true pose, of the joints' coordinates.
+    mpjae_local_deg: mean angle between the
     joints' estimated and true rotations relative to their parents. knee_flexion_rmse_deg, hip_flexion_rmse_deg: see
     `flexion_errors`. activity_accuracy: 1 where the estimated activity is the true one, else 0.
 

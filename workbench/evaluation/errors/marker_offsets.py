@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.step import Step
-from workbench.evaluation.pose_errors import mean_distance, moved_joints
+from workbench.evaluation.errors.pose_errors import mean_distance, moved_joints
 from workbench.utils.arrays import FloatArray
 
 log = logging.getLogger(__name__)

@@ -15,9 +15,9 @@ from workbench.cameras.image_height import height_px
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.frame import View
 from workbench.core.step import Step
-from workbench.evaluation.multiview_consistency import keypoint_pixels
-from workbench.evaluation.step_calibration import GROUPS
-from workbench.evaluation.track_loss import UNCERTAIN_MM
+from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
+from workbench.evaluation.uncertainty.step_calibration import GROUPS
+from workbench.evaluation.verdict.multiview_consistency import keypoint_pixels
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3
@@ -27,9 +27,6 @@ _STRIDE_S = 0.5
 _STEP_S = 0.07
 """The same for an ankle, whose swing takes 0.4 s."""
 _FEET = [JOINT_NAMES.index(name) for name in ("pelvis", "left_ankle", "right_ankle")]
-_ERRORS = (
-    "mpjpe_abs_mm", "mpjpe_mm", "pa_mpjpe_mm", "mpjpe_px", "forearm_width_px", "coverage_90", "coverage_90_joints"
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +36,7 @@ class RunMeasurements:
     frames: (F,) their numbers. times_s: (F,). observed: the keypoints of all frames, and the cameras.
     keypoint_error_px: (F, V) median distance of the estimate's joints from the view's keypoints, px of the source.
     in_image: (F, V) whether the estimate lies in the view's image.
-    errors: (F,) by name, see `step_errors`.
+    errors: (F,) by name, of every metric that any frame has, see `Meter.errors`.
     annotation_height_px: (F,) height of the person in the annotations that errors are measured by.
     lengths_m: of the tracked body, by limb.
     inlier_fraction: (F,) fraction of the observations near the body.
@@ -165,7 +162,7 @@ class MeasurementCollector:
         views = views.reshape(n, len(cameras), 2)
         none = np.full((len(JOINT_NAMES), 3), np.nan)
         keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
-        errors = [name for name in _ERRORS if any(name in row["errors"] for row in rows)]
+        errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
         observed = ObservedJoints(
             tuple(cameras.values()), keypoints.reshape(len(cameras), n, len(JOINT_NAMES), 3), searched,

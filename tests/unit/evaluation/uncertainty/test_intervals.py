@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from scipy.stats import norm
 
-from workbench.evaluation.intervals import N_RESAMPLES, bootstrap_interval, mean_interval
+from workbench.evaluation.uncertainty.intervals import N_RESAMPLES, bootstrap_interval, mean_interval
 
 
 def exact(values, level):

@@ -11,11 +11,18 @@ from workbench.body.angles import N_POSITION, unwrap_near
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
-from workbench.evaluation.posterior_calibration import covered, crps, gaussian_nll, moments, ranks, weight_below
+from workbench.evaluation.uncertainty.posterior_calibration import (
+    covered,
+    crps,
+    gaussian_nll,
+    moments,
+    ranks,
+    weight_below,
+)
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
-_LEVELS = (0.5, 0.9)
-"""Levels of the central credible intervals whose coverage is measured."""
+_LEVELS = {"coverage_50": 0.5, "coverage_90": 0.9}
+"""Levels of the central credible intervals whose coverage is measured; that of the last also by group."""
 _FIXED_TOLERANCE = 1e-9
 """m or rad: a parameter as near as this to another value counts as equal to it."""
 _RANKS: WeakKeyDictionary[Step, FloatArray] = WeakKeyDictionary()
@@ -130,9 +137,8 @@ def _coverages(below: FloatArray, names: Sequence[str], suffix: str) -> dict[str
 
     below: (2, D), see `weight_below`. names: D.
     """
-    inside = covered(below, _LEVELS)
-    of_all = inside.mean(axis=1)
-    rates = {f"coverage_{100.0 * level:.0f}{suffix}": rate for level, rate in zip(_LEVELS, of_all, strict=True)}
+    inside = covered(below, tuple(_LEVELS.values()))
+    rates = {name + suffix: rate for name, rate in zip(_LEVELS, inside.mean(axis=1), strict=True)}
     groups, belongs = _members(tuple(names))
     of_groups = (belongs & inside[-1]).sum(axis=1) / belongs.sum(axis=1)
     rates |= {f"coverage_90{suffix}_{group}": rate for group, rate in zip(groups, of_groups, strict=True)}

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
-from workbench.evaluation.run_measurements import RunMeasurements
-from workbench.evaluation.track_loss import TRACKED_MM, criteria, lost_states
+from workbench.evaluation.errors.track_loss import TRACKED_MM, criteria, lost_states
+from workbench.evaluation.metrics import row_of
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
@@ -21,8 +22,6 @@ _NORMAL_90 = 1.645
 """Half width of a normal distribution's 90 % interval, in standard deviations."""
 _DRIFT_S = 0.5
 """Time over which the error in depth is averaged, a step of a walk: shorter errors are of limbs and detections."""
-_LOST_BY = {"mpjpe_px": "{:.0f} px in the image", "mpjpe_mm": "{:.0f} mm root-aligned", "mpjpe_abs_mm": "{:.0f} mm"}
-"""Descriptions of an error by which the track is lost."""
 
 
 def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tuple[str, ...]]:
@@ -96,7 +95,7 @@ def _losses(measured: RunMeasurements) -> dict[str, BoolArray]:
     losses: dict[str, BoolArray] = {}
     for name, (errors, thresholds) in criteria(after_first).items():
         if (lost := lost_states(errors, thresholds)).any():
-            losses[_LOST_BY[name].format(np.nanmean(errors[lost]))] = np.concatenate([[False], lost])
+            losses[row_of(name).words(float(np.nanmean(errors[lost])))] = np.concatenate([[False], lost])
     if not _has_truth(measured):
         distances_px, widths_px = _keypoint_distances(measured)
         if (lost := lost_states(distances_px, widths_px)).any():
@@ -163,11 +162,11 @@ def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Fin
 def _details(measured: RunMeasurements) -> str:
     """Return mean errors after the first frame with units, the distances from annotations and keypoints, and the
     uncertainty of one camera's depth."""
-    forms = {"mpjpe_abs_mm": "absolute MPJPE {:.0f} mm", "mpjpe_mm": "root-aligned {:.0f} mm"}
-    forms |= {"pa_mpjpe_mm": "PA-MPJPE {:.0f} mm"}
-    forms |= {"mpjpe_px": "{:.1f} px"} if _has_truth(measured) else {}
-    errors = {name: measured.errors[name][1:] for name in forms if name in measured.errors}
-    parts = [forms[name].format(float(np.nanmean(each))) for name, each in errors.items() if has_values(each)]
+    digits = {"mpjpe_abs_mm": 0, "mpjpe_mm": 0, "pa_mpjpe_mm": 0} | ({"mpjpe_px": 1} if _has_truth(measured) else {})
+    errors = {name: measured.errors[name][1:] for name in digits if name in measured.errors}
+    parts = [
+        row_of(name).words(float(np.nanmean(each)), digits[name]) for name, each in errors.items() if has_values(each)
+    ]
     if not _has_truth(measured):
         parts += [_annotation_error(measured), _keypoint_error(measured)]
     drift = depth_drift(measured)

@@ -1,0 +1,1 @@
+"""Calibration of posteriors: coverage, proper scores, expected errors; intervals of means."""

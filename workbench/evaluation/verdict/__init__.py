@@ -1,0 +1,1 @@
+"""The verdict on a run: its measurements, the findings on them, and whether the person was tracked."""
