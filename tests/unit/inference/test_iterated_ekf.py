@@ -1,4 +1,4 @@
-"""The iterated extended Kalman filter: exact for linear Gaussian models, robust to outlier motion, resumable."""
+"""The iterated extended Kalman filter: exact for linear Gaussian models, robust to outlier motion."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,7 +9,6 @@ from stub_likelihoods import StubFrameLikelihood
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Derivatives
 from workbench.core.pose_prior import PosePrior
@@ -281,23 +280,3 @@ def test_a_large_loss_inflates_the_deviation_of_its_joint_only():
     expected = np.where(np.array(POSE_NAMES) == "left_knee_flexion", 4.0, 1.0)
     np.testing.assert_allclose(ratios, expected, rtol=0.05)  # six standard errors with 20 000 samples
     np.testing.assert_allclose(large.expected_pose, small.expected_pose, atol=1e-12)
-
-
-def test_a_resumed_run_is_bitwise_identical():
-    prior, measured, frames = simulated()
-    tracker = IteratedEkf(prior, Measured(measured), BODY, second_pass=False, n_particles=10)
-    steps = list(tracker.run(frames, measured[0], rng_streams(0)))
-    assert tracker.resumable
-    for k in range(1, len(frames)):
-        poses = np.stack([step.filter_state.filtered_pose for step in steps[:k]])
-        point = ResumePoint(poses, steps[k - 1].filter_state)
-        resumed = list(tracker.run(frames, point, rng_streams(7)))
-        for step, expected in zip(resumed, steps[k:], strict=True):
-            np.testing.assert_array_equal(step.particles, expected.particles)
-            covariances = (one.filter_state.arrays["covariance"] for one in (step, expected))
-            np.testing.assert_array_equal(*covariances)
-            assert step.log_evidence == expected.log_evidence
-    two_passes = replace(tracker, second_pass=True)
-    assert not two_passes.resumable
-    with pytest.raises(InputError, match="second_pass=false"):
-        list(two_passes.run(frames, point, rng_streams(0)))

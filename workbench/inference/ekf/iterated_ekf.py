@@ -12,7 +12,6 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.capabilities import DERIVATIVES, GAUSSIAN, START, UNIFORM_WEIGHTS, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
-from workbench.core.filter_state import FilterState, ResumePoint, capture_rng_states, replay_likelihood
 from workbench.core.frame import Frame
 from workbench.core.gaussian import condition_block
 from workbench.core.likelihood import DenseLikelihood, DifferentiableLikelihood, Likelihood, Refittable
@@ -24,7 +23,7 @@ from workbench.inference.ekf.dense_refinement import refine_pose
 from workbench.inference.ekf.gaussian_state import GaussianState
 from workbench.inference.ekf.levenberg_marquardt import LaplaceApproximation
 from workbench.inference.ekf.limb_reinitialization import is_better, reinitialize_limb
-from workbench.inference.smc.move import StartPoint, Streams
+from workbench.inference.smc.move import Streams
 from workbench.inference.smc.target import Stopwatch
 from workbench.inference.smc.weights import uniform_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -86,37 +85,25 @@ class IteratedEkf:
         """Return the prior's state space."""
         return self.prior.space
 
-    @property
-    def resumable(self) -> bool:
-        """Return whether it resumes from a `ResumePoint`: without a second pass, which requires all frames."""
-        return not self.second_pass
-
-    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame; with a second pass, after the last frame.
 
         Parameters
         ----------
         frames : of the sequence.
-        start : (P,) or (n, P), the initial pose, of several the first; or a `ResumePoint`, after which steps are
-            yielded.
+        start : (P,) or (n, P), the initial pose, of several the first.
         rng_streams : generators named "prior" and "resampling".
 
         Raises
         ------
-        InputError : there is no start, or a resume point is combined with a second pass.
+        InputError : there is no start.
         """
         if start is None:
             raise InputError("inference: a Kalman filter needs a pose to start from, found none")
         if not self.second_pass:
             for frame, state, fields in self._filter(self.likelihood, frames, start, rng_streams):
-                step = self._step(frame, [state], rng_streams["prior"], fields)
-                log_evidence = np.array([step.log_evidence])
-                arrays = {"mean": state.mean, "covariance": state.covariance, "log_evidence": log_evidence}
-                rng_states = capture_rng_states(rng_streams)
-                yield replace(step, filter_state=FilterState(arrays, step.expected_pose, rng_states))
+                yield self._step(frame, [state], rng_streams["prior"], fields)
             return
-        if isinstance(start, ResumePoint):
-            raise InputError("inference: a Kalman filter resumes after a frame only with second_pass=false")
         filtered = list(self._filter(self.likelihood, frames, start, rng_streams))
         passes = [gaussian_state.smooth_backward([state for _, state, _ in filtered])]
         if isinstance(self.likelihood, Refittable):
@@ -148,20 +135,12 @@ class IteratedEkf:
         return second
 
     def _filter(
-        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | ResumePoint, rng_streams: Streams,
+        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray, rng_streams: Streams,
         first_poses: Mapping[int, FloatArray] = MappingProxyType({}),
     ) -> Iterator[FilteredFrame]:  # fmt: skip
         """Filter frame by frame; first_poses: poses (P,) of the first pass by frame index."""
         model, previous, log_evidence = gaussian_state.gaussian_density(self.prior), None, 0.0
-        frames = iter(frames)
-        if isinstance(start, ResumePoint):
-            likelihood, previous = replay_likelihood(likelihood, frames, start.filtered_poses)
-            resumed, size = start.filter_state, len(self.space)
-            resumed.restore(rng_streams)
-            (log_evidence,) = resumed.array("log_evidence", 1)
-            mean, covariance = resumed.array("mean", size), resumed.array("covariance", size, size)
-        else:
-            mean, covariance = model.initial_moments(np.atleast_2d(start)[0])
+        mean, covariance = model.initial_moments(np.atleast_2d(start)[0])
         state = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -72,8 +72,6 @@ class Hybrid(Wrapper):
     proposal_fraction: float = 0.7
     std_inflation: float = 6.0
 
-    resumable: ClassVar[bool] = False
-
     def __post_init__(self) -> None:
         super().__post_init__()
         _fittable(self.prior)
@@ -104,7 +102,7 @@ class Hybrid(Wrapper):
         wrapped = self.filter.rebuilt(prior=priors[0], algorithm=WrappedMove(self.algorithm, move_with_proposal))
         for step, more in zip(wrapped.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
             evaluations = step.evaluations + fit.iterations
-            yield replace(step, warnings=step.warnings + more, evaluations=evaluations, filter_state=None)
+            yield replace(step, warnings=step.warnings + more, evaluations=evaluations)
 
 
 def _fittable(prior: Prior) -> _FittablePrior:
