@@ -14,7 +14,6 @@ from workbench.body.shape import from_height
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.hybrid import Hybrid
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import Reinitializing
@@ -152,7 +151,6 @@ CONFLICTS = {
     ],
     "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
-    "prior=activity": [lambda: Hybrid(PLAIN, None)],
     "as smooth and ar_offsets have; it has pose, velocity, fixed": [lambda: flips(Smooth(parameters=["root"]))],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
