@@ -18,8 +18,7 @@ def test_the_cause_of_a_track_loss_ranks_first(tmp_path, run, capfd):
     out = capfd.readouterr().out
     assert "most likely: the true body, with which 1 of 1 runs keep the track" in out
     folder = tmp_path / "runs" / "frame_18"
-    repeated, resumed = (read(folder / f"only_another_seed{end}" / "1000" / "run.rrd") for end in ("_whole", ""))
-    assert (int(repeated.poses[0][0]), int(resumed.poses[0][0])) == (0, 3)
+    assert int(read(folder / "only_another_seed" / "1000" / "run.rrd").poses[0][0]) == 0
     assert main(["diagnose", path, "--frame", "99"]) == 2
     assert "--frame: expected a recorded frame, found 99" in capfd.readouterr().err
 

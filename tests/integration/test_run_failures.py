@@ -48,9 +48,9 @@ def test_a_complete_run_is_moved_and_not_overwritten(run):
     assert (folder / EARLIER / "1" / "run.rrd").read_bytes() == recording
     assert json.loads((folder / EARLIER / "1" / "summary.json").read_text())["seed"] == 0
     assert read(folder / "run.rrd").settings["seed"] == 1
-    code, output, _ = run("out", f"from={folder / 'run.rrd'}@2")
+    code, output, _ = run("out", f"from={folder / 'run.rrd'}")
     assert code == 2
-    assert "out: contains the run to resume" in output
+    assert "out: contains the run to repeat" in output
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_a_folder_may_have_any_name(run):
     code, output, folder = run(name, *SMALL)
     assert code == 0, output
     assert read(folder / "run.rrd").status == "complete"
-    code, output, _ = run("Läufe mit Abstand/weiter", f"from={folder / 'run.rrd'}@2")
+    code, output, _ = run("Läufe mit Abstand/weiter", f"from={folder / 'run.rrd'}")
     assert code == 0, output
 
 

@@ -14,7 +14,7 @@ from workbench.cli.run_output import print_warnings
 from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import current_defaults
-from workbench.experiment.resume import changes
+from workbench.experiment.repeat import changes
 from workbench.recording.read.reader import Run, find_recordings
 from workbench.recording.side_by_side import write_side_by_side
 from workbench.results.check.against import check_against

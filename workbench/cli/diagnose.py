@@ -11,7 +11,7 @@ from typer import Argument, Option
 from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.recording.read.crash_probe import read_sound_run
-from workbench.results.diagnose import AFTER, BEFORE, conclusion, lost_frames, table
+from workbench.results.diagnose import AFTER, conclusion, lost_frames, table
 from workbench.results.diagnose import diagnose as repeat_with_changes
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
@@ -43,9 +43,9 @@ def diagnose(
     if frame is not None and frame not in run.poses[0]:
         raise InputError(f"{run.path}: --frame: expected a recorded frame, found {frame}")
     if frame is None and not lost:
-        print(f"{run.path}: no track loss is recorded; --frame N repeats the run around frame N")
+        print(f"{run.path}: no track loss is recorded; --frame N repeats the run up to frame N")
     for loss in lost if frame is None else [frame]:
-        stretch = f"{max(loss - BEFORE, int(run.poses[0][0]))} to {loss + AFTER}"
+        stretch = f"{int(run.poses[0][0])} to {loss + AFTER}"
         print(f"{run.path}: track lost in frame {loss}; repeating frames {stretch}", flush=True)
         with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
             outcomes, refused = repeat_with_changes(run, loss, words, seeds, jobs, Path(folder, f"frame_{loss}"))

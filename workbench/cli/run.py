@@ -34,7 +34,7 @@ _LAUNCHER_DIED = RuntimeError
 """Base of the errors of joblib (TerminatedWorkerError) and submitit (UncompletedJobError) for a killed worker."""
 
 _NOT_FOR_HYDRA = ("from=", "hydra.run.dir=")
-"""Arguments that Hydra does not parse when a recorded run is resumed."""
+"""Arguments that Hydra does not parse when a recorded run is repeated."""
 _ENVIRONMENT = {
     "HYDRA_FULL_ERROR": "1",  # errors reach `run` instead of Hydra's report
     "RUST_LOG": "warn,re_log_encoding=off,re_sdk=off",  # a full disk ends the run with one message
@@ -61,7 +61,6 @@ def run(
       workbench run experiment=walk_circle seed=3 inference.n_particles=2000
       workbench run -m experiment=walk_straight prior=walking,smooth seed=1,2,3
       workbench run from=RUN.rrd seed=4        # a recorded run with another seed
-      workbench run from=RUN.rrd@120 seed=4    # resumed at frame 120
     """
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
@@ -98,20 +97,20 @@ def _run(arguments: list[str]) -> None:
     if any(text.startswith("--experimental-rerun") for text in arguments):
         raise InputError("--experimental-rerun would unpickle a file; use from=RUN.rrd to repeat a recorded run")
     if any(text.startswith("from=") for text in arguments):
-        _branch(arguments)
+        _repeat(arguments)
     else:
         _run_hydra(arguments)
 
 
-def _branch(arguments: list[str]) -> None:
+def _repeat(arguments: list[str]) -> None:
     """Run a recorded configuration with changes, without Hydra."""
-    from workbench.experiment.branch import branch  # imported here, as in `_job`
+    from workbench.experiment.repeat import repeat  # imported here, as in `_job`
 
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))
     root.setLevel(logging.INFO)
     print_warnings()
-    _log(branch(arguments))
+    _log(repeat(arguments))
 
 
 def _run_hydra(arguments: list[str]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig
 
-from workbench.core.capabilities import KEYPOINTS, POINTS, RESIDUALS, Traits
+from workbench.core.capabilities import DENSITY, KEYPOINTS, MOTION, POINTS, RESIDUALS, Traits
 from workbench.core.prior import propose
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import GROUPS, allow_packages, options
@@ -100,6 +100,9 @@ def test_a_prior_samples_and_decodes(group: str, option: str, tmp_path: Any) -> 
     components = assembled(group, option, str(tmp_path))
     prior, rng = components.prior, np.random.default_rng(0)
     assert prior is not None
+    provided = traits_of(composed(group, option, str(tmp_path)).prior).provides
+    assert (DENSITY in provided) <= (prior.capabilities.density is not None)  # else inferences fail that require it
+    assert (MOTION in provided) <= (prior.capabilities.motion is not None)
     pose = start_of(components)
     state = prior.sample_initial(pose, N, rng)
     before = state.copy()
@@ -122,6 +125,7 @@ def test_a_likelihood_evaluates_each_pose_independently(group: str, option: str,
     first, second, *_ = components.clip
     rng = np.random.default_rng(0)
     poses = start_of(components) + 0.02 * rng.standard_normal((N, len(components.body.skeleton.dof_names)))
+    assert (RESIDUALS in traits_of(config.likelihood).provides) <= hasattr(likelihood, "residual_function")
     info = likelihood.prepare(None, first).update(poses.mean(axis=0))
     log_prob, repeated = (info.prepare(first, second).evaluate(poses, poses).log_prob for _ in range(2))
     assert log_prob.shape == (N,)

@@ -1,5 +1,8 @@
 """Capabilities and requirements of components, declared by their classes and compared before any is constructed.
 
+A capability that a component requires of another is declared here: code that uses it does not test types for it again.
+One that is used where it is there, and required nowhere, is a protocol instead, such as `core.prior.Proposing`.
+
 A class that a configuration names may have a static member `traits`: a `Traits`, or, if it depends on the component's
 keys, a function from these to one. A nested component appears in the keys as its own traits. A class without the member
 provides and requires nothing special.

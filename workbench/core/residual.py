@@ -85,9 +85,8 @@ class Loss:
 SQUARED = Loss("squared", 1.0)
 
 
-@runtime_checkable
 class ResidualLikelihood(Protocol):
-    """A likelihood that provides residuals and a loss for least squares. observables: the observations it uses and
+    """A likelihood with RESIDUALS: residuals and a loss for least squares. observables: the observations it uses and
     their standard deviations."""
 
     @property

@@ -3,13 +3,12 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol, TypeGuard, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.skeleton import Skeleton
-from workbench.core.filter_state import FilterState, ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.state_space import StateSpace
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -29,8 +28,7 @@ class Step:
     not estimate it. activity: the estimated activity, such as "walk", of inferences that estimate it. attachment: (K,)
     the number of the body part that each of the frame's points belongs to, -1 for none. diagnostics: scalars to plot.
     warnings: messages for the user. evaluations: number of evaluations of the likelihood for this frame, one pose each,
-    or of the residual by least squares. timing_s: seconds by stage. filter_state: the state to resume from after this
-    frame, None if the inference cannot resume.
+    or of the residual by least squares. timing_s: seconds by stage.
     """
 
     frame: Frame
@@ -49,7 +47,6 @@ class Step:
     warnings: tuple[str, ...] = ()
     evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)
-    filter_state: FilterState | None = None
 
     @cached_property
     def spread(self) -> BoolArray:
@@ -85,28 +82,3 @@ class Inference(Protocol):
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
         """Yield one step per frame, from the initial pose `start` (P,); None is allowed if `finds_start`."""
-
-
-@runtime_checkable
-class Resumable(Protocol):
-    """An inference whose steps have a filter state and that, if `resumable`, starts from a `ResumePoint`.
-
-    It then consumes the frames of the resume point and yields the steps of later frames, bitwise identical to those of
-    an uninterrupted run.
-    """
-
-    @property
-    def resumable(self) -> bool: ...
-
-    def run(
-        self,
-        frames: Iterable[Frame],
-        start: FloatArray | ResumePoint | None,
-        rng_streams: Mapping[str, np.random.Generator],
-    ) -> Iterator[Step]:
-        """Yield the steps as `Inference.run` does, or those after the resume point."""
-
-
-def resumable(inference: Inference) -> TypeGuard[Resumable]:
-    """Return whether the inference can resume after a frame."""
-    return isinstance(inference, Resumable) and inference.resumable

@@ -44,14 +44,12 @@ class Command:
     """The command of a run.
 
     overrides: arguments of the command line. choices: the chosen options, by group. python_call: source of the call
-    from Python that no command can express. parent: id of the run that this run resumes, else empty. parent_frame: the
-    frame at which it resumes; None: it starts at the first frame.
+    from Python that no command can express. parent: id of the run that this run repeats with changes, else empty.
     """
 
     overrides: Sequence[str] = ()
     choices: Mapping[str, str] = field(default_factory=dict)
     parent: str = ""
-    parent_frame: int | None = None
     python_call: str = ""
 
     @property
@@ -64,7 +62,7 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
     """Return the provenance of a run as flat, non-empty values; unknown ones are omitted.
 
     commit, changed, difference: see `code_state`. lock: SHA-256 of requirements.lock. inputs: "name sha256" of every
-    file, folder or database in the configuration. command, parent, parent_frame: see `Command`. choices:
+    file, folder or database in the configuration. command, parent: see `Command`. choices:
     "group=option". Raises InputError for an input that cannot be read.
     """
     root = Path(__file__).parents[2]
@@ -78,8 +76,7 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
         "choices": [f"{group}={command.choices[group]}" for group in groups],
         "parent": command.parent,
     }
-    values = {name: value for name, value in values.items() if value}
-    return values | ({} if command.parent_frame is None else {"parent_frame": command.parent_frame})
+    return {name: value for name, value in values.items() if value}
 
 
 @cache

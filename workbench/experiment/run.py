@@ -16,7 +16,6 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from workbench.body.angles import FLEXIONS
 from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_WEIGHTS
 from workbench.core.prior import Prior
-from workbench.core.step import resumable
 from workbench.core.study import Study
 from workbench.evaluation.metrics import HEADLINE_ERRORS, row_of
 from workbench.evaluation.verdict.run_findings import RunInputs
@@ -26,7 +25,6 @@ from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.requirements import assumptions, check_requirements, evidence_problem, traits_of
 from workbench.experiment.provenance import Command, identity, provenance
-from workbench.experiment.resume import Continuation
 from workbench.experiment.summary import Summary, set_aside, versions
 from workbench.experiment.tracking import Components, Meter, build_components, track
 from workbench.recording.write.recorder import Recorder
@@ -48,7 +46,7 @@ _Stop = Callable[[Mapping[str, float]], bool]
 
 def execute(
     config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
-    continued: Continuation | None = None, stop: _Stop | None = None,
+    stop: _Stop | None = None,
 ) -> Summary:  # fmt: skip
     """Run the configured experiment and write `run.rrd` and `summary.json` in `folder`, which is created and locked.
 
@@ -59,7 +57,6 @@ def execute(
     folder : the run's folder.
     quiet : show no progress bar.
     command : the command to record; error messages contain its choices.
-    continued : frame of a recorded run at which to resume; None: start at the first frame.
     stop : condition that ends the run early.
 
     Raises
@@ -70,7 +67,7 @@ def execute(
     """
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with run_folder(folder), ending(summary):
-        run_checked(config, summary, quiet, command or Command(), continued, stop)
+        run_checked(config, summary, quiet, command or Command(), stop)
     return summary
 
 
@@ -99,18 +96,12 @@ def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
         summary.write(path)
 
 
-def run_checked(
-    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: Continuation | None,
-    stop: _Stop | None,
-) -> None:  # fmt: skip
+def run_checked(config: DictConfig, summary: Summary, quiet: bool, command: Command, stop: _Stop | None) -> None:
     """Check and run the configuration, and fill the summary; parameters and errors as of `execute`."""
     config = config.copy()
     OmegaConf.resolve(config)  # once, as parsing interpolations is slow
     _check(config, command.choices)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
-    if continued is not None:
-        summary.identity = continued.identity(summary.identity)
-        summary.provenance = {**summary.provenance, **continued.provenance}
     with _thread_count(config.n_threads), single_blas_thread(), compiling(quiet):
         if config.study is None:
             _add_assumptions(config)
@@ -119,7 +110,7 @@ def run_checked(
         if config.study is not None:
             _study(config, summary)
         else:
-            _track(config, summary, command.choices, quiet, continued, stop)
+            _track(config, summary, command.choices, quiet, stop)
 
 
 def _check(config: DictConfig, names: Mapping[str, str]) -> None:
@@ -155,10 +146,7 @@ def _add_assumptions(config: DictConfig) -> None:
     OmegaConf.update(config, "assumptions", used, force_add=True)
 
 
-def _track(
-    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: Continuation | None,
-    stop: _Stop | None,
-) -> None:  # fmt: skip
+def _track(config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, stop: _Stop | None) -> None:
     components = build_components(config, partial(_timed, summary))
     summary.input_counts = components.clip.info.input_counts
     if reason := evidence_problem(config, names):
@@ -167,7 +155,7 @@ def _track(
     collector = MeasurementCollector(components.body, components.clip.info.scale)
     with recorder_of(config, components, summary) as recorder:
         before_s = compiled_s()
-        record(components, recorder, int(config.seed), summary, quiet, continued, stop, collector)
+        record(components, recorder, int(config.seed), summary, quiet, stop, collector)
         summary.compile_s = compiled_s() - before_s
         measured = collector.measurements()
         summary.verdict = verdict(measured, _run_inputs(config, summary.settings, components))
@@ -226,7 +214,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
 
 def record(
     components: Components, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
-    continued: Continuation | None = None, stop: _Stop | None = None, collector: MeasurementCollector | None = None,
+    stop: _Stop | None = None, collector: MeasurementCollector | None = None,
 ) -> None:  # fmt: skip
     """Track, record every step with its errors, and add it to the summary and the run evidence.
 
@@ -234,20 +222,14 @@ def record(
     ----------
     components, recorder, seed, summary : the run; the recorder is open.
     quiet : show no progress bar.
-    continued, stop : as of `execute`.
+    stop : as of `execute`.
     collector : of measurements for the verdict.
     """
     recorder.set_perturbations(components.clip.info.perturbations)
     meter, disable = Meter(components), True if quiet else None
-    n_frames = len(components.clip) - (0 if continued is None else continued.skipped)
-    tracked = (
-        track(components, seed, meter) if continued is None else continued.track(components, seed, meter, recorder)
-    )
-    if continued is not None and (earlier := continued.earlier) is not None:
-        summary.take_over(len(earlier.frames), earlier.per_frame)
     redirected = logging_redirect_tqdm(loggers=[] if quiet else None)  # an empty list: a quiet run logs nothing here
-    with redirected, tqdm(total=n_frames, unit="frame", disable=disable) as bar:
-        for step, errors in tracked:
+    with redirected, tqdm(total=len(components.clip), unit="frame", disable=disable) as bar:
+        for step, errors in track(components, seed, meter):
             check_interrupted()
             if not np.isfinite(step.log_evidence):
                 summary.omitted_metrics.setdefault("log_evidence", "this inference does not estimate it")
@@ -276,9 +258,6 @@ def recorder_of(config: DictConfig, components: Components, summary: Summary) ->
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
     live |= {"source_video": components.clip.info.video}
     live |= {"uninformative_metrics": sorted(_uninformative(config, components))}
-    live |= (
-        {"decode": components.prior.pose} if components.prior is not None and resumable(components.inference) else {}
-    )
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 

@@ -52,10 +52,9 @@ class Summary:
     assumptions: the side information used, see `requirements.assumptions`. input_counts: what the dataset counted in
     what it read, see `SequenceInfo`. settings: the resolved configuration. provenance: see there. run_metrics: metrics
     of the run as a whole, see `Meter.run_metrics`. stopped: why and in which frame it ended early; the status is then
-    "stopped". resumed_frames: frames taken over from an earlier attempt, which the cost does not count. restart_reason:
-    why nothing of an earlier attempt was taken over. omitted_metrics: metrics that would mean nothing, with the reason.
-    verdict: known when all steps are in. uninformative_metrics: metrics that are the same in all runs of such parts.
-    compile_s: time to compile kernels, which is in no other time.
+    "stopped". omitted_metrics: metrics that would mean nothing, with the reason. verdict: known when all steps are in.
+    uninformative_metrics: metrics that are the same in all runs of such parts. compile_s: time to compile kernels,
+    which is in no other time.
     """
 
     experiment: str
@@ -72,8 +71,6 @@ class Summary:
     input_counts: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
-    resumed_frames: int = 0
-    restart_reason: str | None = None
     steps_s: float = 0.0
     evaluations: float = 0.0
     log_evidence: float = float("nan")
@@ -85,11 +82,6 @@ class Summary:
     uninformative_metrics: frozenset[str] = frozenset()
     compile_s: float = 0.0
     study: Mapping[str, float] | None = None
-
-    def take_over(self, n_frames: int, per_frame: Mapping[str, list[float]]) -> None:
-        """Start from the frames of an earlier attempt and the metrics of those after the first."""
-        self.frames = self.resumed_frames = n_frames
-        self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
     def end(self, error: BaseException | None) -> None:
         """Set the final status; error: the exception that ended the run, or None."""
@@ -139,7 +131,7 @@ class Summary:
             return {"seconds": self.timing["study"]}
         cost: dict[str, float] = {}
         if self.steps_s > 0.0:
-            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.resumed_frames)}
+            cost = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / self.frames}
         if self.compile_s > 0.0:
             cost["compile_s"] = self.compile_s
         if self.evaluations > 0.0:
@@ -172,7 +164,6 @@ class Summary:
             "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,
             **({} if self.stopped is None else {"stopped": self.stopped}),
-            **({} if self.restart_reason is None else {"restart_reason": self.restart_reason}),
         }
         short = {name: value for name, value in content.items() if name not in _OMITTED_IF_FULL}
         text, shorter = (json.dumps(fields, indent=2) + "\n" for fields in (content, short))
@@ -181,13 +172,8 @@ class Summary:
 
 def earlier_runs(folder: Path) -> list[Path]:
     """Return the folders of earlier complete runs in a folder, oldest first."""
-    numbers = sorted((name for name in earlier_names(folder) if name.isdecimal()), key=int)
+    numbers = sorted((path.name for path in (folder / EARLIER).glob("*") if path.name.isdecimal()), key=int)
     return [run for name in numbers if ((run := folder / EARLIER / name) / RECORDING).is_file()]
-
-
-def earlier_names(folder: Path) -> list[str]:
-    """Return the names of the earlier runs and attempts in a folder; empty if there is no folder."""
-    return [path.name for path in (folder / EARLIER).glob("*")]
 
 
 def set_aside(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """Build the components of a run from a configuration, and track with them."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,16 +124,6 @@ class Meter:
         """The true pose (P,) in the first frame, None if it is unknown."""
         truth = next(iter(self._clip)).truth
         return None if truth is None else truth.pose
-
-    def catch_up(self, step: Step) -> None:
-        """Add a step before the first measured one, for errors that use earlier frames."""
-        self._acceleration.add(step)
-        self._markers.add(step)
-
-    def count(self, ranks: Iterable[FloatArray]) -> None:
-        """Add the ranks (k,) of the run's frames before the first measured one."""
-        self._ranks += ranks
-        self._first = False
 
     @property
     def run_metrics(self) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -66,13 +66,8 @@ class Product:
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
-        """The terms with a weight, by name; raises InputError if one of them has no residuals."""
-        terms: dict[str, ResidualLikelihood] = {}
-        terms |= {name: term for name, term in self._used.items() if isinstance(term, ResidualLikelihood)}
-        if without := [name for name in self._used if name not in terms]:
-            needed = "least squares needs residuals of every term of a product"
-            raise InputError(f"likelihood: {needed}, {without[0]} has none; set its weight to 0")
-        return terms
+        """The terms with a weight, by name, of a product with RESIDUALS."""
+        return cast(dict[str, ResidualLikelihood], self._used)
 
     @property
     def observables(self) -> Observables:

@@ -1,4 +1,4 @@
-"""Causes of a lost track: repetitions of a run from before the loss, with one change and several seeds each."""
+"""Causes of a lost track: repetitions of a run with one change and several seeds each."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from workbench.evaluation.errors.track_loss import track_events
 from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.experiment.config.options import allow_packages, packages
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.resume import branch_config, continuation_at
+from workbench.experiment.repeat import repeated_config
 from workbench.experiment.run import execute
 from workbench.recording.read.chunks import cells
 from workbench.recording.read.reader import Run, read
@@ -25,7 +25,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.processes import pool
 
 BEFORE, AFTER = 15, 10
-"""Frames before a loss where repetitions begin, and after it up to which they must track."""
+"""Frames before and after a loss in which a repetition's errors are compared; repetitions end after the latter."""
 _FIRST_SEED = 1000
 _PRIORS = ("smooth", "ar_offsets")  # without activity, and a walk with offsets of every angle
 _TRACKING = "state/tracking"
@@ -33,30 +33,26 @@ _TRACKING = "state/tracking"
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the configuration. overrides: key=value. whole: it affects all frames, so the whole run is
-    repeated."""
+    """A change of the configuration. overrides: key=value."""
 
     name: str
     overrides: tuple[str, ...] = ()
-    whole: bool = False
 
 
-SAME, SAME_WHOLE = Change("only another seed"), Change("only another seed", whole=True)
+SAME = Change("only another seed")
 
 
 @dataclass(frozen=True)
 class Outcome:
     """Outcome of n repetitions with a change.
 
-    n_tracked: repetitions that keep the track. error: their mean error, mm or px, or NaN. whole: they are of the whole
-    run.
+    n_tracked: repetitions that keep the track. error: their mean error, mm or px, or NaN.
     """
 
     change: Change
     n_tracked: int
     n: int
     error: float
-    whole: bool
 
 
 def lost_frames(run: Run) -> list[int]:
@@ -84,32 +80,32 @@ def changes_of(config: Mapping[str, Any]) -> Iterator[Change]:
         yield Change(f"without {name}", (f"likelihood.weights.{name}=0.0",))
     for name in _PRIORS:
         if not str((config["prior"] or {}).get("_target_")).lower().endswith(name):
-            yield Change(f"prior={name}", (f"prior={name}",), whole=True)
+            yield Change(f"prior={name}", (f"prior={name}",))
     if "perturbations" in config["dataset"]:
         yield from _changes_of_scene(config["body"], config["dataset"])
 
 
 def _changes_of_scene(body: Mapping[str, Any], dataset: Mapping[str, Any]) -> Iterator[Change]:
     if dataset.get("occluder"):
-        yield Change("without the occluder", ("dataset.occluder=false",), whole=True)
+        yield Change("without the occluder", ("dataset.occluder=false",))
     of_dataset = str(body["_target_"]).endswith("person.of_dataset")
     if not of_dataset or body.get("scale", 1.0) != 1.0:
-        yield Change("the true body", ("body.scale=1.0" if of_dataset else "body=dataset",), whole=True)
+        yield Change("the true body", ("body.scale=1.0" if of_dataset else "body=dataset",))
     perturbed = perturbation_sizes(bool(dataset.get("perturb", True)), dataset["perturbations"])
     for name in (each for each, size in perturbed.items() if size):
         words = ",".join(f"{key}:{value}" for key, value in (perturbed | {name: 0.0}).items())
-        yield Change(f"without perturbation {name}", (f"dataset.perturbations={{{words}}}",), whole=True)
+        yield Change(f"without perturbation {name}", (f"dataset.perturbations={{{words}}}",))
 
 
 def diagnose(
     run: Run, frame: int, overrides: Sequence[str], n_seeds: int, jobs: int, folder: Path
 ) -> tuple[list[Outcome], list[str]]:
-    """Repeat a run around a frame with every change.
+    """Repeat a run up to a frame with every change.
 
     Parameters
     ----------
     run : with a lost track.
-    frame : of the loss. Repetitions are from BEFORE frames earlier, or the first, to AFTER frames later.
+    frame : of the loss. Repetitions end AFTER frames later.
     overrides : key=value, of all repetitions.
     n_seeds, jobs : seeds of every change, and processes.
     folder : of the repetitions.
@@ -118,10 +114,9 @@ def diagnose(
     -------
     outcomes, refused : outcomes, the best first, and a message for each impossible change.
     """
-    plain: Any = OmegaConf.to_container(branch_config(run, overrides)[0], resolve=True)
-    begin = frame - BEFORE if frame - BEFORE > run.poses[0][0] else None
-    changes = [*([] if begin is None else [SAME]), SAME_WHOLE, *changes_of(plain)]
-    repeat = partial(_repeat, run.path, begin, frame, overrides, folder)
+    plain: Any = OmegaConf.to_container(repeated_config(run, overrides)[0], resolve=True)
+    changes = [SAME, *changes_of(plain)]
+    repeat = partial(_repeat, run.path, frame, overrides, folder)
     tasks = [(change, _FIRST_SEED + k) for change in changes for k in range(n_seeds)]
     with pool(jobs, _prepare, packages()[1:]) as executor:
         results = list(tqdm(executor.map(repeat, tasks), total=len(tasks), unit="run", disable=None))
@@ -131,8 +126,8 @@ def diagnose(
         if isinstance(first, InputError):
             refused.append(f"{change.name}: {first}")
         else:
-            tracked, errors, whole = np.array([first, *others]).T
-            outcomes.append(Outcome(change, int(tracked.sum()), n_seeds, float(errors.mean()), bool(whole.any())))
+            tracked, errors = np.array([first, *others]).T
+            outcomes.append(Outcome(change, int(tracked.sum()), n_seeds, float(errors.mean())))
     return sorted(outcomes, key=lambda each: (-each.n_tracked, np.nan_to_num(each.error, nan=np.inf))), refused
 
 
@@ -156,29 +151,21 @@ class _Until:
 
 
 def _repeat(
-    path: Path, begin: int | None, frame: int, overrides: Sequence[str], folder: Path, task: tuple[Change, int]
-) -> tuple[bool, float, bool] | InputError:
-    """Return whether a repetition tracks, its error, and whether it is of the whole run; or why it is impossible.
-
-    It is of the whole run where the inference cannot continue from a frame.
-    """
-    run, (change, seed), refused = read(path), task, InputError("")
-    words = [*overrides, *change.overrides, f"seed={seed}", "n_threads=1"]
-    place = folder / f"{change.name.replace(' ', '_')}{'_whole' * change.whole}" / str(seed)
-    for at in [begin, None] if begin is not None and not change.whole else [None]:
-        try:
-            config, command = branch_config(run, words, at)
-            continued = None if at is None else continuation_at(run, at, words)
-            until = _Until(frame + AFTER + 1 - (int(run.poses[0][0]) if at is None else at))
-            summary = execute(config, command.choices["experiment"], place, True, command, continued, until)
-        except InputError as error:
-            refused = error
-            continue
-        errors = [summary.metrics[name] for name in HEADLINE_ERRORS if name in summary.metrics]
-        states = summary.verdict.states if summary.verdict is not None else ()
-        tracked = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
-        return tracked, errors[0] if errors else np.nan, at is None
-    return refused
+    path: Path, frame: int, overrides: Sequence[str], folder: Path, task: tuple[Change, int]
+) -> tuple[bool, float] | InputError:
+    """Return whether a repetition tracks, and its error; or why it is impossible."""
+    run, (change, seed) = read(path), task
+    place = folder / change.name.replace(" ", "_") / str(seed)
+    try:
+        config, command = repeated_config(run, [*overrides, *change.overrides, f"seed={seed}", "n_threads=1"])
+        until = _Until(frame + AFTER + 1 - int(run.poses[0][0]))
+        summary = execute(config, command.choices["experiment"], place, True, command, until)
+    except InputError as error:
+        return error
+    errors = [summary.metrics[name] for name in HEADLINE_ERRORS if name in summary.metrics]
+    states = summary.verdict.states if summary.verdict is not None else ()
+    tracked = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
+    return tracked, errors[0] if errors else np.nan
 
 
 def _is_near(run: Run, frame: int, metrics: Mapping[str, float]) -> bool:
@@ -191,8 +178,7 @@ def _is_near(run: Run, frame: int, metrics: Mapping[str, float]) -> bool:
 def conclusion(outcomes: Sequence[Outcome]) -> str:
     """Return the most likely cause: the best change and its advantage over another seed; outcomes: see `diagnose`."""
     best = outcomes[0]
-    baselines = [each for each in outcomes if each.change in (SAME, SAME_WHOLE)]
-    other = next((each for each in baselines if each.whole == best.whole), baselines[0])
+    other = next(each for each in outcomes if each.change == SAME)
     if best.n_tracked <= other.n_tracked:
         return f"no cause found: with only another seed {other.n_tracked} of {other.n} runs keep the track"
     counts = np.array([[each.n_tracked, each.n - each.n_tracked] for each in (best, other)])
@@ -208,7 +194,6 @@ def table(outcomes: Sequence[Outcome]) -> str:
     lines = [" tracked          95 %     error  with"]
     for each in outcomes:
         low, high = scipy.stats.binomtest(each.n_tracked, each.n).proportion_ci(0.95, method="wilson")
-        mark = " (from the first frame)" if each.whole else ""
         count, interval = f"{each.n_tracked} of {each.n}", f"{low:.0%} to {high:.0%}"
-        lines.append(f"{count:>8}{interval:>14}{each.error:>10.4g}  {each.change.name}{mark}")
+        lines.append(f"{count:>8}{interval:>14}{each.error:>10.4g}  {each.change.name}")
     return "\n".join(lines)

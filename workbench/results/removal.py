@@ -9,7 +9,7 @@ from uuid import uuid4
 
 import pandas as pd
 
-from workbench.experiment.summary import earlier_names, earlier_runs
+from workbench.experiment.summary import earlier_runs
 from workbench.results.table import read_run, runs_in
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER, LOCK, RECORDING, SUMMARY
@@ -45,8 +45,6 @@ def consequence(path: Path) -> str:
     """Return the other effects of a run's removal on its folder; "" without any."""
     if earlier := earlier_runs(path):
         return f"the earlier run {earlier[-1]} is restored"
-    if any(name.endswith(".part") for name in earlier_names(path)):
-        return "including an earlier attempt, which sweep.resume would continue"
     return ""
 
 

@@ -8,7 +8,6 @@ import shutil
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from time import time_ns
 from typing import Any
 
 from omegaconf import DictConfig
@@ -18,7 +17,7 @@ from workbench.evaluation.metrics import HEADLINE_ERRORS
 from workbench.sweep.early_stop import StopCondition, parse_stop_condition
 from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY, read_summary
+from workbench.utils.run_files import RECORDING, SUMMARY, read_summary
 from workbench.utils.run_lock import is_locked, locked
 
 log = logging.getLogger(__name__)
@@ -95,34 +94,16 @@ def _run_unless_complete(config: DictConfig, sweep: DictConfig, experiment: str,
 
 
 def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopCondition | None) -> None:
-    """Run the configuration in the folder; resume an earlier attempt that has checkpoints."""
+    """Run the configuration in the folder; the partial recording of an earlier attempt is replaced."""
     from workbench.experiment.provenance import Command
-    from workbench.experiment.resume import find_resumable
     from workbench.experiment.run import ending, run_checked
     from workbench.experiment.summary import Summary
 
     choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
     command = Command(list(settings.overrides.task), choices)
-    attempts = _earlier_attempts(folder)
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with ending(summary):
-        # earlier attempts may not have checked the stop condition
-        resumable = None if stop is not None else find_resumable(config, attempts)
-        continued, summary.restart_reason = (None, resumable) if isinstance(resumable, str) else (resumable, None)
-        run_checked(config, summary, True, command, continued, stop)
-    for attempt in attempts:
-        attempt.unlink()
-    if attempts and not os.listdir(folder / EARLIER):
-        (folder / EARLIER).rmdir()
-
-
-def _earlier_attempts(folder: Path) -> list[Path]:
-    """Move the partial recording of the last attempt to EARLIER; return the recordings of all attempts."""
-    earlier = folder / EARLIER
-    if (folder / PART).is_file():
-        earlier.mkdir(exist_ok=True)
-        os.replace(folder / PART, earlier / f"{time_ns()}.rrd.part")
-    return list(earlier.glob("*.rrd.part"))
+        run_checked(config, summary, True, command, stop)
 
 
 def _is_complete(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopCondition | None) -> bool:

@@ -88,7 +88,7 @@ class Progress:
         if (status := summary.get("status")) in _ENDED:
             same = "taken_from" in summary or summary.get("started") == self._started.get(job, "")
             self._written_ns[job], self.ended[job] = written, "reused" if same else str(status)
-            print(printable(self._line(job, summary) + ("" if same else _origin(summary))), flush=True)
+            print(printable(self._line(job, summary)), flush=True)
 
     def _line(self, job: int, summary: Mapping[str, Any]) -> str:
         metric, kind = None, "-"
@@ -118,13 +118,6 @@ class Progress:
         error = str(summary.get("error") or "")
         failed = summary.get("status") == "failed"
         return error if failed else f"interrupted by {error.partition(': ')[2] or 'a signal'}"
-
-
-def _origin(summary: Mapping[str, Any]) -> str:
-    """Return a note: the frame at which a job resumed an earlier attempt, or why it started from scratch."""
-    if continued := (summary.get("provenance") or {}).get("continued"):
-        return f"  (resumed at frame {str(continued).rpartition('@')[2]})"
-    return f"  (from scratch: {summary['restart_reason']})" if summary.get("restart_reason") else ""
 
 
 class Watch(Callback):

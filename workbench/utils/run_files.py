@@ -16,7 +16,7 @@ LOCK = ".lock"
 """File locked by the process that uses the folder; see `run_lock`."""
 
 EARLIER = ".earlier"
-"""Folder of earlier runs and attempts, hidden from readers of recordings."""
+"""Folder of earlier complete runs, hidden from readers of recordings."""
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ RUNS = (
     "prior=walkin", "prior=schema_walking", "inference.n_particle=100", "inference.n_particles=many",
     "inference.n_particles=0", "seed=-1", "n_threads=100000", "dataset.motion=file.bvh", "=3", "seed", "seed=",
     "+prior.new_key=3", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x", "--seed 3",
-    "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "component_packages=[no_such_package]",
+    "from=nowhere.rrd", "from=nowhere.rrd seed=1", "component_packages=[no_such_package]",
     "component_packages=no_such_package", "study=nothing", "inference=hybrid likelihood=image_motion",
     "likelihood=keypoints", "dataset=blank", "dataset=points likelihood=image_motion", "inference=least_squares",
     "prior.motions=everything", "prior.motions=cmu", "dataset.n_frames=100000", "body=height body.height_m=180",

@@ -22,7 +22,6 @@ from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
-from workbench.likelihoods.uniform import Uniform
 from workbench.utils.errors import InputError
 
 BODY, T = person(from_height(1.75)), 10
@@ -197,13 +196,6 @@ def test_a_product_of_points_and_keypoints_is_more_accurate_than_points_alone():
     assert both < points_only
 
 
-def test_a_product_with_a_term_without_residuals_is_rejected():
-    with pytest.raises(InputError, match="least squares needs residuals of every term of a product, colour has none"):
-        least_squares(
-            likelihood=Product({"points": SurfacePoints(BODY), "colour": Uniform()}, {"points": 1.0, "colour": 0.5})
-        )
-
-
 def test_points_are_not_fitted_by_a_likelihood_of_keypoints():
     inference = least_squares(FrameByFrame(), KeypointLikelihood(BODY), max_points=1)
     with pytest.raises(InputError, match="expected keypoints to fit, found none in 2 frames"):
@@ -218,8 +210,6 @@ def test_invalid_options_and_empty_sequences_are_rejected():
     for problem in (MotionFit(), FrameByFrame(pose_prior=True)):
         with pytest.raises(InputError, match="needs a motion model"):
             least_squares(problem, model=False)
-    with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
-        least_squares(likelihood=Uniform())
     with pytest.raises(InputError, match="at least one frame"):
         run(least_squares(), [])
     with pytest.raises(InputError, match="expected points to fit, found none in 2 frames"):

@@ -6,13 +6,13 @@ from keypoint_scenes import BODY
 from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
+from workbench.core.capabilities import RESIDUALS
 from workbench.core.observations import Observables, Observed, observe
-from workbench.core.residual import Loss, ResidualLikelihood, keypoint_residual, robust, surface_residual
+from workbench.core.residual import Loss, keypoint_residual, robust, surface_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
-from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 UNIT_WEIGHTS = {"points": 1.0, "keypoints": 1.0}
@@ -45,7 +45,6 @@ def test_residuals_of_points_are_whitened(scene):
     )
     assert likelihood.residual_loss == Loss("huber", 2.5)
     assert likelihood.observables == Observables(sigma=0.04, residual="field", common_bias_std_m=0.012)
-    assert isinstance(likelihood, ResidualLikelihood)
 
 
 def test_a_keypoint_of_four_times_the_weight_is_four_equal_keypoints(scene):
@@ -75,7 +74,6 @@ def test_residuals_of_keypoints_are_those_of_the_chosen_cameras(scene):
     )
     assert likelihood.residual_loss == Loss("geman_mcclure", 2.0)
     assert KeypointLikelihood(BODY).residual_function(observed)(pose)[0].shape == (2 * 2 * 15,)
-    assert isinstance(likelihood, ResidualLikelihood)
 
 
 def test_a_frame_without_observations_has_no_residuals():
@@ -124,8 +122,10 @@ def test_a_product_has_the_observables_of_its_terms():
     assert three.observables == Observables(sigma=0.01, sigma_px=2.0, common_bias_std_m=0.012)
 
 
-def test_a_term_without_residuals_is_an_error():
+def test_a_product_has_residuals_if_all_terms_with_a_weight_have_some():
+    traits = {"points": SurfacePoints.traits, "colour": Uniform.traits}
+    for weight in (0.0, 0.5):
+        provided = Product.traits({"terms": traits, "weights": {"points": 1.0, "colour": weight}}).provides
+        assert (RESIDUALS in provided) == (weight == 0.0)
     terms = {**terms_of_both(), "colour": Uniform()}
-    with pytest.raises(InputError, match="least squares needs residuals of every term of a product, colour has none"):
-        _ = Product(terms, {**UNIT_WEIGHTS, "colour": 0.5}).residual_terms
     assert set(Product(terms, {**UNIT_WEIGHTS, "colour": 0.0}).residual_terms) == {"points", "keypoints"}

@@ -113,7 +113,7 @@ class InterruptedStream:
 
 @pytest.mark.parametrize("kind", ["rows", "numbers", "large rows"])
 def test_an_interrupted_write_sends_each_row_once(kind, tmp_path):
-    """Closing the recording writes the pending rows; a duplicate row would count a frame twice in a resumed run."""
+    """Closing the recording writes the pending rows; a duplicate row would count a frame twice."""
     columns, stream, paths = Columns(), InterruptedStream(), ["a", "b", "c"]
     file = RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="", provenance={})
     file.stream = stream

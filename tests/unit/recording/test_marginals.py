@@ -83,29 +83,6 @@ def test_histogram_counts_outliers_in_the_outermost_bins():
     assert mass == pytest.approx([0.6, 0.0, 0.0, 0.4])
 
 
-def test_resumed_marginals_agree_with_all_frames_within_two_bins():
-    """The cumulative mass at each edge lies between the masses two bins to the left and to the right."""
-    frames = list(drifting(12))
-    uninterrupted, first, resumed = Marginals(2, 16), Marginals(2, 16), Marginals(2, 16)
-    for frame in frames:
-        uninterrupted.add(*frame)
-    for frame in frames[:8]:
-        first.add(*frame)
-    assert resumed.take_over(*first.picture(), 8) == 8
-    for frame in frames[8:]:
-        resumed.add(*frame)
-    low, high, log_mass = resumed.picture()
-    assert log_mass.shape == (2, 16, 12)
-    for k in range(2):
-        edges = np.linspace(low[k], high[k], 17)[1:]
-        expected_edges = np.linspace(*(end[k] for end in uninterrupted.picture()[:2]), 17)[1:]
-        margin = 2.0 * max(edges[1] - edges[0], expected_edges[1] - expected_edges[0])
-        for t, (values, weights) in enumerate(frames):
-            below = np.exp(log_mass[k, :, t]).cumsum()
-            lower, upper = ((weights * (values[:, k] < edges[:, None] + side * margin)).sum(axis=1) for side in (-1, 1))
-            assert ((lower - 0.01 < below) & (below < upper + 0.01)).all()
-
-
 @given(st.data())
 def test_masses_equal_numpy_bincounts_bitwise(data):
     values = data.draw(arrays(float, st.tuples(st.integers(1, 50), st.integers(1, 3)), elements=numbers))
@@ -118,7 +95,6 @@ def test_masses_equal_numpy_bincounts_bitwise(data):
 
 @pytest.mark.parametrize("n_frames", [8, 9, 16, 17, 31, 32, 33, 70])
 def test_columns_of_a_long_run_are_means_of_several_frames(monkeypatch, n_frames):
-    """A resumed run has the same number of columns."""
     monkeypatch.setattr(module, "MAX_COLUMNS", 8)
     rng = np.random.default_rng(1)
     frames = [rng.random((40, 1)) for _ in range(n_frames)]
@@ -132,7 +108,3 @@ def test_columns_of_a_long_run_are_means_of_several_frames(monkeypatch, n_frames
     for column in range(1, n_added // every):
         mean = histograms[column * every - 1 : (column + 1) * every - 1].mean(axis=0)
         assert np.exp(log_mass[0, :, column]) == pytest.approx(np.maximum(mean, FLOOR), abs=1e-6)
-    resumed = Marginals(1, 4)
-    assert resumed.take_over(low, high, log_mass, n_added) == n_added // every * every
-    resumed.add(frames[-1], weights)
-    assert resumed.every == every or n_added == every * 8  # all columns are full, so that pairs are merged

@@ -7,10 +7,9 @@ import pytest
 from run_folders import write_run, write_sweep
 
 from workbench.experiment.summary import set_aside
-from workbench.results.removal import check_removable, consequence, remove, size_of
+from workbench.results.removal import check_removable, consequence, remove
 from workbench.results.table import read_runs
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import locked
 
 STARTED = "2026-11-02T15:00:00"
@@ -57,16 +56,6 @@ def test_removal_restores_the_earlier_run_of_a_folder(root, folder):
     assert consequence(folder) == ""
     remove(folder, STARTED)
     assert os.listdir(root / "sweep") == ["0"]
-
-
-def test_parts_of_earlier_attempts_are_removed_with_their_run(folder):
-    (folder / EARLIER).mkdir()
-    assert consequence(folder) == ""
-    (folder / EARLIER / "1.rrd.part").write_bytes(b"0" * 1000)
-    assert "an earlier attempt" in consequence(folder)
-    assert size_of(folder) > 1000
-    remove(folder, STARTED)
-    assert not folder.exists()
 
 
 def baseline(root):

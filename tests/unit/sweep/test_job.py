@@ -1,4 +1,4 @@
-"""One job of a sweep: earlier attempts, early stopping, reuse of runs, and consequences for the sweep."""
+"""One job of a sweep: repetition, early stopping, reuse of runs, and consequences for the sweep."""
 
 import json
 import math
@@ -9,11 +9,10 @@ from types import SimpleNamespace
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.experiment import resume, run
+from workbench.experiment import run
 from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import ASIDE, FAILED, reuse_run, run_job
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import is_locked, locked
 from workbench.utils.signals import Interrupted
 
@@ -24,17 +23,13 @@ SUBMITIT = "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLaunche
 
 @pytest.fixture
 def runs(monkeypatch):
-    """Stubs of successive runs; `runs.attempts` lists the earlier parts that each run could resume."""
-    runs = SimpleNamespace(stubs=[], attempts=[])
+    """Stubs of successive runs."""
+    runs = SimpleNamespace(stubs=[])
 
     def run_checked(config, summary, *_):
         runs.stubs.pop(0)(summary)
 
-    def find_resumable(config, attempts):
-        runs.attempts.append(sorted(path.read_text() for path in attempts))
-
     monkeypatch.setattr(run, "run_checked", run_checked)
-    monkeypatch.setattr(resume, "find_resumable", find_resumable)
     return runs
 
 
@@ -103,22 +98,13 @@ def test_an_interruption_ends_the_sweep_only_in_the_launchers_process(tmp_path, 
     assert status(tmp_path) == ("interrupted", "Interrupted: SIGTERM")
 
 
-def test_an_attempt_can_resume_all_earlier_ones_until_one_is_complete(tmp_path, runs):
+def test_an_incomplete_job_is_repeated_until_it_is_complete(tmp_path, runs):
     """Slurm repeats a job without sweep.resume."""
     runs.stubs = [interrupt, fail, complete]
     with locked(tmp_path):
-        for _ in range(3):
-            launch(tmp_path, launcher=JOBLIB)
-    assert runs.attempts == [[], ["ten frames"], ["part", "ten frames"]]
-    assert not (tmp_path / "0" / EARLIER).exists()
-
-
-def test_a_run_with_a_stop_condition_starts_from_scratch(tmp_path, runs):
-    runs.stubs = [interrupt, complete]
-    with locked(tmp_path):
-        for _ in range(2):
-            launch(tmp_path, launcher=JOBLIB, stop_if="n_track_losses>0")
-    assert runs.attempts == []
+        objectives = [launch(tmp_path, launcher=JOBLIB) for _ in range(3)]
+    assert objectives == [math.inf, math.inf, 12.0]
+    assert status(tmp_path) == ("complete", None)
 
 
 @pytest.fixture

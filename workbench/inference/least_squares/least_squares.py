@@ -13,7 +13,6 @@ from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits,
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.keys import records_arguments
-from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
@@ -44,7 +43,7 @@ class LeastSquares:
     cyclic motion, cycles, in the first and the last frame, if the dataset provides them. problem: `MotionFit`,
     `SmoothFit` or `FrameByFrame`; None: the first if the prior has a motion model, else the second. max_points: points
     per frame; more are thinned at random. max_iterations: of the search over all frames. n_particles: per step. Raises
-    InputError for numbers out of range, a likelihood without residuals, and a problem without its motion model.
+    InputError for numbers out of range, and a problem without its motion model.
 
     Deviation. D minimises the plain sum of squares of f − C, kind "field" and loss "squared" of the surface points; by
     default residuals are distances in metres under a redescending loss, and the initial search always uses distances.
@@ -61,15 +60,10 @@ class LeastSquares:
         return Traits(frozenset({UNIFORM_WEIGHTS, FIT}), combined_requirements({"fit": fit, "problem": problem}))
 
     def __init__(
-        self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
+        self, body: Body, likelihood: ResidualLikelihood, prior: Prior | None = None,
         phase_ends: tuple[float, float] | None = None, *, problem: Problem | None = None,
         max_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
     ) -> None:  # fmt: skip
-        if not isinstance(likelihood, ResidualLikelihood):
-            raise InputError(
-                "inference: least squares expected a likelihood with residuals, such as surface_points or keypoints, "
-                f"found {type(likelihood).__name__}"
-            )
         capabilities = PriorCapabilities() if prior is None else prior.capabilities
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)

@@ -31,7 +31,6 @@ class Bootstrap:
     ess_threshold: float = 1.0
 
     proposes: ClassVar[bool] = True
-    reads_survivors_only: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check("inference", self, resampling=one_of(*RESAMPLING), ess_threshold=UNIT)

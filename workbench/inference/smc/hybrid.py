@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -14,15 +14,13 @@ from workbench.core.step import Step
 from workbench.inference.smc.move import Move, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.target import MoveResult, Target
 from workbench.utils.arrays import FloatArray
-from workbench.utils.errors import InputError
 
 INITIAL_SPEED_STD = 0.1
 NO_PROPOSAL = "hybrid: the filter's algorithm does not use a proposal; the fit only sets the initial pose"
 
 
-@runtime_checkable
 class _FittablePrior(Prior, Protocol):
-    """A prior of a motion that can be fitted: a Gaussian over the columns that its poses depend on.
+    """A prior with ACTIVITY, whose motion can be fitted: a Gaussian over the columns that its poses depend on.
 
     driven: those D' columns, {coefficients, phase, root position, root rotation}, in the order of the fit's states. The
     space names "phase", "phase_speed" and "root_velocity".
@@ -57,7 +55,7 @@ class Hybrid(Wrapper):
     is only a proposal. Moves without a proposal use only its initial pose, of which the first step warns.
 
     filter: for a prior with a motion. std_inflation: factor of the fit's standard deviations, as its covariance treats
-    the points as independent. Raises InputError for numbers out of range and other priors.
+    the points as independent. Raises InputError for numbers out of range.
     """
 
     @staticmethod
@@ -72,11 +70,8 @@ class Hybrid(Wrapper):
     proposal_fraction: float = 0.7
     std_inflation: float = 6.0
 
-    resumable: ClassVar[bool] = False
-
     def __post_init__(self) -> None:
         super().__post_init__()
-        _fittable(self.prior)
         check("inference", self, proposal_fraction=BELOW_1, std_inflation=POSITIVE)
 
     @property
@@ -91,7 +86,7 @@ class Hybrid(Wrapper):
         """
         frames = list(frames)
         fit, _, warnings = self.fitter.fit_frames(frames, start, rng_streams["start"])
-        prior, times_s = _fittable(self.prior), np.array([frame.time_s for frame in frames])
+        prior, times_s = cast(_FittablePrior, self.prior), np.array([frame.time_s for frame in frames])
         covariances = self.std_inflation**2 * fit.state_covariance
         priors = proposal_priors(prior, fit.states, covariances, times_s, self.proposal_fraction)
         by_frame = {frame.index: each for frame, each in zip(frames, priors, strict=True)}
@@ -104,17 +99,7 @@ class Hybrid(Wrapper):
         wrapped = self.filter.rebuilt(prior=priors[0], algorithm=WrappedMove(self.algorithm, move_with_proposal))
         for step, more in zip(wrapped.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
             evaluations = step.evaluations + fit.iterations
-            yield replace(step, warnings=step.warnings + more, evaluations=evaluations, filter_state=None)
-
-
-def _fittable(prior: Prior) -> _FittablePrior:
-    """Return the prior itself; raises InputError if it has no motion to fit."""
-    if prior.capabilities.motion is None or not isinstance(prior, _FittablePrior):
-        raise InputError(
-            f"inference: hybrid needs a prior with a motion model to fit, such as prior=activity, "
-            f"found {type(prior).__name__.lower()}"
-        )
-    return prior
+            yield replace(step, warnings=step.warnings + more, evaluations=evaluations)
 
 
 class _ProposalPrior:

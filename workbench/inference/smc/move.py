@@ -1,25 +1,20 @@
 """Moves, which propagate the particles of one frame to the next and distinguish filters, and wrappers of filters."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 
 from workbench.core.capabilities import DENSITY, Traits, component_traits
-from workbench.core.filter_state import ResumePoint
-from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
-from workbench.core.step import Inference, Step
+from workbench.core.step import Inference
 from workbench.inference.smc.target import MoveResult, Target, density_of
-from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 Streams: TypeAlias = Mapping[str, np.random.Generator]
 """The run's generators by name; moves use "resampling" and "prior"."""
-StartPoint: TypeAlias = FloatArray | ResumePoint | None
-"""Initial pose, or the point at which a run resumes."""
 InitialDiagnostics: TypeAlias = tuple[Mapping[str, float], tuple[str, ...]]
 """Diagnostics and warnings of a run's first step; a recording arranges its views by the first step's diagnostics."""
 
@@ -30,10 +25,6 @@ class Move(Protocol):
     @property
     def proposes(self) -> bool:
         """Return whether it samples from the prior's proposal, if there is one."""
-
-    @property
-    def reads_survivors_only(self) -> bool:
-        """Return whether it uses no states of parents without offspring."""
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for an unsuitable prior and too few particles."""
@@ -54,7 +45,6 @@ class DensityMove:
     traits: ClassVar[Traits] = component_traits(prior=DENSITY)
 
     proposes: ClassVar[bool] = False
-    reads_survivors_only: ClassVar[bool] = False
     min_particles: ClassVar[int] = 1
     first_diagnostics: ClassVar[Mapping[str, float]] = {}
     first_warnings: ClassVar[tuple[str, ...]] = ()
@@ -80,8 +70,6 @@ class WrappedMove:
     move: Move
     around: Callable[[Move, Target, Streams], MoveResult]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
-
-    reads_survivors_only: ClassVar[bool] = False  # `around` may use any parent
 
     @property
     def proposes(self) -> bool:
@@ -118,14 +106,9 @@ class Filter(Inference, Protocol):
     def n_particles(self) -> int | None: ...
     @property
     def kind(self) -> Kind: ...
-    @property
-    def resumable(self) -> bool: ...
 
     def rebuilt(self, **components: Any) -> Self:
         """Return it with other components, such as the prior, the algorithm or n_particles."""
-
-    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
-        """Yield one step per frame, or for those after a resume point, see `Resumable`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,11 +160,6 @@ class Wrapper:
     def finds_start(self) -> bool:
         """Return whether the filter estimates the initial pose itself."""
         return self.filter.finds_start
-
-    @property
-    def resumable(self) -> bool:
-        """Return whether the filter can resume; wrappers that require all frames first cannot."""
-        return self.filter.resumable
 
     def rebuilt(self, **components: Any) -> Self:
         """Return it with other components of the particle filter, such as the prior, the algorithm or n_particles."""

@@ -9,17 +9,16 @@ import numpy as np
 from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import START, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check, one_of
-from workbench.core.filter_state import FilterState, ResumePoint, capture_rng_states, replay_likelihood
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.smc.bootstrap import Bootstrap
-from workbench.inference.smc.move import Move, StartPoint, Streams
+from workbench.inference.smc.move import Move, Streams
 from workbench.inference.smc.target import MoveResult, Particles, Stopwatch, Target, Workspace
 from workbench.inference.smc.weights import DegenerateWeights as DegenerateWeights
-from workbench.inference.smc.weights import systematic, uniform_log_weights
+from workbench.inference.smc.weights import uniform_log_weights
 from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -53,7 +52,6 @@ class ParticleFilter:
 
     kind: ClassVar[Literal["filtered"]] = "filtered"
     finds_start: ClassVar[bool] = False
-    resumable: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
@@ -68,14 +66,13 @@ class ParticleFilter:
         """Return it with other components, such as the prior, the algorithm or n_particles."""
         return replace(self, **components)
 
-    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, of which the first represents the initial distribution.
 
         Parameters
         ----------
         frames : of the sequence.
-        start : (P,) or (n, P), initial poses, of equal weight; or a `ResumePoint`, after which steps are yielded. Its
-            particles are resampled if their number is not n_particles; ancestors then index the resampled ones.
+        start : (P,) or (n, P), initial poses, of equal weight.
         rng_streams : generators named "start", "resampling" and "prior".
 
         Raises
@@ -83,12 +80,9 @@ class ParticleFilter:
         InputError : there is no start.
         DegenerateWeights : as configured.
         """
-        likelihood, log_evidence, frames, workspace = self.likelihood, 0.0, iter(frames), Workspace()
+        likelihood, log_evidence, workspace = self.likelihood, 0.0, Workspace()
         origins: AnyArray = np.empty((0, self.n_particles), dtype=np.int32)
         previous: Frame | None = None
-        if isinstance(start, ResumePoint):
-            likelihood, previous = replay_likelihood(likelihood, frames, start.filtered_poses)
-            result, origins, log_evidence = self._restore(start.filter_state, rng_streams)
         for frame in frames:
             clock = Stopwatch()
             frame_likelihood = likelihood.prepare(previous, frame)
@@ -111,51 +105,21 @@ class ParticleFilter:
             step = _particle_step(frame, self.space, result, log_evidence, clock)
             likelihood = frame_likelihood.update(step.expected_pose)
             clock.lap("likelihood")
-            filter_state = self._filter_state(result.particles, origins, log_evidence, step.expected_pose, rng_streams)
-            yield replace(step, timing_s=clock.laps, filter_state=filter_state)
+            yield step
             previous = frame
 
-    def _initial_particles(self, poses: StartPoint, rng: np.random.Generator) -> MoveResult:
+    def _initial_particles(self, poses: FloatArray | None, rng: np.random.Generator) -> MoveResult:
         """Return equally weighted particles at poses (P,) or (n, P).
 
         They are not local variables of `run`, which would retain them until the last frame.
         """
-        if poses is None or isinstance(poses, ResumePoint):
+        if poses is None:
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = sample_start(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         log_weights, ancestors = uniform_log_weights(self.n_particles), np.arange(self.n_particles)
         particles = Particles(state, self.prior.pose(state), log_weights, ancestors)
         diagnostics, warnings = self.algorithm.initial_diagnostics(self.n_particles)
         return MoveResult(particles, diagnostics=diagnostics, warnings=warnings)
-
-    def _filter_state(
-        self, particles: Particles, origins: AnyArray, log_evidence: float, pose: FloatArray, rng_streams: Streams
-    ) -> FilterState:
-        """Return the state to resume from after a frame with the expected pose (P,)."""
-        arrays = {
-            "state": particles.state, "poses": particles.poses, "log_weights": particles.log_weights,
-            "origins": origins, "log_evidence": np.array([log_evidence]),
-        }  # fmt: skip
-        parents = particles.ancestors if self.algorithm.reads_survivors_only else None
-        return FilterState(arrays, pose, capture_rng_states(rng_streams), parents)
-
-    def _restore(self, filter_state: FilterState, rng_streams: Streams) -> tuple[MoveResult, AnyArray, float]:
-        """Restore the generators; return the particles, their origins and the log evidence.
-
-        Poses that are not stored are decoded by the prior.
-        """
-        filter_state.restore(rng_streams)
-        state, log_weights = filter_state.array("state", None, len(self.space)), filter_state.array("log_weights", None)
-        n, (log_evidence,) = len(log_weights), filter_state.array("log_evidence", 1)
-        poses = filter_state.array("poses", n, None) if "poses" in filter_state.arrays else self.prior.pose(state)
-        particles, origins = Particles(state, poses, log_weights, np.arange(n)), filter_state.array("origins", None, n)
-        if len(state) != n:
-            raise InputError(f"checkpoint: expected {n} states, as many as weights, found {len(state)}")
-        if n != self.n_particles:
-            picked = systematic(np.exp(log_weights), rng_streams["resampling"], self.n_particles)
-            particles = Particles(state[picked], poses[picked], uniform_log_weights(self.n_particles), picked)
-            origins = origins[:, picked]
-        return MoveResult(particles), origins, float(log_evidence)
 
 
 def trace_ancestry(origins: AnyArray, ancestors: IntArray) -> AnyArray:

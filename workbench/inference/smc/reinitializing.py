@@ -12,11 +12,10 @@ from workbench.body.angles import swap_left_right
 from workbench.body.limbs import Body
 from workbench.core.capabilities import KEYPOINTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import INSIDE_UNIT, check
-from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import poses_from_keypoints
-from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.particle_filter import sample_start
 from workbench.inference.smc.target import MoveResult, Particles, Target
 from workbench.inference.smc.weights import systematic, uniform_log_weights
@@ -67,15 +66,11 @@ class Reinitializing(Wrapper):
         super().__post_init__()
         check("inference", self, reinitialized_fraction=INSIDE_UNIT)
 
-    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; reinitialization uses "start" and "resampling"."""
-        log_gains: list[float] = []
-        if isinstance(start, ResumePoint) and "gains" in start.filter_state.arrays:  # not after a plain filter
-            log_gains = start.filter_state.array("gains", None).tolist()
-        move = WrappedMove(self.algorithm, partial(self._reinitialize_and_move, log_gains), {"reinitialized": 0.0})
-        for step in self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams):
-            state = step.filter_state
-            yield replace(step, filter_state=state and state.with_arrays(gains=np.array(log_gains)))
+        around = partial(self._reinitialize_and_move, list[float]())
+        move = WrappedMove(self.algorithm, around, {"reinitialized": 0.0})
+        return self.filter.rebuilt(algorithm=move).run(frames, start, rng_streams)
 
     def _reinitialize_and_move(
         self, log_gains: list[float], move: Move, target: Target, rng_streams: Streams

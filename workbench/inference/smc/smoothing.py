@@ -12,11 +12,10 @@ from tqdm import tqdm
 from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import DENSITY, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check
-from workbench.core.filter_state import ResumePoint
 from workbench.core.frame import Frame
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
-from workbench.inference.smc.move import Kind, Move, StartPoint, Streams, WrappedMove, Wrapper
+from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
 from workbench.inference.smc.target import MoveResult, Target, density_of
 from workbench.inference.smc.weights import drop_undefined, effective_number, systematic, uniform_log_weights
 from workbench.utils.arrays import FloatArray, IntArray
@@ -51,16 +50,12 @@ class FixedLag(Wrapper):
         super().__post_init__()
         check("inference", self, lag=at_least(1), min_effective_ancestors=at_least(1))
 
-    def run(self, frames: Iterable[Frame], start: StartPoint, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each after `lag` later frames; log_evidence is the filter's for that frame.
 
-        rng_streams: as for the filter. ess and the diagnostic `unique_particles` count ancestors. A step's filter state
-        is that of
-        its own frame: a resumed run filters the `lag` frames after it a second time.
+        rng_streams: as for the filter. ess and the diagnostic `unique_particles` count ancestors.
         """
         window, ahead = deque[Step](), 0
-        if isinstance(start, ResumePoint) and "ahead" in start.filter_state.arrays:  # not after a plain filter
-            ahead = min(int(start.filter_state.array("ahead", 1)[0]), self.lag)
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
             if len(window) > self.lag:
@@ -92,9 +87,7 @@ class FixedLag(Wrapper):
             parents = parents[step.ancestors]
         weights = (first, *later)[lag].log_weights
         smoothed = _with_particles(first, lineages[lag], weights, parents, int(np.argmax(weights)))
-        diagnostics, filter_state = {**smoothed.diagnostics, "lag": float(lag)}, first.filter_state
-        filter_state = filter_state and filter_state.with_arrays(ahead=np.array([lag]))
-        return replace(smoothed, diagnostics=diagnostics, filter_state=filter_state), lag
+        return replace(smoothed, diagnostics={**smoothed.diagnostics, "lag": float(lag)}), lag
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +127,6 @@ class BackwardSimulation(Wrapper):
     min_effective_ancestors: int = 50
 
     kind: ClassVar[Kind] = "smoothed"
-    resumable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -155,7 +147,6 @@ class BackwardSimulation(Wrapper):
 
         recording = self.filter.rebuilt(algorithm=WrappedMove(self.algorithm, record_likelihood))
         forward = recording.run(frames, start, rng_streams)
-        forward = (replace(step, filter_state=None) for step in forward)  # not resumable, and all are stored
         steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
         yield from reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
-from workbench.recording.read.reader import Run, Unreadable, find_recordings, read
+from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, recording_at
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import read_summary
@@ -35,9 +35,9 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
 
 
 def read_sound_run(path: Path) -> Run:
-    """Read a recording; raises InputError also for one whose decoding crashes."""
-    if path.is_file():
-        refuse_crashing([path])
+    """Read a recording, see `read`; raises InputError also for one whose decoding crashes."""
+    path = recording_at(path)
+    refuse_crashing([path])
     return read(path)
 
 

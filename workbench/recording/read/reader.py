@@ -266,9 +266,7 @@ def read(path: str | Path) -> Run:
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
     or a newer release wrote it.
     """
-    path = Path(path)
-    if path.is_dir():
-        path = next((path / name for name in _IN_A_FOLDER if (path / name).is_file()), path / _IN_A_FOLDER[0])
+    path = recording_at(Path(path))
     pieces = read_chunks(path, ["/__properties/**", "/metrics/**"])
     with sound(path):
         properties = chunks.properties(static_values(pieces))
@@ -284,6 +282,13 @@ def read(path: str | Path) -> Run:
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")
     return Run(path, checked(path, properties), metrics)
+
+
+def recording_at(path: Path) -> Path:
+    """Return the path itself, or of a run's folder its recording, the .part of a run without a regular end."""
+    if not path.is_dir():
+        return path
+    return next((path / name for name in _IN_A_FOLDER if (path / name).is_file()), path / _IN_A_FOLDER[0])
 
 
 def find_recordings(*places: str | Path) -> list[Path]:

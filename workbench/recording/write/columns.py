@@ -62,11 +62,6 @@ class Columns:
         self._n_bytes: dict[str, int] = {}  # of the buffered rows
         self._numbers: dict[tuple[str, ...], list[tuple[int, np.timedelta64, FloatArray]]] = {}
 
-    @property
-    def n_bytes(self) -> int:
-        """Total size of the buffered rows' arrays, bytes."""
-        return sum(self._n_bytes.values())
-
     def add(self, frame: int, time: np.timedelta64, rows: Iterable[tuple[str, Row]]) -> None:
         """Add rows of entities in one frame: pairs (entity path, row)."""
         for path, row in rows:

@@ -53,26 +53,6 @@ class Marginals:
         self._mass[self._n_columns] = mass
         self._n_columns, self._in_last = self._n_columns + 1, 1
 
-    def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray, n_frames: int) -> int:
-        """Start with the `picture` of earlier frames, and return the number of frames in its complete columns.
-
-        A bin's mass is distributed evenly over the finer ones.
-
-        Parameters
-        ----------
-        low, high : (K,), the axes' ends.
-        log_mass : (K, B, columns).
-        n_frames : number of frames, all in the picture except for less than a column.
-        """
-        while self.every * (log_mass.shape[2] + 1) <= n_frames:
-            self.every *= 2
-        self._n_columns = n_frames // self.every
-        mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
-        self._low, self._width = low.copy(), high - low
-        self._mass[: self._n_columns] = np.repeat(np.moveaxis(mass, 2, 0)[: self._n_columns], _FINE, axis=2)
-        self._in_last = self.every
-        return self._n_columns * self.every
-
     def picture(self) -> tuple[FloatArray, FloatArray, Float32Array]:
         """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
 

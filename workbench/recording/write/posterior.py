@@ -1,6 +1,6 @@
 """The posterior over frames: marginals as brightness plots, 90 % credible intervals, coefficients, and ranks."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -108,12 +108,6 @@ class Posterior:
         angles = [name for name in self.shown_parameters if self.unit(name) == "rad"]
         curves = [(name, row) for name in angles for row in _CURVES if _interval(name, row) in numbers]
         return numbers | {_interval(*each, DEGREES): float(np.degrees(numbers[_interval(*each)])) for each in curves}
-
-    def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
-        """Start with earlier frames; low, high, log_mass: their marginals, see `Marginals.picture`."""
-        numbers = [*frames]
-        self.frames += numbers[: self._marginals.take_over(low, high, log_mass, len(numbers))]
-        self._truth = [{} for _ in self.frames]  # not drawn over their marginals
 
     def begin(self, step: Step) -> Entities:
         """Yield static entities at the first step: styles of the shown curves, bins and models of coefficients.

@@ -1,7 +1,7 @@
 """The recorder of a run's steps: one Rerun file per run."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain
@@ -24,15 +24,12 @@ from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import pose_ranks
-from workbench.recording.write import checkpoints as stored
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
 
 if TYPE_CHECKING:
-    from rerun.chunk import Chunk
-
     from workbench.evaluation.verdict.run_measurements import RunMeasurements
     from workbench.evaluation.verdict.run_verdict import Verdict
 
@@ -62,8 +59,6 @@ class Recorder:
     n_particles_shown : largest number of skeletons per frame.
     marginal_bins : bins of a marginal.
     surface : record the expected pose's implicit surface as a mesh; without scikit-image there is a warning instead.
-    checkpoints : store checkpoints, see `Checkpoints`.
-    decode : returns the poses (N, P) of states (N, D); without it no checkpoints are stored.
     video : store source_video, an MP4 file, in place of a JPEG of every image: about a tenth of the size. The viewer
         decodes it, H.264 by an installed FFmpeg or in a browser.
     source_video : file whose frames are the images of the only camera, see `SequenceInfo.video`.
@@ -79,8 +74,7 @@ class Recorder:
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
         n_particles_shown: int = 20,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
-        checkpoints: bool = False, video: bool = False, source_video: Path | None = None,
-        decode: Callable[[FloatArray], FloatArray] | None = None, uninformative_metrics: Sequence[str] = (),
+        video: bool = False, source_video: Path | None = None, uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
         values = (n_particles_shown, marginal_bins, jpeg_quality)
         for (name, (low, high)), value in zip(_RANGES.items(), values, strict=True):
@@ -90,7 +84,6 @@ class Recorder:
         self._posterior = posterior.Posterior(space, body.skeleton, marginal_bins)
         self._intervals, self._columns = columns.Columns(), columns.Columns()
         self._ranks: list[FloatArray] = []  # (k,) by frame; the first pose is given and has none
-        self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
@@ -109,7 +102,7 @@ class Recorder:
         self._spans: dict[str, tuple[float, float]] = {}  # smallest and largest value of curves by path
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
-        self._warned, self._laid_out = False, True
+        self._laid_out = True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
@@ -139,42 +132,6 @@ class Recorder:
             self._encoder.shutdown(cancel_futures=True)
             self._file.__exit__(kind)
 
-    def take_over(
-        self, chunks: "Sequence[Chunk]", frames: Sequence[int], poses: FloatArray, ranks: Iterable[FloatArray],
-        picture: tuple[FloatArray, FloatArray, FloatArray],
-    ) -> None:  # fmt: skip
-        """Start with the frames of an earlier recording of the same run.
-
-        Parameters
-        ----------
-        chunks : the recorded chunks of these frames.
-        frames, poses : (F,) numbers and (F, P) expected poses.
-        ranks : (k,) of the true pose's parameters for each frame after the first.
-        picture : the ends (K,) of the bins of the marginals, and the log mass (K, B, F) in them.
-        """
-        self._stream.send_chunks(chunks)
-        self._posterior.take_over(frames, *picture)
-        self._ranks += ranks
-        paths = {chunk.entity_path for chunk in chunks}
-        if any(path.startswith(f"/{scene.TRAILS}") for path in paths):
-            self._places += [joints(self._body.skeleton, pose[None])[0] for pose in poses]
-        self._with_keypoints |= {path.split("/")[2] for path in paths if path.endswith("/keypoints")}
-        self._warned = "/log" in paths
-        if self._checkpoints is not None:
-            sizes = [chunk.to_record_batch().nbytes for chunk in chunks if chunk.entity_path == f"/{stored.MEMORY}"]
-            self._checkpoints.take_over(sum(sizes))
-        self._n_frames = self._n_frames_pictured = len(frames)
-        self._flush()
-
-    def update(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
-        """Store the frames before the first, if checkpoints are stored, for a later continuation.
-
-        before: number, time, s, the reported pose (P,) and the pose (P,) that the likelihood received.
-        """
-        if self._checkpoints is not None:
-            for frame, time_s, reported, expected in before:
-                self._columns.add(frame, columns.nanoseconds(time_s), self._checkpoints.before(reported, expected))
-
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
         """Record one step with its metrics, the effective sample size and its diagnostics.
 
@@ -201,9 +158,6 @@ class Recorder:
         pose = columns.curves({"estimate/pose": step.expected_pose})
         self._add_images()
         self._columns.add(frame.index, time, chain(pose, self._scene(step), self._posterior.histograms(step)))
-        if self._checkpoints is not None:
-            self._columns.add(frame.index, time, self._checkpoints.per_frame(step, self._ranks[-1]))
-            self._checkpoints.log(self._stream, step, self.part.stat().st_size + self._columns.n_bytes)
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
@@ -211,8 +165,7 @@ class Recorder:
         self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
         if self._file.is_streaming or self._n_unflushed >= MAX_FLUSH_EVERY or self._is_due():
             # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
-            # Frames after the last picture are not resumed when a run is killed.
-            growth = 1.1 if self._file.is_streaming else 2.5 if self._checkpoints is None else 1.5
+            growth = 1.1 if self._file.is_streaming else 2.5
             if self._n_frames >= max(growth * self._n_frames_pictured, self._n_frames_pictured + _PICTURES_EVERY):
                 self._send_pictures()
             self._flush()
@@ -247,8 +200,7 @@ class Recorder:
         sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
         self._layout_input = replace(
             self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
-            spans=self._spans | reprojection if n_values["ess"] == self._n_frames else {},  # unknown in resumed frames
-            n_characters=len(verdict.message),
+            spans=self._spans | reprojection, n_characters=len(verdict.message),
         )  # fmt: skip
         self._laid_out = False
         self._send_layout()
@@ -336,7 +288,6 @@ class Recorder:
             flexions=self._flexions(step),
             activity=step.activity is not None,
             surface=self._surface is not None,
-            warned=self._warned,
             uninformative=self._uninformative,
         )
         new = tuple(name for name in metrics if name not in before.metrics)

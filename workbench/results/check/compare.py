@@ -37,23 +37,21 @@ def compare(was: Run, now: Run, demand: Demand) -> list[MetricChange]:
     Up to rounding all quantities in full precision are compared: results, metrics of every frame, expected poses, and
     the histograms of the marginals, which depend on every particle's weight. Within tolerances only results and figures
     are compared. A number that is not finite, a missing metric or frame, and an incomplete run fail in any case; a new
-    metric does not. Where one of the runs continues another one, frames are compared from its first frame on, and
-    numbers of the whole run are not.
+    metric does not.
     """
     if (broken := _incomplete(was, now)) is not None:
         return [broken]
-    since = None if was.is_study else _since(was, now)
     place = "" if was.is_study else _first_pose(was, now)
     strict = demand.agreement < Agreement.TOLERANCE
-    before, after = _quantities(was, since, strict), _quantities(now, since, strict)
+    before, after = _quantities(was, strict), _quantities(now, strict)
     names = sorted(before.keys() | after.keys())
     changes = [_changed(name, before.get(name), after.get(name), demand, place) for name in names]
-    return changes if was.is_study else [*changes, _frames(was, now, since or 0), _poses(was, now, place, demand)]
+    return changes if was.is_study else [*changes, _frames(was, now), _poses(was, now, place, demand)]
 
 
 def number_of(name: str, run: Run) -> float | None:
     """Return the run's number of this name, or the mean of a metric recorded only over frames, or None."""
-    quantity = _quantities(run, None).get(name)
+    quantity = _quantities(run).get(name)
     return None if quantity is None else quantity.number
 
 
@@ -70,19 +68,14 @@ class _Quantity:
         return self.value if self.value is not None or self.curve is None else float(self.curve[1].mean())
 
 
-def _quantities(run: Run, since: int | None, strict: bool = False) -> dict[str, _Quantity]:
-    """Return the compared quantities by name; since: first compared frame, without numbers of the whole run."""
-    results = {name: float(value) for name, value in run.result.items()} if since is None else {}
+def _quantities(run: Run, strict: bool = False) -> dict[str, _Quantity]:
+    """Return the compared quantities by name; strict: with the marginals."""
+    results = {name: float(value) for name, value in run.result.items()}
     curves = {name: run.metric(name) for name in run.metrics}
-    if since is not None:
-        late = {name: frames >= since for name, (frames, _) in curves.items()}
-        curves = {
-            name: (curves[name][0][chosen], curves[name][1][chosen]) for name, chosen in late.items() if chosen.any()
-        }
     quantities = {name: _Quantity(results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
     if run.is_study:
         return quantities | {f"figure {figure.name}": _Quantity(parts=numbers(figure)) for figure in run.figures}
-    if strict and since is None and (marginals := run.marginals) is not None:
+    if strict and (marginals := run.marginals) is not None:
         keys = ("names", "low", "high", "log_mass")
         quantities["marginals"] = _Quantity(parts={key: getattr(marginals, key) for key in keys})
     return quantities
@@ -135,12 +128,6 @@ def _incomplete(was: Run, now: Run) -> MetricChange | None:
     return None
 
 
-def _since(was: Run, now: Run) -> int | None:
-    """Return the first frame of both runs where one of them continues another run; else None."""
-    parents = [run.provenance.get("parent_frame") for run in (was, now)]
-    return None if parents[0] == parents[1] else max(int(frame) for frame in parents if frame is not None)
-
-
 def _first_difference(was: _Timed, now: _Timed, demand: Demand, tolerance: Tolerance | None) -> str:
     """Return the first frame in which a metric agrees less than demanded, in words; "" without one."""
     frames, before, after = _common(was, now)
@@ -159,8 +146,8 @@ def _common(was: _Timed, now: _Timed) -> tuple[IntArray, FloatArray, FloatArray]
     return frames, was[1][first], now[1][second]
 
 
-def _frames(was: Run, now: Run, since: int) -> MetricChange:
-    before, after = ({frame for frame in run.poses[0].tolist() if frame >= since} for run in (was, now))
+def _frames(was: Run, now: Run) -> MetricChange:
+    before, after = (set(run.poses[0].tolist()) for run in (was, now))
     different = sorted(before ^ after)
     kind = "missing" if different and different[0] in before else "new"
     detail = f"frame {different[0]} is {kind}, {len(different)} in all" if different else ""
