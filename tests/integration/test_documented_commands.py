@@ -100,7 +100,6 @@ ELSEWHERE = {  # part of a command that does not run here: the test that runs it
 }  # fmt: skip
 EXTRAS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
-    "runs gallery": "datafusion",
 }  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])

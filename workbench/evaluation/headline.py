@@ -1,4 +1,4 @@
-"""Metrics that tables, cards, plots and sweeps show first, with their titles."""
+"""Metrics that tables, plots and sweeps show first, with their titles."""
 
 ERRORS = {"mpjpe_abs_mm": "mm", "mpjpe_px": "px"}
 """The errors that runs are ranked by, with their units: the first one that a run has."""
