@@ -53,7 +53,7 @@ def _list_runs(
     as_json: Annotated[bool, typer.Option("--json", help="Print all fields of the runs as JSON.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print the columns, or all metrics, as CSV.")] = False,
     n_best: Annotated[
-        int | None, typer.Option("--view", metavar="N", min=0, help="Open the best N in the viewer; 0: all.")
+        int | None, typer.Option("--view", metavar="N", min=1, max=2, help="Open the best one or two in the viewer.")
     ] = None,
     as_report: Annotated[bool, typer.Option("--report", help="Report on the runs, as workbench report.")] = False,
 ) -> None:
@@ -68,7 +68,7 @@ def _list_runs(
     if n_best is not None:
         from workbench.cli.view import view
 
-        view(_recordings(runs if sort else best_first(runs))[: n_best or None])
+        view(_recordings(runs if sort else best_first(runs))[:n_best])
     elif as_report:
         from workbench.cli.report import report
 

@@ -10,7 +10,7 @@ import rerun as rr
 from small_recordings import record
 
 from workbench.recording.read.reader import read
-from workbench.recording.side_by_side import write_names, write_side_by_side
+from workbench.recording.side_by_side import write_side_by_side
 from workbench.recording.write import file as files
 from workbench.recording.write.file import RecordingFile, abandon, new_stream
 
@@ -31,12 +31,8 @@ def write_comparison(folder, recordings):
     write_side_by_side(folder / "both.rrd", *map(read, recordings))
 
 
-def write_labels(folder, recordings):
-    write_names(folder, recordings, ["first", "second"])
-
-
 @pytest.mark.skipif(not TASKS.is_dir(), reason="the system does not list the threads of a process")
-@pytest.mark.parametrize("write", [write_run, write_comparison, write_labels])
+@pytest.mark.parametrize("write", [write_run, write_comparison])
 def test_a_new_recording_ends_the_threads_of_earlier_ones(write, recordings, tmp_path):
     """Rerun does not end the two threads of a layout."""
     remaining = 2 * 5 * (write is write_comparison)
