@@ -68,6 +68,7 @@ def test_particles_without_offspring_are_omitted(tmp_path, monkeypatch):
 @pytest.mark.parametrize("n_particles", [60, 600])
 @pytest.mark.slow
 def test_checkpoints_take_at_most_a_tenth_of_the_file(tmp_path, n_particles, monkeypatch):
+    monkeypatch.setattr("workbench.recording.write.recorder.FLUSH_S", np.inf)
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     run = list(steps(40, n_particles=n_particles))
     plain = recorded(tmp_path / "plain.rrd", run)

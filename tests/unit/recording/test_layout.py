@@ -86,6 +86,7 @@ def test_a_metric_of_later_frames_is_added_to_the_layout(first_frame, n_layouts,
     def errors(step):
         return {"mpjpe_px": 3.0} if step.frame.index >= first_frame else {}
 
+    monkeypatch.setattr(recorder, "FLUSH_S", np.inf)
     monkeypatch.setattr(recorder, "MAX_FLUSH_EVERY", 3)
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
