@@ -30,7 +30,7 @@ from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
-N_FRAMES = 13  # more than one flush, and a remainder
+N_FRAMES = 13
 CONFIG = "seed: 7\nprior:\n  sigma: 0.05  # ö\n"
 PROVENANCE = {"seed": 7, "version": "0.1.0", "height_m": 1.75}
 SETTINGS = {"seed": 7, "prior": {"sigma": 0.05, "name": "wide"}}
@@ -63,6 +63,14 @@ def log_all(recording, run):
                 raise step
             recording.log(step, {})
     return recording.path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_flush_by_time():
+    """Frames and bytes cause a flush, and not the time, of which a busy machine needs more than FLUSH_S."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "FLUSH_S", np.inf)
+        yield
 
 
 @pytest.fixture(scope="module")

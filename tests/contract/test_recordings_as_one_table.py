@@ -4,15 +4,11 @@ Rerun's catalog rejects recordings whose columns differ in type. It also rejects
 is static in one recording and temporal in another.
 """
 
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from kinds_of_recordings import write_kinds
 from rerun.chunk import RrdReader
-
-from workbench.results.gallery import gallery
-from workbench.results.table import read_runs
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 
@@ -33,15 +29,3 @@ def test_a_component_has_one_type_and_is_logged_in_one_way(fresh):
                     kinds.setdefault((chunk.entity_path, field.name), {})[kind] = path.name
     assert len(kinds) > 500
     assert {component: files for component, files in kinds.items() if len(files) > 1} == {}
-
-
-@pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
-@pytest.mark.slow
-def test_one_gallery_holds_all_baselines_and_all_kinds(fresh, monkeypatch):
-    monkeypatch.setattr(
-        "workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set()
-    )  # starting the sandbox is slow
-    runs = read_runs(*sorted(BASELINES.glob("*.rrd")), fresh)
-    with gallery(runs) as served:
-        assert served.left_out == []
-        assert served.n_runs == len(list(BASELINES.glob("*.rrd"))) + 3 == len(runs)

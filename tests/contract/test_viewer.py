@@ -1,17 +1,12 @@
 """No view of a baseline or of a new recording reports a warning or an error."""
 
-import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
-from headless import settled, state_of, view_problems, viewer
+from headless import state_of, view_problems, viewer
 from kinds_of_recordings import write_kinds
-
-from workbench.results.gallery import gallery
-from workbench.results.table import read_runs
 
 BASELINES = sorted((Path(__file__).parents[2] / "recordings" / "baselines").glob("*.rrd"))
 pytestmark = pytest.mark.slow
@@ -50,16 +45,3 @@ def test_a_view_without_a_camera_reports_a_problem(client, tmp_path):
     stream.flush()
     stream.disconnect()
     assert "require a pinhole" in view_problems(state_of(client, tmp_path / "bad.rrd"))[0]
-
-
-@pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
-def test_a_gallery_opens_without_warnings(fresh):
-    with gallery(read_runs(fresh)) as served, viewer(served.url) as client:
-        deadline = time.monotonic() + 20.0
-        while len(client.get_state().recordings) < served.n_runs and time.monotonic() < deadline:
-            time.sleep(0.2)  # until every recording is loaded
-        state = settled(client)
-        messages = [log.message for log in client.get_logs() if log.level != "INFO"]
-    assert state.location.startswith(served.url.partition("/entry/")[0])
-    assert len(state.recordings) == served.n_runs == 3
-    assert [message for message in messages if "Software rasterizer" not in message] == []

@@ -96,11 +96,10 @@ ELSEWHERE = {  # part of a command that does not run here: the test that runs it
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
     "my_components": "test_own_components.py",
     "rm status=failed": "tests/unit/cli/test_runs.py", "workbench detect": "tests/unit/cli/test_detect.py",
-    "workbench track": "tests/real_data/test_own_video_page.py", "workbench diagnose": "test_diagnose.py",
+    "workbench track": "tests/real_data/test_own_video_page.py",
 }  # fmt: skip
 EXTRAS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
-    "runs gallery": "datafusion",
 }  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])

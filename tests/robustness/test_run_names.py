@@ -76,7 +76,8 @@ def test_a_recorded_command_is_quoted(called, home):
 def test_the_viewer_receives_files_and_no_options(called, monkeypatch):
     opened = []
     monkeypatch.setattr(view, "view", lambda words: opened.extend(map(str, words)))
-    assert called("list", ".", "--view", "0")[0] == 0
+    for name in NAMES:
+        assert called("list", f"./{name}", "--view", "1")[0] == 0
     assert len(opened) == len(NAMES)
     assert all(Path(word).is_file() and not word.startswith("-") for word in opened)
 

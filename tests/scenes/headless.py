@@ -16,15 +16,12 @@ LOOPBACK = "127.0.0.1"
 
 
 @contextmanager
-def viewer(*paths):
-    """Yield a client of a viewer at a free port that opens these paths; skip if the machine cannot render.
-
-    Pass URLs that this process serves here, because `open` would wait for them forever.
-    """
+def viewer():
+    """Yield a client of a viewer at a free port; skip if the machine cannot render."""
     with socket.socket() as free:
         free.bind((LOOPBACK, 0))
         port = str(free.getsockname()[1])
-    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "800x600", *paths]
+    command = [RERUN, "--headless", "--bind", LOOPBACK, "--port", port, "--window-size", "800x600"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as process:
         try:
@@ -49,11 +46,6 @@ def _client(process, url):
 def state_of(client, path):
     """Return the viewer's state after it has loaded and drawn a recording."""
     client.open(str(path))
-    return settled(client)
-
-
-def settled(client):
-    """Return the viewer's state after loading has finished."""
     deadline = time.monotonic() + 20.0
     while client.get_state().loading and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -17,7 +17,6 @@ from workbench import __version__
 COMMANDS = {
     "run": ("run:app", "Run", "Run an experiment, or a sweep with -m."),
     "track": ("track:track", "Run", "Track a person in a video, from the file alone."),
-    "diagnose": ("diagnose:diagnose", "Run", "Run a lost track again with one change at a time, and rank the causes."),
     "components": ("components:components", "Run", "List the experiments and components, and the keys of one."),
     "runs": ("runs:app", "Inspect", "List, query, compare and remove recorded runs."),
     "view": ("view:view", "Inspect", "Open recordings in the viewer."),

@@ -20,7 +20,7 @@ from workbench.experiment.config.options import allow_packages, packages_in, set
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import metric_of, run_job
-from workbench.sweep.table import Watch, close, remaining_overrides
+from workbench.sweep.table import Watch, close
 from workbench.utils.errors import InputError
 from workbench.utils.signals import interruptible
 
@@ -114,24 +114,18 @@ def _repeat(arguments: list[str]) -> None:
 
 
 def _run_hydra(arguments: list[str]) -> None:
-    """Run Hydra; if a killed worker ends joblib, run it again for the jobs that have not begun."""
-    before, rest = sys.argv, list[str]()
-    while True:
-        sys.argv = ["workbench run", *arguments, *rest]  # Hydra reads them here
-        try:
-            _job()
-            return
-        except _LAUNCHER_DIED as error:
-            if (progress := Watch.progress) is None:
-                raise
-            progress.stop()
-            reason = next(iter(str(error).splitlines()), "")  # the output of its process follows
-            print(f"workbench: the launcher was terminated: {type(error).__name__}: {reason}", file=sys.stderr)
-            if not (rest := remaining_overrides(progress)):
-                return
-            print(f"workbench: the launcher is restarted for {len(progress.not_begun())} jobs", file=sys.stderr)
-        finally:
-            sys.argv = before
+    """Run Hydra; a killed worker, which ends the launcher, is reported, and `close` lists the incomplete jobs."""
+    before, sys.argv = sys.argv, ["workbench run", *arguments]  # Hydra reads them here
+    try:
+        _job()
+    except _LAUNCHER_DIED as error:
+        if Watch.progress is None:
+            raise
+        Watch.progress.stop()
+        reason = next(iter(str(error).splitlines()), "")  # the output of its process follows
+        print(f"workbench: the launcher was terminated: {type(error).__name__}: {reason}", file=sys.stderr)
+    finally:
+        sys.argv = before
 
 
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")

@@ -7,14 +7,11 @@ Examples:
 
 import json
 import os
-import platform
-import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import urlsplit
 
 import pandas as pd
 import typer
@@ -23,7 +20,6 @@ from workbench.results.diff import diff as difference
 from workbench.results.formatting import text
 from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps
 from workbench.results.table import read_runs, records_of
-from workbench.utils import processes
 from workbench.utils.errors import InputError
 from workbench.utils.text import printable
 
@@ -57,7 +53,7 @@ def _list_runs(
     as_json: Annotated[bool, typer.Option("--json", help="Print all fields of the runs as JSON.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print the columns, or all metrics, as CSV.")] = False,
     n_best: Annotated[
-        int | None, typer.Option("--view", metavar="N", min=0, help="Open the best N in the viewer; 0: all.")
+        int | None, typer.Option("--view", metavar="N", min=1, max=2, help="Open the best one or two in the viewer.")
     ] = None,
     as_report: Annotated[bool, typer.Option("--report", help="Report on the runs, as workbench report.")] = False,
 ) -> None:
@@ -72,7 +68,7 @@ def _list_runs(
     if n_best is not None:
         from workbench.cli.view import view
 
-        view(_recordings(runs if sort else best_first(runs))[: n_best or None])
+        view(_recordings(runs if sort else best_first(runs))[:n_best])
     elif as_report:
         from workbench.cli.report import report
 
@@ -108,43 +104,6 @@ def diff(first: Run, second: Run) -> None:
     rows = difference(a, b)
     print(f"A: {printable(a['path'])}\nB: {printable(b['path'])}")
     print("no differences except location and time" if rows.empty else text(rows))
-
-
-@app.command()
-def gallery(
-    query: _Query = None,
-    sort: Sort = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Print the command that opens a viewer; open none.")] = False,
-) -> None:
-    """Show runs as cards with images in the viewer.
-
-    Examples:
-      workbench runs gallery recordings/sweeps/priors
-      workbench runs gallery prior=walking --sort mpjpe_px --serve
-    """
-    from workbench.cli.view import viewer
-    from workbench.recording.write.file import HOST
-    from workbench.results.gallery import gallery
-
-    program = None if serve else viewer()
-    try:
-        with gallery(sort_runs(_select(query)[0], sort)) as served:
-            for message in served.left_out:
-                _warn(message)
-            print(f"{served.n_runs} runs as cards at {served.url}", flush=True)
-            if program is None:
-                port, command = urlsplit(served.url).port, f"rerun --bind {HOST} '{served.url}'"
-                print(f"on this machine: {command}")
-                tunnel = f"ssh -N -L {port}:{HOST}:{port} {platform.node()}"
-                print(f"from another machine: {tunnel}, then run the same {command}")
-                print("Ctrl-C ends the command", flush=True)
-                signal.pause()
-            code = processes.run([str(program), "--bind", HOST, "--port", "auto", served.url]).returncode
-    except KeyboardInterrupt:
-        raise typer.Exit(0 if serve else 130) from None
-    if code:
-        _warn(f"the viewer ended with exit code {code}; --serve prints how to open it from another machine")
-        raise typer.Exit(1)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""`workbench view`: open recordings in the Rerun viewer, two side by side, more with overlaid curves."""
+"""`workbench view`: open one recording in the Rerun viewer, or two side by side."""
 
 import os
 import platform
@@ -6,17 +6,16 @@ import shutil
 import socket
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from typer import Argument, Exit, Option
 
-from workbench.recording.read.chunks import HEAD, end_of_whole
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
-from workbench.recording.side_by_side import OVERLAID, write_names, write_overlaid, write_side_by_side
+from workbench.recording.side_by_side import write_side_by_side
 from workbench.recording.write.file import HOST
 from workbench.results.report.variation import flat, label, what_varied
 from workbench.utils import processes
@@ -26,20 +25,19 @@ from workbench.utils.signals import interruptible
 
 @interruptible()
 def view(
-    recordings: Annotated[list[Path], Argument(metavar="RUN|FOLDER...", help="Recordings, or folders of them.")],
+    recordings: Annotated[list[Path], Argument(metavar="RUN|FOLDER [RUN|FOLDER]", help="One or two recordings.")],
     web: Annotated[bool, Option("--web", help="Serve a viewer for a browser and print its address.")] = False,
 ) -> None:
-    """Open recordings in the viewer: two side by side, more with overlaid curves, labelled by their differences.
+    """Open a recording in the viewer, or two side by side, labelled by their differences.
 
     Examples:
       workbench view a.rrd b.rrd
-      workbench view recordings/sweeps/priors --web
+      workbench view recordings/sweeps/priors/3 --web
     """
     program, runs = viewer(), _readable(recordings)
-    pair = len(recordings) == len(runs) == 2 and all(path.is_file() for path in recordings)
     with TemporaryDirectory(prefix="workbench-") as folder:  # exists until the viewer is closed
-        files = _side_by_side(runs, recordings, Path(folder)) if pair else _together(runs, Path(folder))
-        code = show([str(program), "--bind", HOST, *_ports(web)], files)
+        path = runs[0].path if len(runs) == 1 else _side_by_side(runs, recordings, Path(folder))
+        code = processes.run([str(program), "--bind", HOST, *_ports(web), str(path)]).returncode
     if code:
         hint = "" if has_display() else "; there is no display: --web serves a viewer for a browser"
         print(f"workbench view: the viewer ended with exit code {code}{hint}", file=sys.stderr)
@@ -49,25 +47,6 @@ def view(
 def has_display() -> bool:
     """Return whether a window can be opened, as far as the environment says."""
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-
-
-def show(command: Sequence[str], files: Sequence[Path]) -> int:
-    """Open recordings in the viewer, which shows the last one, and return its exit code when it is closed.
-
-    Several recordings are piped in order, as the viewer would read files concurrently and show the one read last.
-    """
-    if len(files) == 1:
-        return processes.run([*command, str(files[0])]).returncode
-    with processes.start([*command, "-"]) as process:
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # the viewer was closed
-            for path in files:
-                with path.open("rb") as file:
-                    end = end_of_whole(file, HEAD) if path.suffix == ".part" else path.stat().st_size
-                    file.seek(0)
-                    process.stdin.write(file.read(end))
-            process.stdin.close()
-        return process.wait()
 
 
 def _ports(web: bool) -> list[str]:
@@ -93,9 +72,12 @@ def viewer() -> Path:
 
 def names(runs: Sequence[Run]) -> list[str]:
     """Return a unique name for each run: its differences from the others, seed, status, and its path if needed."""
+    settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
+    keys = what_varied(settings).keys
     several_seeds = len({run.provenance.get("seed") for run in runs}) > 1
     run_names = []
-    for run, name in zip(runs, labels(runs), strict=True):
+    for run, values in zip(runs, settings, strict=True):
+        name = label(keys, values) or str(values["experiment"])
         seed = [f"seed={run.provenance.get('seed')}"] if several_seeds else []
         status = [{"running": "unfinished"}.get(run.status, run.status)] if run.status != "complete" else []
         run_names.append(", ".join([name, *seed, *status]))
@@ -104,15 +86,11 @@ def names(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def labels(runs: Sequence[Run]) -> list[str]:
-    """Return the differences of each run from the others, except the seed."""
-    settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
-    keys = what_varied(settings).keys
-    return [label(keys, values) or str(values["experiment"]) for values in settings]
-
-
 def _readable(places: Sequence[Path]) -> list[Run]:
-    """Return the readable recordings, one for each run, and print the omitted ones; InputError if none remains."""
+    """Return one or two readable recordings of different runs, and print the omitted ones.
+
+    Raises InputError where none or more than two remain.
+    """
     runs, problems = open_sound_runs(*places)
     omitted = [problem.reason for problem in problems]
     by_id: dict[str, Run] = {}
@@ -130,26 +108,19 @@ def _readable(places: Sequence[Path]) -> list[Run]:
         raise InputError(
             f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none that can be opened"
         )
+    if len(by_id) > 2:
+        raise InputError(
+            f"{', '.join(map(str, places))}: expected one or two recordings, found {len(by_id)}; "
+            "workbench report compares many"
+        )
     return list(by_id.values())
 
 
-def _side_by_side(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[Path]:
-    """Write one recording with both runs, in the order of the arguments."""
-    a, b = sorted(runs, key=lambda run: places.index(run.path))
+def _side_by_side(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> Path:
+    """Write one recording with both runs, in the order of the arguments, and return its path."""
+    a, b = sorted(runs, key=lambda run: [place in (run.path, *run.path.parents) for place in places].index(True))
     first, second = names([a, b])
     path = folder / "side_by_side.rrd"
     write_side_by_side(path, a, b, (first, second))
     print(f"a: {a.path} ({first})\nb: {b.path} ({second})")
-    return [path]
-
-
-def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """Return the recordings; for several, also files with their names and one with all their curves."""
-    paths = [run.path for run in runs]
-    if len(runs) == 1:
-        return paths
-    run_names = names(runs)
-    write_overlaid(folder / "overlaid.rrd", runs, run_names, labels(runs))
-    print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
-    print("\n".join(f"  {name}" for name in (*run_names, OVERLAID)))
-    return [*paths, *write_names(folder, paths, run_names), folder / "overlaid.rrd"]  # the viewer shows the last file
+    return path

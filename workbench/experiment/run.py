@@ -30,7 +30,7 @@ from workbench.experiment.tracking import Components, Meter, build_components, t
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_products, check_sizes
+from workbench.utils.input_limits import check_sizes
 from workbench.utils.parallel import single_blas_thread
 from workbench.utils.rng import rng_streams
 from workbench.utils.run_files import RECORDING, SUMMARY
@@ -126,7 +126,6 @@ def _check(config: DictConfig, names: Mapping[str, str]) -> None:
     plain = _plain(config)
     check_targets(config)
     check_sizes(plain)
-    check_products(plain)
     rng_streams(int(config.seed))  # raises for a negative seed
     if config.study is None:
         check_requirements(config, names)

@@ -1,17 +1,15 @@
-"""Several recordings in one viewer: two side by side, under a/ and b/, or many with names and overlaid curves."""
+"""Two recordings side by side in one, under a/ and b/."""
 
 from collections.abc import Sequence
-from itertools import cycle
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.core.study import Sticks
-from workbench.evaluation.metrics import HEADLINE, SHORT_TITLES, row_of
-from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
+from workbench.evaluation.metrics import HEADLINE, row_of
+from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.crash_probe import refuse_crashing
 from workbench.recording.read.reader import Run
 from workbench.recording.study.study_recorder import entity
@@ -19,14 +17,9 @@ from workbench.recording.write.file import written_file
 from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
-OVERLAID = "all runs: errors and outcomes"
 _EYE_M = (2.1, -2.1, 0.6)
 _MAX_FIGURES = 4
 _SIDES = {"a": (190, 190, 190), "b": (255, 110, 160)}
-_OKABE_ITO = {
-    "orange": (230, 159, 0), "light blue": (86, 180, 233), "green": (0, 158, 115), "yellow": (240, 228, 66),
-    "vermilion": (213, 94, 0), "pink": (204, 121, 167), "blue": (0, 114, 178), "grey": (150, 150, 150),
-}  # fmt: skip
 
 
 def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
@@ -42,60 +35,6 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
             for chunk in read_chunks(run.path, EVERYTHING):
                 below = chunk.entity_path.removeprefix("/").removeprefix("__")
                 stream.send_chunks([chunk.with_entity_path(f"/{side}/{below}")])
-
-
-def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Write an .rrd with the name of each recording, and return their paths.
-
-    Opened together with the recording it becomes part of it, since both have one recording id. Raises InputError for a
-    recording that cannot be read.
-    """
-    paths = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
-    for path, recording, name in zip(paths, recordings, names, strict=True):
-        with written_file(path, *recording_of(recording), send_properties=False) as stream:
-            stream.send_recording_name(name)
-    return paths
-
-
-def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups: Sequence[str]) -> None:
-    """Write an .rrd with the headline metrics of every run over its frames, and a table of their outcomes.
-
-    Every group of runs has a colour, which the table names, since a legend of all runs would cover the curves. Studies
-    have no curves.
-
-    Parameters
-    ----------
-    runs, names : the runs and their names.
-    groups : differences of each run's configuration from the others', without the seed.
-    """
-    metrics = [name for name in HEADLINE if any(name in run.metrics for run in runs)]
-    legend = rrb.PlotLegend(visible=False)
-    views = [rrb.TimeSeriesView(origin=f"/{name}", name=row_of(name).heading, plot_legend=legend) for name in metrics]
-    rows = [rrb.Horizontal(*views[k : k + 2]) for k in range(0, len(views), 2)]
-    content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="outcomes"))
-    colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
-    words = [colour_of[group] for group in groups]
-    with written_file(path, "workbench_overlaid", str(uuid4()), page(content, fps=None)) as stream:
-        stream.send_recording_name(OVERLAID)
-        for k, (run, name, word) in enumerate(zip(runs, names, words, strict=True)):
-            for metric in (each for each in metrics if each in run.metrics):
-                (frames, values), place = run.metric(metric), f"{metric}/runs/{k}"
-                stream.log(place, rr.SeriesLines(colors=[_OKABE_ITO[word]], widths=[1.5], names=[name]), static=True)
-                scalars = rr.Scalars.columns(scalars=values)
-                stream.send_columns(place, [rr.TimeColumn("frame", sequence=frames)], scalars)
-        table = rr.TextDocument(_outcomes(runs, names, words), media_type="text/markdown")
-        stream.log("outcomes", table, static=True)
-
-
-def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
-    """Return a Markdown table of the runs' verdicts, errors and coverage."""
-    titles = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
-    rows = [["run", "colour", "verdict", *titles.values()], ["---"] * (3 + len(titles))]
-    for run, name, word in zip(runs, names, words, strict=True):
-        verdict = run.properties.get("verdict", {}).get("message", run.status)
-        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in titles]
-        rows.append([name, word, str(verdict), *numbers])
-    return "\n".join(f"| {' | '.join(each.replace('|', '/') for each in row)} |" for row in rows)
 
 
 def _two(a: Run, b: Run, names: tuple[str, str]) -> rrb.Container:

@@ -36,7 +36,7 @@ class Progress:
     """Progress of the jobs of a sweep, read from their folders and so independent of the launcher.
 
     Job k has ended if `k/summary.json` was written after the start of the sweep and has a status in _ENDED. launcher:
-    class name of the launcher. began_ns: start of the sweep; None: now.
+    class name of the launcher. began_ns: start of the sweep; None: now. Jobs are printed as they end, until `stop`.
     """
 
     def __init__(self, plan: Plan, launcher: str = "", began_ns: int | None = None) -> None:
@@ -48,11 +48,6 @@ class Progress:
         self._over = Event()
         print(f"{len(plan.jobs)} jobs in {plan.folder}")
         print(f" job  status       {plan.objective or 'error':>14}  seconds   left   verdict", flush=True)
-        self.follow()
-
-    def follow(self) -> None:
-        """Print jobs as they end, until `stop` is called."""
-        self._over.clear()
         self._thread = Thread(target=self._watch, daemon=True)
         self._thread.start()
 
@@ -64,10 +59,6 @@ class Progress:
     def not_ended(self) -> list[int]:
         """Return the jobs that are running, were killed or have not begun."""
         return [job for job in self.plan.jobs if job not in self.ended]
-
-    def not_begun(self) -> list[int]:
-        """Return the jobs without a summary since the start of the sweep."""
-        return [job for job in self.not_ended() if self._written(job) == self._written_ns[job]]
 
     def not_complete(self) -> dict[int, str]:
         """Return the reason for every job that is not complete."""
@@ -140,13 +131,9 @@ class Watch(Callback):
         """Check the sweep and start its table; exit with code 2 if it cannot be started."""
         try:
             plan = plan_of(config)
-            if Watch.progress is None:  # else the launcher is restarted
-                Watch.lock.enter_context(run_folder(plan.folder))
+            Watch.lock.enter_context(run_folder(plan.folder))
         except (InputError, HydraException, OmegaConfBaseException) as error:
             _exit(error)
-        if Watch.progress is not None:
-            Watch.progress.follow()
-            return
         (plan.folder / FAILED).unlink(missing_ok=True)
         Watch.progress = Progress(plan, str(config.hydra.launcher._target_))
 
@@ -167,15 +154,6 @@ class Watch(Callback):
 def _exit(error: Exception) -> None:
     print(f"workbench: {error}", file=sys.stderr)
     sys.exit(2)  # Hydra turns any other exception into a warning
-
-
-def remaining_overrides(progress: Progress) -> list[str]:
-    """Return overrides that run the jobs that have not begun, after a killed worker has ended joblib; else none."""
-    left = progress.not_begun()
-    if not left or progress.plan.tuned or not progress.launcher.endswith(_JOBLIB):
-        return []
-    folder = str(progress.plan.folder).replace("'", r"\'")
-    return [f"sweep.resume='{folder}'", f"sweep.job_ids=[{','.join(map(str, left))}]"]
 
 
 def close(progress: Progress, arguments: Sequence[str]) -> int:

@@ -1,12 +1,11 @@
 """Bounds on files and configurations, checked before arrays of their size are allocated."""
 
 import json
-import math
 import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,15 +27,6 @@ RATES_HZ = (0.1, 1e5)
 LARGEST_M, LARGEST_PX = 1e7, 1e7  # of positions
 LONGEST_LIMB_M = 1.5
 MAX_RESIDUAL_MM = 200.0  # mean distance between a joint and its retargeted position
-
-_MEMORY: Mapping[tuple[str, ...], int] = {
-    ("dataset.n_frames", "dataset.width", "dataset.height"): 1,
-    ("dataset.width", "dataset.height"): 200,
-    ("inference.n_particles",): 4_000,
-    ("inference.n_particles", "inference.lag"): 4_000,
-    ("inference.n_paths", "dataset.n_frames"): 4_000,
-}
-"""Keys whose product determines memory, and bytes per unit of the product (pixels, particle states)."""
 
 _YAML = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _LONG_NUMBER = re.compile(r"[-+]?[0-9][0-9a-fA-FxXoObB_:.]{100,}")
@@ -76,23 +66,6 @@ def check_sizes(value: object, place: str = "") -> None:
         if not lower <= value <= upper:
             text = "a longer one" if isinstance(value, int) and abs(value) >= 2**64 else value
             raise InputError(f"config: {place}: expected a number of {lower:.9g} to {upper:.9g}, found {text}")
-
-
-def check_products(config: Mapping[str, Any]) -> None:
-    """Raise InputError if a configuration requires more than half of the memory, by the products of _MEMORY."""
-    max_gb = _memory_bytes() / 2e9
-    groups = {group: node for group, node in config.items() if isinstance(node, Mapping)}
-    values = {f"{group}.{key}": value for group, node in groups.items() for key, value in node.items()}
-    for keys, bytes_each in _MEMORY.items():
-        numbers = {key: values[key] for key in keys if isinstance(values.get(key), int | float)}
-        if len(numbers) == len(keys) and not (gb := math.prod(numbers.values()) * bytes_each / 1e9) <= max_gb:
-            keys_and_values = ", ".join(f"{key}={number:.6g}" for key, number in numbers.items())
-            raise InputError(f"config: {keys_and_values}: requires about {gb:.3g} GB, expected at most {max_gb:.3g} GB")
-
-
-def _memory_bytes() -> int:
-    """Return the memory of this machine in bytes."""
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def check_file(path: Path, max_bytes: int = _MAX_TEXT) -> None:

@@ -1,10 +1,8 @@
-"""Start processes: wait for one, run one in the background, or distribute tasks over a pool."""
+"""Start processes: wait for one, or run one in the background."""
 
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from collections.abc import Sequence
 from typing import Any
 
 CAPTURED = subprocess.PIPE
@@ -49,8 +47,3 @@ def end(process: subprocess.Popen[bytes], timeout_s: float) -> int:
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
-
-
-def pool(n: int, prepare: Callable[..., None], *arguments: Any) -> ProcessPoolExecutor:
-    """Return an executor of n new processes that first call `prepare` with the arguments."""
-    return ProcessPoolExecutor(n, get_context("spawn"), prepare, arguments)

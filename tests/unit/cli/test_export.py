@@ -153,6 +153,7 @@ def test_joints_without_keypoints_are_exported_where_other_cues_are_used(tmp_pat
 
 
 def test_the_written_frames_of_an_incomplete_run_are_exported(run, tmp_path, capsys, recwarn, monkeypatch):
+    monkeypatch.setattr("workbench.recording.write.recorder.FLUSH_S", np.inf)
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
     with recorder(tmp_path / "run.rrd") as recording:
         for step in run[:11]:

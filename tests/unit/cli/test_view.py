@@ -1,4 +1,4 @@
-"""`workbench view` opens recordings in the viewer, names the runs of a sweep, and reports unreadable files."""
+"""`workbench view` opens one recording, or two named by their differences, and reports unreadable files."""
 
 import os
 import shutil
@@ -50,28 +50,21 @@ def sweep(tmp_path_factory):
 
 @pytest.fixture
 def viewer(monkeypatch):
-    """A stub of the viewer with its exit code, and its options, files and {recording id: name} of its last call."""
+    """A stub of the viewer with its exit code, its command, and the entities of the recording of its last call."""
     viewer = SimpleNamespace(code=0)
 
-    def show(command, files):
-        viewer.options, viewer.files = command[1:], list(files)
-        viewer.names = {}
-        for path in viewer.files:
-            store = RrdReader(path).recordings()[0]
-            for chunk in RrdReader(path).stream().filter(content="/__properties"):
-                batch = chunk.to_record_batch()
-                if "RecordingInfo:name" in batch.schema.names:
-                    key = (store.application_id, store.recording_id)
-                    viewer.names[key] = batch.column("RecordingInfo:name").to_pylist()[0][0]
-        return viewer.code
+    def run(command):
+        viewer.options, viewer.path = command[1:-1], Path(command[-1])
+        viewer.entities = {chunk.entity_path for chunk in RrdReader(viewer.path).stream()}
+        return SimpleNamespace(returncode=viewer.code)
 
-    monkeypatch.setattr(view, "show", show)
+    monkeypatch.setattr(view, "processes", SimpleNamespace(run=run))
     return viewer
 
 
 def test_one_recording_is_opened_unchanged(sweep, viewer):
     assert main(["view", str(sweep / "1")]) == 0
-    assert viewer.files == [sweep / "1" / "run.rrd"]
+    assert viewer.path == sweep / "1" / "run.rrd"
     assert viewer.options == ["--bind", "127.0.0.1", "--port", "auto"]  # a new viewer, reachable from this machine only
 
 
@@ -86,41 +79,31 @@ def test_without_a_display_the_browser_is_suggested(sweep, viewer, monkeypatch, 
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_runs_of_a_sweep_are_named_by_their_varied_keys(sweep, viewer):
-    assert main(["view", str(sweep)]) == 0
-    jobs = {}
-    for k, name in enumerate(["run.rrd", "run.rrd", "run.rrd", "run.rrd.part"]):
-        store = RrdReader(sweep / str(k) / name).recordings()[0]
-        jobs[store.application_id, store.recording_id] = k
-    assert {jobs.get(key): name for key, name in viewer.names.items()} == {
-        0: "n_particles=20, seed=0",
-        1: "n_particles=20, seed=1",
-        2: "n_particles=30, seed=0",
-        3: "n_particles=30, seed=1, failed",
-        None: "all runs: errors and outcomes",
-    }
-    assert len({application for application, _ in jobs}) == 4  # an application per layout
-    assert not any(path.exists() for path in viewer.files[4:])  # names are temporary files
+@pytest.mark.parametrize(
+    ("jobs", "expected"),
+    [("20", ["n_particles=30", "n_particles=20"]), ("01", ["walk, seed=0", "walk, seed=1"]),
+     ("13", ["n_particles=20", "n_particles=30, failed"])],
+)  # fmt: skip
+def test_two_recordings_are_shown_side_by_side_in_their_order(sweep, viewer, capsys, jobs, expected):
+    """They are named by their differences, also where one is of a failed run."""
+    files = [next((sweep / job).glob("run.rrd*")) for job in jobs]
+    for places in (files, [sweep / job for job in jobs]):
+        assert main(["view", *map(str, places)]) == 0
+        lines = [f"{side}: {path} ({name})" for side, path, name in zip("ab", files, expected, strict=True)]
+        assert capsys.readouterr().out.splitlines() == lines
+        assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm", "/a/world/camera/image"} <= viewer.entities
+        assert not viewer.path.exists()  # a temporary file
 
 
-def test_several_files_are_piped_to_the_viewer_without_their_incomplete_messages(sweep, tmp_path):
-    program = tmp_path / "viewer"
-    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/arguments\ncat > {tmp_path}/stdin\nexit 3\n')
-    program.chmod(0o755)
-    content = (sweep / "0" / "run.rrd").read_bytes()
-    (tmp_path / "cut.rrd.part").write_bytes(content[:-7])
-    assert view.show([str(program), "--bind"], [tmp_path / "cut.rrd.part", sweep / "1" / "run.rrd"]) == 3
-    assert (tmp_path / "arguments").read_text() == "--bind -\n"
-    first, _, last = (tmp_path / "stdin").read_bytes().partition((sweep / "1" / "run.rrd").read_bytes())
-    assert last == b""
-    assert 0 < len(first) < len(content) - 7
-    assert content.startswith(first)
+def test_more_than_two_recordings_are_refused(sweep, viewer, capsys):
+    assert main(["view", str(sweep)]) == 2
+    message = f"{sweep}: expected one or two recordings, found 4; workbench report compares many"
+    assert message in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.slow
 def test_the_page_for_a_browser_is_served_locally(sweep):
-    """The recordings of the sweep are piped to the server."""
-    command = [sys.executable, "-m", "workbench", "view", "--web", str(sweep)]
+    command = [sys.executable, "-m", "workbench", "view", "--web", str(sweep / "0")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         address = next(line.split()[1] for line in process.stdout if line.startswith("open "))
         forward = process.stdout.readline()
@@ -141,23 +124,13 @@ def test_the_page_for_a_browser_is_served_locally(sweep):
     assert f"ssh -L {port}:127.0.0.1:{port} " in forward
 
 
-def test_two_recordings_are_shown_side_by_side_in_their_order(sweep, tmp_path, monkeypatch, capsys):
-    first, second, copy = sweep / "2" / "run.rrd", sweep / "0" / "run.rrd", tmp_path / "both.rrd"
-    monkeypatch.setattr(view, "show", lambda command, files: shutil.copy(*files, copy) and 0)
-    assert main(["view", str(first), str(second)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines == [f"a: {first} (n_particles=30)", f"b: {second} (n_particles=20)"]
-    entities = {chunk.entity_path for chunk in RrdReader(copy).stream()}
-    assert {"/a/metrics/mpjpe_abs_mm", "/b/metrics/mpjpe_abs_mm", "/a/world/camera/image"} <= entities
-
-
 def test_unreadable_and_repeated_recordings_are_omitted_with_a_message(sweep, viewer, tmp_path, capsys):
     valid = Path(shutil.copy(sweep / "0" / "run.rrd", tmp_path / "a.rrd"))
     shutil.copy(valid, tmp_path / "same.rrd")
     (tmp_path / "junk.rrd").write_bytes(b"no recording")
     record(tmp_path / "odd.rrd", seed=5, config="- a list")
     assert main(["view", str(tmp_path)]) == 0
-    assert viewer.files == [valid]
+    assert viewer.path == valid
     messages = capsys.readouterr().err.splitlines()
     assert len(messages) == 3
     for name in ("same.rrd", "junk.rrd", "odd.rrd"):

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from recorded import record, static
 from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
@@ -27,9 +25,6 @@ SHOWN = layout.LayoutInput(
     metrics=("ess", "log_evidence", "mpjpe_abs_mm", "mpjpe_abs_mm_max_weight", "mpjpe_mm", "mpjpe_mm_max_weight",
              "mpjpe_px", "mpjpe_px_max_weight", "forearm_width_px", "coverage_90"),
 )  # fmt: skip
-
-
-_VALUE = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 
 
 def views(block):
@@ -91,6 +86,7 @@ def test_a_metric_of_later_frames_is_added_to_the_layout(first_frame, n_layouts,
     def errors(step):
         return {"mpjpe_px": 3.0} if step.frame.index >= first_frame else {}
 
+    monkeypatch.setattr(recorder, "FLUSH_S", np.inf)
     monkeypatch.setattr(recorder, "MAX_FLUSH_EVERY", 3)
     run = [replace(step, warnings=()) for step in steps(4, n_particles=20)]
     path = record(tmp_path / "run.rrd", run, errors)
@@ -102,23 +98,9 @@ def test_a_metric_of_later_frames_is_added_to_the_layout(first_frame, n_layouts,
     assert set(estimates) == {bytes(styles.ESTIMATE)}
 
 
-def test_expected_and_true_errors_by_joint_group_have_equal_axes_that_contain_them():
+def test_expected_and_true_errors_by_joint_group_have_a_plot_each_with_a_legend():
     both = [f"{kind}_{group}_mm" for kind in ("expected_error", "mpjpe_abs") for group in styles.GROUPS]
-    spans = {f"metrics/{name}": (1.0, 10.0 * (1 + k)) for k, name in enumerate(both)}
-    panels = metric_panels(replace(SHOWN, metrics=(*SHOWN.metrics, *both), spans=spans))
-    expected, true = (panels[tuple(both[k : k + 4])] for k in (0, 4))
-    ranges = [view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0] for view in (expected, true)]
-    assert ranges[0] == ranges[1]
-    assert ranges[0][0] <= 1.0 < 80.0 <= ranges[0][1]
-    legends = [view.properties["PlotLegend"].visible for view in (expected, true)]
-    assert all(visible is None or visible.as_arrow_array().to_pylist() == [True] for visible in legends)
-
-
-@given(_VALUE, _VALUE.map(abs), st.floats(50.0, 400.0))
-def test_an_axis_contains_its_values_and_two_labelled_ticks(low, spread, height):
-    """The viewer labels the multiples of a power of ten that are at least 21 points apart."""
-    lower, upper = layout.with_ticks(low, low + spread, height)
-    assert lower <= low <= low + spread <= upper
-    steps = 10.0 ** np.arange(-9, 7)
-    labelled = steps[steps * height / (upper - lower) >= 21.0]
-    assert max(np.floor(upper / labelled) - np.ceil(lower / labelled)) >= 1
+    panels = metric_panels(replace(SHOWN, metrics=(*SHOWN.metrics, *both)))
+    for panel in (panels[tuple(both[:4])], panels[tuple(both[4:])]):
+        visible = panel.properties["PlotLegend"].visible
+        assert visible is None or visible.as_arrow_array().to_pylist() == [True]

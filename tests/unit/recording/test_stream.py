@@ -1,20 +1,17 @@
-"""Writing a recording leaves no threads behind; cards preview the images of the cameras."""
+"""Writing a recording leaves no threads behind, and writing another one beside it does not end it."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 import rerun as rr
 from small_recordings import record
 
 from workbench.recording.read.reader import read
-from workbench.recording.side_by_side import write_names, write_side_by_side
+from workbench.recording.side_by_side import write_side_by_side
 from workbench.recording.write import file as files
-from workbench.recording.write.cards import preview_of, write_card
 from workbench.recording.write.file import RecordingFile, abandon, new_stream
 
 TASKS = Path("/proc/self/task")
@@ -34,16 +31,8 @@ def write_comparison(folder, recordings):
     write_side_by_side(folder / "both.rrd", *map(read, recordings))
 
 
-def write_labels(folder, recordings):
-    write_names(folder, recordings, ["first", "second"])
-
-
-def write_one_card(folder, recordings):
-    write_card(folder / "card.rrd", ("workbench", "a"), {"rank": 0.0}, {"seed": 1}, {"prior": "smooth"})
-
-
 @pytest.mark.skipif(not TASKS.is_dir(), reason="the system does not list the threads of a process")
-@pytest.mark.parametrize("write", [write_run, write_comparison, write_labels, write_one_card])
+@pytest.mark.parametrize("write", [write_run, write_comparison])
 def test_a_new_recording_ends_the_threads_of_earlier_ones(write, recordings, tmp_path):
     """Rerun does not end the two threads of a layout."""
     remaining = 2 * 5 * (write is write_comparison)
@@ -55,9 +44,9 @@ def test_a_new_recording_ends_the_threads_of_earlier_ones(write, recordings, tmp
     assert len(os.listdir(TASKS)) <= before + remaining
 
 
-def test_a_card_does_not_end_the_recording_that_is_being_written(tmp_path):
+def test_another_file_does_not_end_the_recording_that_is_being_written(recordings, tmp_path):
     with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
-        write_one_card(tmp_path, None)
+        write_comparison(tmp_path, recordings)
         file.send_numbers("metrics", {"mpjpe_abs_mm": 2.5})
     assert read(tmp_path / "run.rrd").result == {"mpjpe_abs_mm": 2.5}
 
@@ -95,19 +84,3 @@ def test_a_process_exits_although_its_stream_cannot_be_written(tmp_path):
         [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, timeout=60, check=False
     )
     assert (process.returncode, process.stdout) == (0, "abandoned\n"), process.stderr
-
-
-PNG = cv2.imencode(".png", np.zeros((6, 8), dtype=np.uint8))[1].tobytes()
-
-
-def test_a_preview_shows_the_images_of_the_cameras(tmp_path):
-    with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="{}", settings={}, provenance={}) as file:
-        file.stream.set_time("frame", sequence=0)
-        for entity in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
-            file.stream.log(entity, rr.EncodedImage(contents=PNG, media_type="image/png"))
-    assert preview_of(tmp_path / "run.rrd") == (["/world/left/image", "/world/right/image"], False)
-
-
-def test_a_truncated_recording_has_no_preview(tmp_path):
-    (tmp_path / "run.rrd").write_bytes(b"RRF2")
-    assert preview_of(tmp_path / "run.rrd") == ([], False)

@@ -9,7 +9,7 @@ from run_folders import summary, write_run
 
 from workbench.sweep import table as module
 from workbench.sweep.plan import Plan, read_plan
-from workbench.sweep.table import Progress, close, remaining_overrides, watch
+from workbench.sweep.table import Progress, close, watch
 from workbench.utils.errors import InputError
 from workbench.utils.run_lock import locked
 
@@ -51,14 +51,13 @@ def test_incomplete_jobs_are_killed_never_begun_or_running(tmp_path, progress):
     assert progress.not_complete() == {0: "killed", 1: "never begun"}
     with locked(tmp_path / "0"):
         assert progress.not_complete()[0] == "still running"
-    assert remaining_overrides(progress) == [f"sweep.resume='{tmp_path}'", "sweep.job_ids=[1]"]
 
 
 def test_jobs_of_an_earlier_sweep_count_once_they_are_reused_or_repeated(tmp_path, capsys):
     write_run(tmp_path / "0")
     write_run(tmp_path / "1", status="failed")
     progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)))
-    assert progress.not_begun() == [0, 1]
+    assert progress.not_ended() == [0, 1]
     (tmp_path / "0" / "summary.json").touch()
     assert close(progress, ["-m", "seed=0,1", "hydra.sweep.dir=folder"]) == 1
     out, err = capsys.readouterr()

@@ -13,7 +13,6 @@ from workbench.utils.input_limits import (
     LONGEST_LIMB_M,
     MAX_COUNT,
     check_file,
-    check_products,
     check_rate,
     check_sizes,
 )
@@ -73,23 +72,3 @@ def test_numbers_out_of_range_are_rejected_with_their_key(place, value):
         for key in reversed(place.split(".")):
             config = {key: config}
         assert refusal(check_sizes, config).startswith(f"config: {place}: expected a number of ")
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {"dataset.n_frames": 100_000, "dataset.width": 10_000, "dataset.height": 10_000},
-        {"dataset.width": 10_000, "dataset.height": 10_000},
-        {"inference.lag": 100_000, "inference.n_particles": 1_000_000},
-        {"inference.n_paths": 1_000_000, "dataset.n_frames": 1_000_000}, {"inference.n_particles": 10**9},
-    ],
-)  # fmt: skip
-def test_products_of_keys_above_the_memory_are_rejected(keys, monkeypatch):
-    monkeypatch.setattr("workbench.utils.input_limits._memory_bytes", lambda: 24_000_000_000)
-    config = {}
-    for key, value in keys.items():
-        group, _, name = key.partition(".")
-        config.setdefault(group, {})[name] = value
-    message = refusal(check_products, config)
-    assert all(key in message for key in ("config", "GB"))
-    check_products({"dataset": {"n_frames": None, "width": 640, "height": 480}, "inference": {"lag": 5}, "study": None})

@@ -221,11 +221,9 @@ def new_stream(application: str, recording: str, **options: Any) -> rr.Recording
 
 
 @contextmanager
-def written_file(
-    path: Path, application: str, recording: str, layout: rrb.Blueprint | None = None, **options: Any
-) -> Iterator[rr.RecordingStream]:
+def written_file(path: Path, application: str, recording: str, layout: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """Yield a stream that is written to an .rrd with a layout."""
-    stream = new_stream(application, recording, **options)
+    stream = new_stream(application, recording)
     stream.set_sinks(rr.FileSink(path), default_blueprint=layout)
     yield stream
     stream.flush()

@@ -1,7 +1,7 @@
 """The viewer's layout of a recording."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,17 +29,13 @@ _LANES = {
     "tracking": "tracked, doubtful or lost", "large_expected_error": "large expected error", "foot_left": "stance",
     "foot_right": "stance",
 }  # fmt: skip
-# Heights, points, in a window of 1500 × 950, the smallest supported one: of the content, of a plot's curves, and of a
-# legend's row and frame.
-HEIGHT, CURVES_HEIGHT, SMALL, ROW, FRAME = 815.0, 170.0, 62.0, 23.0, 14.0
-_UNCERTAINTY, _INTERVAL, _FLEXION, _GROUP = 100.0, 134.0, 160.0, 300.0
-_TICK_HEIGHT, _TICK_MARGIN = 21.0, 0.06
-"""Points between two ticks, below which the viewer does not label them, and the margin of an axis, without which the
-viewer cuts the labels at the ends."""
 _EXPECTED, _TRUE, _CUES = "expected_error_<group>_mm", "mpjpe_abs_<group>_mm", "variance_fraction_<cue>"
 """Families of metrics, each in one plot."""
-_AXIS, _LANE = 54.0, 40.0
+_LANE_SHARE = 0.065
+"""Height of a lane of states over that of images and world, and of its axis as well."""
 _LINE_CHARACTERS = 190  # of the verdict
+
+_LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
 
 _Part = rrb.View | rrb.Container
 
@@ -53,8 +49,7 @@ class LayoutInput:
     activity: the activity is estimated. surface: its mesh is drawn. warned: there are warnings. uninformative: metrics
     equal in all runs of such components. drawn: keys of KEY.
     Of a run that ended: lanes: of states over time; sparse: metrics of less than half of the frames, drawn as points;
-    spans: smallest and largest value of curves by path, for ticks and legends; reprojection_errors: their paths;
-    n_characters: of the verdict.
+    reprojection_errors: their paths; n_characters: of the verdict.
     """
 
     cameras: Sequence[RecordedCamera]
@@ -71,7 +66,6 @@ class LayoutInput:
     drawn: frozenset[str] = frozenset()
     lanes: Sequence[str] = ()
     sparse: frozenset[str] = frozenset()
-    spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     reprojection_errors: Sequence[str] = ()
     n_characters: int = 0
 
@@ -88,9 +82,9 @@ def layout(data: LayoutInput) -> rrb.Blueprint:
     left: list[tuple[float, _Part]] = [(1.0, _images(data))] if data.cameras else []
     left.append((1.5 if data.flexions else 1.0, _world(data)))  # points are drawn in the world only
     if data.lanes:
-        height, name = _AXIS + _LANE * len(data.lanes), ", ".join(dict.fromkeys(_LANES[lane] for lane in data.lanes))
+        name, share = ", ".join(dict.fromkeys(_LANES[lane] for lane in data.lanes)), _LANE_SHARE * (1 + len(data.lanes))
         lanes = rrb.StateTimelineView(origin=f"/{STATE}", name=f"states: {name}")
-        left.append((sum(fraction for fraction, _ in left) * height / (HEIGHT - height), lanes))
+        left.append((share * sum(fraction for fraction, _ in left), lanes))
     content = rrb.Horizontal(_stack(*left), _stack(*(_fit(data) if data.flexions else _numbers(data))))
     lines = -(-data.n_characters // _LINE_CHARACTERS)
     return page(_stack((1.0 + 0.3 * max(lines - 1, 0), _verdict()), (12.0, content)))
@@ -153,8 +147,7 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return errors, uncertainty, and the posterior in tabs."""
     errors, rows = _errors(data), list[tuple[float, _Part]]()
     name = f"{row_of('ess').title} (of {data.n_particles})"
-    n = float(data.n_particles)
-    ess = [] if "ess" in data.uninformative else [_metric("ess", data, (0.0, n), name, height=_UNCERTAINTY)]
+    ess = [] if "ess" in data.uninformative else [_metric("ess", data, float(data.n_particles), name)]
     if errors:
         rows.append((1.4, rrb.Horizontal(*errors, name="errors")))
     if uncertainty := [*ess, *_coverage(data)]:
@@ -163,19 +156,15 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
 
 
 def _errors_by_group(data: LayoutInput) -> list[rrb.View]:
-    """Return plots of the expected and of the true errors by joint group, with equal axes."""
+    """Return plots of the expected and of the true errors by joint group."""
     drawn = {plot: _in_plot(plot, data.metrics) for plot in (_EXPECTED, _TRUE)}
-    axis = _legend([f"metrics/{name}" for names in drawn.values() for name in names], data, _GROUP, len(styles.GROUPS))
-    return [_metrics(row_of(plot).heading, names, data, axis) for plot, names in drawn.items() if names]
+    return [_metrics(row_of(plot).heading, names, data) for plot, names in drawn.items() if names]
 
 
 def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
-        _plot(
-            f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}",
-            axis=_axis(_below(f"{FLEXION}/{name}", data), data, _FLEXION),
-        )
+        _plot(f"{name.replace('_', ' ')} flexion (degrees)", f"/{FLEXION}/{name}")
         for name in FLEXIONS if name in data.flexions
     ]  # fmt: skip
     rows: list[tuple[float, _Part]] = [(2.4, rrb.Grid(*plots, grid_columns=2, name="flexion"))]
@@ -226,21 +215,18 @@ def _errors(data: LayoutInput) -> list[rrb.View]:
         views += [_metrics(row_of(plot).heading, drawn, data)] if drawn else []
     if data.reprojection_errors and "mpjpe_abs_mm" not in data.metrics:
         name, paths = "reprojection error by camera (px)", [f"/{path}" for path in data.reprojection_errors]
-        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, **_legend(data.reprojection_errors, data)))
+        views.append(_plot(name, f"/{REPROJECTION_ERRORS}", paths, legend=_LEGEND))
     return views
 
 
 def _coverage(data: LayoutInput) -> list[rrb.View]:
-    return [_metric(name, data, (0.0, 1.0), height=_UNCERTAINTY) for name in data.metrics if name in CALIBRATED]
+    return [_metric(name, data, 1.0) for name in data.metrics if name in CALIBRATED]
 
 
 def _details(data: LayoutInput) -> list[_Part]:
     units = {name: data.posterior.unit(name) for name in data.posterior.shown_parameters}
     places = {name: f"{DEGREES if unit == 'rad' else PARAMETERS}/{name}" for name, unit in units.items()}
-    intervals = [
-        _plot(title(name, units[name]), f"/{place}", axis=_axis(_below(place, data), data, _INTERVAL))
-        for name, place in places.items()
-    ]
+    intervals = [_plot(title(name, units[name]), f"/{place}") for name, place in places.items()]
     tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % intervals"), _posterior(units, data)]
     if by_group := _errors_by_group(data):
         tabs.insert(1, rrb.Horizontal(*by_group, name="errors by group"))
@@ -285,22 +271,18 @@ def _posterior(units: Mapping[str, str], data: LayoutInput) -> rrb.Tabs:
     return rrb.Tabs(brightness, tensor, axes, *coefficients, name="posterior")
 
 
-def _metrics(
-    name: str, metrics: Sequence[str], data: LayoutInput, options: Mapping[str, Any] | None = None
-) -> rrb.TimeSeriesView:
-    """Return a plot of several metrics with a legend above the curves; options: legend and axis, of `_legend`."""
-    paths = [f"metrics/{each}" for each in metrics]
-    chosen = options or (_legend(paths, data) if len(metrics) > 1 else {"axis": _axis(paths, data, CURVES_HEIGHT)})
-    return _plot(name, "/metrics", [f"/{path}" for path in paths], overrides=_dots(metrics, data), **chosen)
+def _metrics(name: str, metrics: Sequence[str], data: LayoutInput) -> rrb.TimeSeriesView:
+    """Return a plot of metrics, with a legend if there are several."""
+    paths = [f"/metrics/{each}" for each in metrics]
+    return _plot(name, "/metrics", paths, legend=_LEGEND if len(metrics) > 1 else None, overrides=_dots(metrics, data))
 
 
-def _metric(
-    metric: str, data: LayoutInput, span: tuple[float, float] | None = None, name: str = "", height: float = SMALL
-) -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; span: values of the axis, by default the metric's."""
-    paths = [f"metrics/{metric}", *styles.guides([metric])]
-    axis = _axis(paths, data, height) if span is None else rrb.ScalarAxis(range=with_ticks(*span, height))
-    contents = [f"/{path}" for path in paths]
+def _metric(metric: str, data: LayoutInput, maximum: float | None = None, name: str = "") -> rrb.TimeSeriesView:
+    """Return a plot of one metric with its reference value; its axis has the values from 0 to a maximum, or those of
+    the metric."""
+    contents = [f"/{path}" for path in (f"metrics/{metric}", *styles.guides([metric]))]
+    margin = 0.06 * (maximum or 0.0)  # else the viewer cuts the labels at the ends
+    axis = None if maximum is None else rrb.ScalarAxis(range=(-margin, maximum + margin))
     return _plot(name or row_of(metric).heading, contents[0], contents, axis=axis, overrides=_dots([metric], data))
 
 
@@ -324,59 +306,6 @@ def _dots(metrics: Sequence[str], data: LayoutInput) -> dict[Any, rr.SeriesPoint
     """Return points as the style of sparse metrics; a threshold stays a line."""
     sparse = [name for name in metrics if name in data.sparse and name != "forearm_width_px"]
     return {f"/metrics/{name}": styles.dots(*styles.metric_style(name, data.metrics)) for name in sparse}
-
-
-def _legend(paths: Sequence[str], data: LayoutInput, height: float = CURVES_HEIGHT, n_rows: int = 0) -> dict[str, Any]:
-    """Return a legend, and an axis with space for it above the curves once their ranges are known.
-
-    n_rows: of the legend; 0: as many as paths.
-    """
-    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    if not paths or not set(paths) <= data.spans.keys():
-        return {"legend": legend}
-    fraction = min((FRAME + ROW * (n_rows or len(paths))) / height, 0.65)
-    low, high = _span(paths, data)
-    top = high + max(high - low, 1e-3 * abs(high)) * fraction / (1.0 - fraction)
-    return {"legend": legend, "axis": rrb.ScalarAxis(range=with_ticks(low, top, height))}
-
-
-def _below(place: str, data: LayoutInput) -> list[str]:
-    return [path for path in data.spans if path.startswith(f"{place}/")]
-
-
-def _span(paths: Sequence[str], data: LayoutInput) -> tuple[float, float]:
-    spans = [data.spans[path] for path in paths if path in data.spans]
-    return min(low for low, _ in spans), max(high for _, high in spans)
-
-
-def _axis(paths: Sequence[str], data: LayoutInput, height: float) -> rrb.ScalarAxis | None:
-    """Return an axis with two ticks at least for curves of this height, points; None before their ranges are known."""
-    known = any(path in data.spans for path in paths)
-    return rrb.ScalarAxis(range=with_ticks(*_span(paths, data), height)) if known else None
-
-
-def with_ticks(low: float, high: float, height: float) -> tuple[float, float]:
-    """Return the smallest range around [low, high] in which the viewer labels two ticks at least.
-
-    The viewer has ticks at multiples of powers of ten, and labels them where their distance is at least _TICK_HEIGHT.
-
-    Parameters
-    ----------
-    low, high : the smallest and the largest value.
-    height : of the axis, points, at least 50.
-    """
-    size = max(abs(low), abs(high))
-    spread = high - low if high - low > 1e-3 * size else size or 1.0  # of a constant its size
-    ranges = []
-    for step in 10.0 ** (np.floor(np.log10(spread)) + np.arange(-1.0, 3.0)):
-        first, last = np.ceil(low / step), np.floor(high / step)
-        if last == first:  # one tick: the nearer neighbour is added
-            first, last = (first - 1, last) if low / step - first + 1 < last + 1 - high / step else (first, last + 1)
-        ends = min(low, first * step, last * step), max(high, first * step, last * step)
-        margin = _TICK_MARGIN * (ends[1] - ends[0])
-        if step * height >= _TICK_HEIGHT * (ends[1] - ends[0] + 2.0 * margin):
-            ranges.append((float(ends[0] - margin), float(ends[1] + margin)))
-    return min(ranges, key=lambda each: each[1] - each[0])
 
 
 def _in_plot(plot: str, metrics: Sequence[str]) -> list[str]:

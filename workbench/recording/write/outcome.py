@@ -69,12 +69,12 @@ def reprojection_errors(measured: RunMeasurements) -> dict[str, FloatArray]:
     }
 
 
-def log_reprojection_errors(stream: rr.RecordingStream, measured: RunMeasurements) -> dict[str, tuple[float, float]]:
-    """Log the reprojection errors over frames and times, and return the ranges of their values by entity path.
+def log_reprojection_errors(stream: rr.RecordingStream, measured: RunMeasurements) -> tuple[str, ...]:
+    """Log the reprojection errors over frames and times, and return their entity paths.
 
     They are drawn as points where fewer than half of the frames have any.
     """
-    spans = {}
+    paths = []
     for k, (name, values) in enumerate(reprojection_errors(measured).items()):
         path, valid = f"{REPROJECTION_ERRORS}/{name}", np.isfinite(values)
         if not valid.any():
@@ -83,5 +83,5 @@ def log_reprojection_errors(stream: rr.RecordingStream, measured: RunMeasurement
         stream.log(path, (styles.line if valid.mean() >= 0.5 else styles.dots)(*style), static=True)
         index = time_index(measured.frames[valid], map(nanoseconds, measured.times_s[valid]))
         stream.send_columns(path, indexes=index, columns=rr.Scalars.columns(scalars=values[valid]))
-        spans[path] = (float(values[valid].min()), float(values[valid].max()))
-    return spans
+        paths.append(path)
+    return tuple(paths)

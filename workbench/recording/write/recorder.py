@@ -99,7 +99,6 @@ class Recorder:
         self._encoded: list[tuple[int, np.timedelta64, str, Future[ByteArray]]] = []  # of the last frame
         self._diagnostics: tuple[str, ...] = ()
         self._uninformative, self._n_values = frozenset(uninformative_metrics), Counter[str]()
-        self._spans: dict[str, tuple[float, float]] = {}  # smallest and largest value of curves by path
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
         self._laid_out = True
@@ -150,7 +149,6 @@ class Recorder:
         self._file.send(scene.activities(step))
         self._ranks.append(pose_ranks(step) if self._ranks else np.zeros(0))
         self._n_values.update(measured.keys())
-        self._span(numbers | intervals)
         self._diagnostics = tuple(step.diagnostics)
         if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
@@ -176,13 +174,6 @@ class Recorder:
         now = monotonic()
         return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
 
-    def _span(self, numbers: Mapping[str, float]) -> None:
-        """Extend the ranges of curves by the numbers of one frame."""
-        for path, value in numbers.items():
-            if np.isfinite(value):
-                low, high = self._spans.get(path, (value, value))
-                self._spans[path] = (min(low, value), max(high, value))
-
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
 
@@ -199,8 +190,8 @@ class Recorder:
         names = tuple(name for name in self._layout_input.metrics if n_values[name] > 1 or self._n_frames == 1)
         sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
         self._layout_input = replace(
-            self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=tuple(reprojection),
-            spans=self._spans | reprojection, n_characters=len(verdict.message),
+            self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=reprojection,
+            n_characters=len(verdict.message),
         )  # fmt: skip
         self._laid_out = False
         self._send_layout()
