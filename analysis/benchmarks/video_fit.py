@@ -22,10 +22,10 @@ from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED_SMOOTHNESS
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.foot_contact import detect_foot_contacts
-from workbench.inference.least_squares.residual_problem import ResidualProblem
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
+from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
+from workbench.inference.least_squares.motion.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
+from workbench.inference.least_squares.solver.residuals import views_residual
+from workbench.inference.least_squares.video.foot_contact import detect_foot_contacts
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.utils.arrays import FloatArray
 from workbench.utils.parallel import single_blas_thread

@@ -11,14 +11,14 @@ from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, Observed, observe, person_px
 from workbench.core.prior import RECORDED_SMOOTHNESS, REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
-from workbench.inference.least_squares.smooth_fit import (
+from workbench.inference.least_squares.motion.smooth_fit import (
     SEARCH_LOSS,
     candidates,
     first_poses,
     fit_smooth,
     keypoint_problem,
 )
+from workbench.inference.least_squares.video.hypotheses import enough_keypoints, first_keypoints
 from workbench.priors.fitted_rest import Trajectory
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

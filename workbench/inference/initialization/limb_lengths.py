@@ -18,9 +18,9 @@ from workbench.core.observations import Keypoints, Observed, frame_keypoints, pe
 from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import projection_jacobian
 from workbench.core.side_information import FIRST_FRAMES, HEIGHT
-from workbench.inference.least_squares.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
-from workbench.inference.least_squares.residuals import nominal_pose_prior, views_residual
-from workbench.inference.least_squares.single_frame import PoseDecoder, fit_frame
+from workbench.inference.least_squares.solver.residuals import nominal_pose_prior, views_residual
+from workbench.inference.least_squares.solver.single_frame import PoseDecoder, fit_frame
+from workbench.inference.least_squares.video.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

@@ -24,8 +24,12 @@ from workbench.inference.initialization.from_keypoints import (
     consistent_poses,
     poses_from_keypoints,
 )
-from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
-from workbench.inference.least_squares.hypotheses import (
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.motion.phase_grid import find_phase
+from workbench.inference.least_squares.solver.residuals import views_residual
+from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder, PoseDecoder, fit_frame
+from workbench.inference.least_squares.video.hypotheses import (
     KEYPOINT_LOSS,
     MIN_KEYPOINTS,
     START_LOSS,
@@ -33,10 +37,6 @@ from workbench.inference.least_squares.hypotheses import (
     distinct_poses,
     likely_roots,
 )
-from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.phase_grid import find_phase
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, PoseDecoder, fit_frame
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
