@@ -22,15 +22,16 @@ from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s
 from workbench.body.surface import Surface, person_surface
 from workbench.core.prior import Smoothness
-from workbench.core.residual import Loss, ResidualFunction, robust, surface_residual
+from workbench.core.losses import Loss
+from workbench.core.residual import ResidualFunction, robust, surface_residual
 from workbench.datasets.person import of_dataset
 from workbench.datasets.points import Points
 from workbench.inference.least_squares.motion.all_frames import FitProblem, fit_motion, fit_problem
+from workbench.inference.least_squares.motion.first_frame import START_LOSS, START_POINTS, roots_from_points
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import find_states
-from workbench.inference.least_squares.motion.phase_grid import roots_from_points
 from workbench.inference.least_squares.motion.task import Fit, fit_of
-from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder
-from workbench.inference.least_squares.video.hypotheses import START_LOSS, START_POINTS
+from workbench.inference.least_squares.solver.single_frame import FitData
 from workbench.priors.from_motions import activity
 from workbench.utils.arrays import FloatArray
 from workbench.utils.parallel import single_blas_thread

@@ -21,7 +21,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED_SMOOTHNESS
-from workbench.core.residual import Loss
+from workbench.core.losses import Loss
 from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.motion.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
 from workbench.inference.least_squares.solver.residuals import views_residual

@@ -19,9 +19,9 @@ from workbench.core.frame import Frame, View
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.evaluation.posterior_calibration import rank_histogram, ranks, weight_below
 from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.inference.least_squares.solver.residuals import UPRIGHT_SIGMA_RAD
-from workbench.inference.least_squares.solver.single_frame import MotionDecoder
 from workbench.likelihoods.keypoints import DEGREES_OF_FREEDOM, KeypointLikelihood
 from workbench.motion.models.walking import learn_walking
 from workbench.motion.synthetic.gait import builtin_motions

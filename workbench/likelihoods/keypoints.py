@@ -16,7 +16,8 @@ from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
+from workbench.core.losses import LOSSES, Loss
+from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
 from workbench.likelihoods.base import PoseFrameLikelihood
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

@@ -11,7 +11,8 @@ from workbench.core.capabilities import DERIVATIVES, Traits, combined_requiremen
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
+from workbench.core.losses import SQUARED, Loss
+from workbench.core.residual import ResidualFunction, ResidualLikelihood, robust, scaled, stacked
 from workbench.likelihoods.cues.limb_points import LimbFrameLikelihood, evaluate_jointly
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

@@ -12,7 +12,8 @@ from workbench.core.capabilities import POINTS, RESIDUALS, Traits, component_tra
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
+from workbench.core.losses import LOSSES, Loss
+from workbench.core.residual import ResidualFunction, surface_residual
 from workbench.likelihoods.base import PoseFrameLikelihood, finite_rows
 from workbench.utils.arrays import FloatArray
 

@@ -7,7 +7,8 @@ from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
 from workbench.core.observations import Observables, Observed, observe
-from workbench.core.residual import Loss, ResidualLikelihood, keypoint_residual, robust, surface_residual
+from workbench.core.losses import Loss
+from workbench.core.residual import ResidualLikelihood, keypoint_residual, robust, surface_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints

@@ -10,7 +10,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, Observed, observe, person_px
 from workbench.core.prior import RECORDED_SMOOTHNESS, REFERENCE_RATE_HZ, Smoothness
-from workbench.core.residual import Loss
+from workbench.core.losses import Loss
 from workbench.inference.least_squares.motion.smooth_fit import (
     SEARCH_LOSS,
     candidates,

@@ -17,7 +17,8 @@ from workbench.core.frame import AnnotatedFrames, Frame
 from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
 from workbench.core.prior import MotionModel, Prior, PriorCapabilities
-from workbench.core.residual import Loss, ResidualFunction, surface_residual
+from workbench.core.losses import Loss
+from workbench.core.residual import ResidualFunction, surface_residual
 from workbench.inference.initialization.from_keypoints import (
     MAX_COST_GAP,
     START_S,
@@ -26,17 +27,12 @@ from workbench.inference.initialization.from_keypoints import (
 )
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.motion.first_frame import START_LOSS, START_SIGMA_M, likely_roots
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.phase_grid import find_phase
 from workbench.inference.least_squares.solver.residuals import views_residual
-from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder, PoseDecoder, fit_frame
-from workbench.inference.least_squares.video.hypotheses import (
-    KEYPOINT_LOSS,
-    MIN_KEYPOINTS,
-    START_LOSS,
-    START_SIGMA_M,
-    distinct_poses,
-    likely_roots,
-)
+from workbench.inference.least_squares.solver.single_frame import FitData, PoseDecoder, fit_frame
+from workbench.inference.least_squares.video.hypotheses import KEYPOINT_LOSS, MIN_KEYPOINTS, distinct_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

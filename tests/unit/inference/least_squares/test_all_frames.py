@@ -7,9 +7,10 @@ import pytest
 from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_residuals, walk
 
 from workbench.core.prior import Smoothness
-from workbench.core.residual import Loss
+from workbench.core.losses import Loss
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
-from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
+from workbench.inference.least_squares.solver.single_frame import FitData
 from workbench.utils.errors import InputError
 
 T = 8

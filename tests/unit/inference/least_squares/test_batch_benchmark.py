@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from analysis.benchmarks.batch import TOLERANCE, Dense, by_scipy
-from workbench.core.residual import Loss
+from workbench.core.losses import Loss
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
 from workbench.inference.least_squares.solver.single_frame import FitData
 

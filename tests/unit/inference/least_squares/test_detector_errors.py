@@ -10,7 +10,8 @@ from view_scenes import CAMERAS, frames, observed, swinging
 from workbench.body.kinematics import forward, joint_jacobian, joints
 from workbench.core.frame import View
 from workbench.core.prior import Smoothness
-from workbench.core.residual import SQUARED, keypoint_residual
+from workbench.core.losses import SQUARED
+from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.solver.sparse_solver import minimise
 from workbench.inference.least_squares.video.detector_errors import (

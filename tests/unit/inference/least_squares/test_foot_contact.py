@@ -9,7 +9,7 @@ from view_scenes import CAMERAS, frames, observed
 
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
-from workbench.core.residual import SQUARED
+from workbench.core.losses import SQUARED
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.solver.residuals import joint_residual

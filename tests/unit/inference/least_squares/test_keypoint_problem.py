@@ -10,7 +10,8 @@ from view_scenes import CAMERAS, frames, observed, swinging
 from workbench.body.kinematics import joints
 from workbench.core.observations import Observed
 from workbench.core.prior import Smoothness
-from workbench.core.residual import LOSSES, SQUARED, Loss, stacked
+from workbench.core.losses import LOSSES, SQUARED, Loss
+from workbench.core.residual import stacked
 from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.solver.residuals import joint_residual, limit_residual, views_residual
 from workbench.inference.least_squares.solver.single_frame import PoseDecoder, fit_frame

@@ -10,7 +10,8 @@ from view_scenes import CAMERAS, frames, observed, swinging
 from tests.oracles.landmark_depths import depth_residual
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
-from workbench.core.residual import Loss, robust
+from workbench.core.losses import Loss
+from workbench.core.residual import robust
 from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem
 from workbench.inference.least_squares.video.landmark_depths import BONES, DEPTH_LOSS_SCALE, MIN_DEPTH_M, DepthArrays
 from workbench.inference.least_squares.video.limb_flips import LIMBS, flipped

@@ -9,13 +9,14 @@ from least_squares_scenes import EVERY_JOINT, WALKER, decoder, joint_residuals, 
 from workbench.body.kinematics import joints
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
-from workbench.core.residual import SQUARED, Loss
+from workbench.core.losses import SQUARED, Loss
 from workbench.inference.least_squares.least_squares import steps
 from workbench.inference.least_squares.motion.frame_by_frame import fit_poses, pose_prior
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import fit_from, fit_sequence, restart
+from workbench.inference.least_squares.motion.shared_errors import SharedErrors
 from workbench.inference.least_squares.solver.residuals import joint_residual
-from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.video.systematic_errors import SharedErrors
+from workbench.inference.least_squares.solver.single_frame import FitData, PoseDecoder
 
 ROBUST = Loss("geman_mcclure", 3.0)
 TRUE_PHASES = (0.1, 0.1 + 9.0 / 14.0)

@@ -9,8 +9,8 @@ from workbench.core.frame import Frame
 from workbench.core.observations import observe, observed_kinds
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import MotionFit
-from workbench.inference.least_squares.solver.single_frame import MotionDecoder
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 

@@ -16,9 +16,9 @@ from workbench.core.prior import Smoothness
 from workbench.core.residual import surface_residual
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
-from workbench.inference.least_squares.solver.single_frame import MotionDecoder
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints

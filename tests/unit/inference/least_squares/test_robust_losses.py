@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.core.residual import LOSSES, geman_mcclure, huber, squared
+from workbench.core.losses import LOSSES
+from workbench.core.residual import geman_mcclure, huber, squared
 
 Z = np.array([-10.0, -1.0, -0.5, 0.0, 1e-3, 0.5, 1.0, 3.0])
 

@@ -16,7 +16,8 @@ from workbench.body.skeleton import person_skeleton
 from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness
-from workbench.core.residual import Loss, robust
+from workbench.core.losses import Loss
+from workbench.core.residual import robust
 from workbench.inference.initialization.limb_lengths import LENGTHS, fit_lengths, of_keypoints, shape_of
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame

@@ -11,10 +11,12 @@ from tqdm import tqdm
 
 from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import REFERENCE_RATE_HZ
-from workbench.core.residual import Loss, ResidualFunction
-from workbench.inference.least_squares.solver.single_frame import Decoder, FitData, MotionDecoder
+from workbench.core.losses import Loss
+from workbench.core.residual import ResidualFunction
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
+from workbench.inference.least_squares.motion.shared_errors import SharedErrors
+from workbench.inference.least_squares.solver.single_frame import Decoder, FitData
 from workbench.inference.least_squares.solver.sparse_solver import Minimum, Pattern, Quadratic, minimise
-from workbench.inference.least_squares.video.systematic_errors import SharedErrors
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

@@ -13,18 +13,13 @@ from workbench.core.capabilities import MOTION, Traits, component_traits
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.motion.all_frames import FLAT_STD
+from workbench.inference.least_squares.motion.first_frame import first_pose
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import required_motion
 from workbench.inference.least_squares.motion.task import Fit, Task, fit_of
 from workbench.inference.least_squares.solver.residuals import UPRIGHT_SIGMA_RAD
-from workbench.inference.least_squares.solver.single_frame import (
-    FitData,
-    GaussianPrior,
-    MotionDecoder,
-    PoseDecoder,
-    fit_frame,
-)
+from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.inference.least_squares.solver.sparse_solver import Minimum
-from workbench.inference.least_squares.video.hypotheses import first_pose
 from workbench.utils.arrays import FloatArray
 from workbench.utils.timing import working_s
 

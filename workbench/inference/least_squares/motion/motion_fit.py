@@ -21,16 +21,14 @@ from workbench.inference.least_squares.motion.all_frames import (
     fit_motion,
     fit_problem,
 )
+from workbench.inference.least_squares.motion.first_frame import coarse_data, first_roots
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder, follow, global_motion
 from workbench.inference.least_squares.motion.phase_grid import N_FRAMES, find_phase
+from workbench.inference.least_squares.motion.shared_errors import SharedErrors
 from workbench.inference.least_squares.motion.task import Fit, Task, fit_of
 from workbench.inference.least_squares.solver.residuals import UPRIGHT_SIGMA_RAD
-from workbench.inference.least_squares.solver.single_frame import FitData, MotionDecoder, follow, global_motion
-from workbench.inference.least_squares.video.hypotheses import coarse_data, first_roots
-from workbench.inference.least_squares.video.systematic_errors import (
-    SharedErrors,
-    effective_fraction,
-    error_correlation,
-)
+from workbench.inference.least_squares.solver.single_frame import FitData
+from workbench.inference.least_squares.video.systematic_errors import effective_fraction, error_correlation
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s

@@ -5,26 +5,24 @@ minimum, so all phases are tried: a table of costs, frame by phase, with the roo
 constant frequency is a straight line in the table; the best lines are refined by least squares over all unknowns.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 from tqdm import tqdm
 
-from workbench.body.kinematics import joints
-from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import MotionModel
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.solver.single_frame import (
     LOSS_SCALE_FACTORS,
     FitData,
-    MotionDecoder,
     PoseDecoder,
     fit_frame,
     fit_root,
 )
 from workbench.utils.arrays import FloatArray
-from workbench.utils.errors import InputError
 
 N_FRAMES = 8
 N_PHASES = 12
@@ -34,9 +32,6 @@ TABLE_SCALE_FACTOR = 2.0
 """Factor of the loss's scale in the table, because its phases are discrete."""
 SPEED_MARGIN = 1.25
 """Factor by which a motion may be slower or faster than the model's examples."""
-MIN_TRAVEL_M = 0.1
-"""Smallest displacement over the first frames that determines the heading."""
-N_HEADINGS = 8
 _LINE_SUBDIVISION = 4  # initial phases of lines per phase of the table
 _MIN_LINE_GAP = 0.1  # cycles, between refined lines
 
@@ -99,28 +94,6 @@ def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> 
         if len(chosen) == N_REFINED:
             break
     return chosen
-
-
-def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
-    """Return initial roots (n, 6) in the first of some frames of points (K, 3), m: upright, at the median of the
-    points, heading in the direction of motion over the first frames, or in N_HEADINGS directions if the motion is below
-    MIN_TRAVEL_M.
-
-    Raises InputError without points in two of the first frames. Medians are robust to outliers, but not to a wall
-    behind the person.
-    """
-    visible = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
-    if len(visible) < 2:
-        raise InputError("least squares: expected points in two of the first frames, found fewer")
-    medians = np.array([np.median(points[t], axis=0) for t in visible])
-    line = np.polynomial.polynomial.polyfit(times_s[visible] - times_s[0], medians, 1)
-    travel = line[1, :2] * (times_s[visible[-1]] - times_s[visible[0]])
-    moves = np.linalg.norm(travel) >= MIN_TRAVEL_M
-    headings = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS
-    poses = np.zeros((1 if moves else N_HEADINGS, len(skeleton.dof_names)))
-    poses[:, 3] = np.arctan2(travel[1], travel[0]) if moves else headings
-    poses[:, :3] = line[0] - joints(skeleton, poses).mean(axis=1)
-    return poses[:, :N_ROOT]
 
 
 def _activity_styles(model: MotionModel) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
-from workbench.core.residual import SQUARED, Loss, ResidualFunction, robust, stacked
+from workbench.core.losses import SQUARED, Loss
+from workbench.core.residual import ResidualFunction, robust, stacked
 from workbench.inference.least_squares.motion.all_frames import FitProblem, second_differences
 from workbench.inference.least_squares.solver.residuals import (
     balance_residual,

@@ -15,9 +15,11 @@ from workbench.core.capabilities import Traits, component_traits
 from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
-from workbench.core.residual import KeypointResiduals, Loss
+from workbench.core.losses import Loss
+from workbench.core.residual import KeypointResiduals
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
+from workbench.inference.least_squares.motion.first_frame import first_pose
 from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.motion.task import Fit, Task
 from workbench.inference.least_squares.solver.residuals import nominal_pose_prior
@@ -29,7 +31,6 @@ from workbench.inference.least_squares.video.hypotheses import (
     KEYPOINT_LOSS,
     distinct_poses,
     first_keypoints,
-    first_pose,
     upright_poses,
 )
 from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem

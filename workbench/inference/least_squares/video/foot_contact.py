@@ -12,7 +12,8 @@ import numpy as np
 from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed, person_px
-from workbench.core.residual import Loss, robust
+from workbench.core.losses import Loss
+from workbench.core.residual import robust
 from workbench.inference.least_squares.motion.all_frames import FramePairResidual
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 

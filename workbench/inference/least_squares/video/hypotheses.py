@@ -4,21 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.observations import Keypoints, Observed, observed_kinds
-from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
-from workbench.inference.least_squares.motion.phase_grid import N_HEADINGS, N_PHASES, roots_from_points
-from workbench.inference.least_squares.motion.task import Task
-from workbench.inference.least_squares.solver.residuals import views_residual
-from workbench.inference.least_squares.solver.single_frame import (
-    FitData,
-    GaussianPrior,
-    MotionDecoder,
-    PoseDecoder,
-    fit_frame,
-)
+from workbench.core.observations import Keypoints, Observed
+from workbench.core.losses import Loss
+from workbench.core.residual import ResidualFunction
+from workbench.inference.least_squares.solver.single_frame import GaussianPrior, PoseDecoder, fit_frame
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -26,15 +17,8 @@ MIN_KEYPOINTS = 4
 """In one view of the first frame, to determine the six parameters of the root and a phase."""
 KEYPOINT_LOSS = Loss("huber", 3.0)
 """Of the initial search by keypoints: not redescending, because the joint of a keypoint is certain."""
-N_SELECTED = 2
+N_HEADINGS = 8
 MIN_SEPARATION_M = 0.1
-_MIN_HEADING_GAP_RAD = np.pi / 4.0  # between two selected roots
-START_POINTS = 150
-"""Points per frame in the initial search, at a regular stride; more only cost time."""
-START_SIGMA_M = 0.02
-START_LOSS = Loss("geman_mcclure", 1.5)
-"""The initial search uses distances with this standard deviation and loss, because the field vanishes far from the
-body."""
 
 
 def enough_keypoints(observed: Observed) -> tuple[Keypoints, ...]:
@@ -49,24 +33,6 @@ def first_keypoints(observations: Sequence[Observed]) -> tuple[Keypoints, ...]:
         if len(frame.points) or enough_keypoints(frame):
             return enough_keypoints(frame)
     raise InputError(f"least squares: expected {MIN_KEYPOINTS} keypoints in some frame to start from, found fewer")
-
-
-def likely_roots(decoder: MotionDecoder, views: Sequence[Keypoints], residual: ResidualFunction) -> FloatArray:
-    """Return the best roots (n ≤ N_SELECTED, 6) in one frame of keypoints, over the phases of the mean motion and
-    N_HEADINGS headings; their headings differ by more than 45°."""
-    free, columns, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
-    phases = np.arange(N_PHASES) / N_PHASES
-    for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
-        for root in upright_roots(decoder.skeleton, views, pose):
-            guess = np.concatenate([root, pose[N_ROOT:]])
-            fits.append(fit_frame(free, residual, KEYPOINT_LOSS, guess, free=columns, max_iterations=8, tolerance=1e-2))
-    selected: list[FloatArray] = []
-    for fit in sorted(fits, key=lambda fit: fit.costs[-1]):
-        root = fit.x[:N_ROOT]
-        differences = [abs(wrapped(root[3] - other[3])) for other in selected]
-        if len(selected) < N_SELECTED and all(angle > _MIN_HEADING_GAP_RAD for angle in differences):
-            selected.append(root)
-    return np.array(selected)
 
 
 def likely_poses(
@@ -124,37 +90,3 @@ def _root_position(skeleton: Skeleton, view: Keypoints, pose: FloatArray) -> Flo
     depth = focal * size / max(float(np.linalg.norm(pixels - pixels.mean(axis=0))), 1.0)
     ray = np.append((pixels.mean(axis=0) - camera.matrix[:2, 2]) / camera.matrix[[0, 1], [0, 1]], 1.0)
     return camera.rotation.T @ (depth * ray - camera.translation) - middle
-
-
-def coarse_data(task: Task) -> FitData:
-    """Return the residuals of the initial search: a subset of the points, and keypoints where a view has enough."""
-    loss = START_LOSS if "points" in observed_kinds(task.observations) else KEYPOINT_LOSS
-    return FitData([_coarse_residual(task, frame) for frame in task.observations], task.times_s, loss, task.smoothness)
-
-
-def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
-    """Return candidate roots (n, 6) in the first frame with enough observations, by its keypoints, else by points."""
-    keypoints = first_keypoints(task.observations)
-    if not keypoints:
-        return roots_from_points(task.skeleton, [frame.points for frame in task.observations], task.times_s)
-    return likely_roots(decoder, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px))
-
-
-def first_pose(task: Task, prior: GaussianPrior | None) -> FloatArray:
-    """Return an initial pose (P,) in that frame without a motion model. prior: over poses, see `likely_poses`. Raises
-    InputError if points alone do not determine the heading."""
-    keypoints = first_keypoints(task.observations)
-    if not keypoints:
-        roots = roots_from_points(task.skeleton, [frame.points for frame in task.observations], task.times_s)
-        if len(roots) > 1:
-            raise InputError("least squares: the person moves too little to determine the heading; set an initial pose")
-        return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])
-    residual = views_residual(task.skeleton, keypoints, task.sigma_px)
-    return likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
-
-
-def _coarse_residual(task: Task, observed: Observed) -> ResidualFunction:
-    points, keypoints = observed.points[:: max(1, len(observed.points) // START_POINTS)], enough_keypoints(observed)
-    terms = [surface_residual(task.skeleton, task.surface, points, "distance", START_SIGMA_M)] * bool(len(points))
-    terms += [views_residual(task.skeleton, keypoints, task.sigma_px)] * bool(keypoints)
-    return stacked(terms)

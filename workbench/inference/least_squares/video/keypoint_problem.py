@@ -14,7 +14,7 @@ from workbench.body.kinematics import descendants, joint_jacobian, joints, lengt
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.core.observations import Observed
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
-from workbench.core.residual import Loss
+from workbench.core.losses import Loss
 from workbench.inference.least_squares.solver import pose_kernels as kernels
 from workbench.inference.least_squares.solver.residuals import (
     BALANCE_M,
