@@ -69,10 +69,10 @@ class Loss:
             raise InputError(f"loss: scale must be above zero, found {self.scale}")
 
     def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ρ and weights (K,) of residuals (K,); ρ is ½ r² near zero for every scale."""
-        z = residuals / self.scale
-        rho, weights = np.empty_like(z), np.empty_like(z)
-        _evaluate(z, LOSSES[self.name], rho, weights)
+        """Return ρ and weights (...) of residuals (...); ρ is ½ r² near zero for every scale."""
+        z = np.ascontiguousarray(residuals / self.scale)
+        rho, weights = np.empty(z.shape), np.empty(z.shape)
+        _evaluate(z.ravel(), LOSSES[self.name], rho.ravel(), weights.ravel())
         return self.scale**2 * rho, weights
 
     def widened(self, factor: float) -> "Loss":
@@ -81,24 +81,24 @@ class Loss:
 
 
 SQUARED = Loss("squared", 1.0)
-KEYPOINTS = Loss("geman_mcclure", 1.5)
+KEYPOINT_LOSS = Loss("geman_mcclure", 1.5)
 """Of keypoints, by default: redescending, because a detector confuses joints."""
-KEYPOINT_SEARCH = Loss("huber", 3.0)
-"""Of keypoints in an initial search: not redescending, because an arm lost in one frame would be an outlier in all
+SEARCH_LOSS = Loss("huber", 3.0)
+"""Of an initial search by keypoints: not redescending, because an arm lost in one frame would be an outlier in all
 following ones."""
-KEYPOINT_TRAJECTORY = Loss("huber", 1.5)
+KEYPOINT_TRAJECTORY_LOSS = Loss("huber", 1.5)
 """Of keypoints in the fit of a whole body's motion of which only some joints are tracked: not redescending, because
 joints are labelled."""
-POINTS = Loss("geman_mcclure", 1.5)
+POINT_LOSS = Loss("geman_mcclure", 1.5)
 """Of points on the body's surface, by default, and in an initial search: redescending, because of points of other
 objects."""
-BALANCE = Loss("huber", 1.0)
+BALANCE_LOSS = Loss("huber", 1.0)
 """Of the centre of mass: robust, because people who jump or lean on something are out of balance."""
-GROUND = Loss("huber", 2.0)
+GROUND_LOSS = Loss("huber", 2.0)
 """Of the lower foot's height: robust, because people jump, and there are steps."""
-FOOT_DRIFT = Loss("huber", 2.0)
+FOOT_DRIFT_LOSS = Loss("huber", 2.0)
 """Of a foot in contact: robust, because a foot that moves straight towards the camera also seems at rest."""
-DEPTH_SIGN = Loss("huber", 1.0)
+DEPTH_SIGN_LOSS = Loss("huber", 1.0)
 """Of a bone against the sign of its depth: the influence of a wrong sign is bounded."""
 
 DEGREES_OF_FREEDOM = 4.0

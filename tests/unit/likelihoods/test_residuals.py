@@ -6,8 +6,8 @@ from keypoint_scenes import BODY
 from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
-from workbench.core.observations import Observables, Observed, observe
 from workbench.core.losses import Loss
+from workbench.core.observations import Observables, Observed, observe
 from workbench.core.residual import ResidualLikelihood, keypoint_residual, robust, surface_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_residuals, walk
 
-from workbench.core.prior import Smoothness
 from workbench.core.losses import Loss
+from workbench.core.prior import Smoothness
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.solver.single_frame import FitData

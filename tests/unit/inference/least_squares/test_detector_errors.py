@@ -9,8 +9,8 @@ from view_scenes import CAMERAS, frames, observed, swinging
 
 from workbench.body.kinematics import forward, joint_jacobian, joints
 from workbench.core.frame import View
-from workbench.core.prior import Smoothness
 from workbench.core.losses import SQUARED
+from workbench.core.prior import Smoothness
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.solver.sparse_solver import minimise
@@ -23,7 +23,7 @@ from workbench.inference.least_squares.video.detector_errors import (
     offset_sensitivity,
     offset_std,
 )
-from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.inference.least_squares.video.systematic_errors import effective_fraction, integrated_autocorrelation
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
@@ -35,7 +35,7 @@ THIRD = replace(CAMERAS[1], name="third", translation=CAMERAS[1].translation + 0
 def problem_of(sequence, times):
     keypoints = KeypointArrays.of(observed(SKELETON, sequence), lambda weights: np.sqrt(weights) / SIGMA_PX)
     contacts = np.zeros((len(times), 2), dtype=bool)
-    return KeypointProblem(SKELETON, keypoints, times, SQUARED, Smoothness(), contacts)
+    return PoseProblem(SKELETON, keypoints, times, SQUARED, Smoothness(), contacts)
 
 
 def fitted(problem, poses):

@@ -5,8 +5,8 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, NOTHING, frames, walk
 
 from workbench.body.kinematics import joints
-from workbench.core.observations import observe
 from workbench.core.losses import SQUARED, Loss
+from workbench.core.observations import observe
 from workbench.inference.least_squares.solver.single_frame import FitData
 from workbench.inference.least_squares.video.systematic_errors import effective_fraction, error_correlation
 

@@ -7,21 +7,20 @@ import pytest
 from keypoint_scenes import BODY, streams
 from view_scenes import CAMERAS, frames, observed
 
+from tests.oracles.smooth_poses import foot_drifts, joint_residual
 from workbench.body.kinematics import joints
-from workbench.core.prior import Smoothness
 from workbench.core.losses import SQUARED
+from workbench.core.prior import Smoothness
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
-from workbench.inference.least_squares.solver.residuals import joint_residual
 from workbench.inference.least_squares.solver.sparse_solver import minimise
 from workbench.inference.least_squares.video.foot_contact import (
     MIN_CONTACT_S,
     contact_pairs,
     detect_foot_contacts,
-    foot_contact_constraints,
     image_speeds,
     median_foot_height,
 )
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton
@@ -85,7 +84,7 @@ def test_image_speeds_are_interpolated_over_single_missing_frames():
 def test_the_jacobian_of_contact_constraints_equals_finite_differences():
     times, poses = leg_swing(4)
     contacts = np.array([[True, False], [True, True], [False, True], [False, True]])
-    constraints = foot_contact_constraints(SKELETON, contacts, times)
+    constraints = foot_drifts(SKELETON, contacts, times)
     assert [t for t, _ in constraints] == [0, 1, 2]  # the left foot, then the right one twice
     residual = constraints[1][1]
     x = poses[1:3].ravel() + 0.01 * np.random.default_rng(0).standard_normal(50)
@@ -103,7 +102,9 @@ def test_a_foot_in_contact_moves_less_than_its_observations():
     residuals = [joint_residual(SKELETON, np.arange(len(SKELETON.names)), points, 0.05) for points in sliding]
 
     def distance(contacts):
-        problem = ResidualProblem(SKELETON, residuals, times, SQUARED, Smoothness(), contacts)
+        keypoints = KeypointArrays.none(6)
+        options = (times, SQUARED, Smoothness(), contacts)
+        problem = PoseProblem(SKELETON, keypoints, *options, residual_functions=residuals)
         x = poses.ravel()
         step = 1e-6 * np.random.default_rng(0).standard_normal(len(x))
         change = (problem.expand(x + step).cost - problem.expand(x - step).cost) / 2.0

@@ -9,12 +9,12 @@ from view_scenes import CAMERAS, frames, observed, swinging
 
 from tests.oracles.landmark_depths import depth_residual
 from workbench.body.kinematics import joints
+from workbench.core.losses import DEPTH_SIGN_LOSS, Loss
 from workbench.core.prior import Smoothness
-from workbench.core.losses import Loss
 from workbench.core.residual import robust
-from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem
-from workbench.inference.least_squares.video.landmark_depths import BONES, DEPTH_LOSS_SCALE, MIN_DEPTH_M, DepthArrays
+from workbench.inference.least_squares.video.landmark_depths import BONES, MIN_DEPTH_M, DepthArrays
 from workbench.inference.least_squares.video.limb_flips import LIMBS, flipped
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 
@@ -43,7 +43,7 @@ def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
 def problem(times, observations, depths=None):
     keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / 3.0)
     contacts = np.zeros((len(times), 2), dtype=bool)
-    return KeypointProblem(SKELETON, keypoints, times, Loss("huber", 3.0), Smoothness(), contacts, depths=depths)
+    return PoseProblem(SKELETON, keypoints, times, Loss("huber", 3.0), Smoothness(), contacts, depths=depths)
 
 
 def test_the_true_pose_has_no_depth_cost_at_any_scale_of_the_landmarks():
@@ -68,7 +68,7 @@ def test_cost_gradient_and_curvature_equal_those_in_numpy():
     cost, gradient, normal = 0.0, np.zeros_like(poses), np.zeros((poses.size, poses.size))
     for t, frame in enumerate(observations):
         residual = depth_residual(SKELETON, frame.keypoints[0], BONES, SIGMA_M)
-        values, rows = robust(residual, Loss("huber", DEPTH_LOSS_SCALE))(poses[t])
+        values, rows = robust(residual, DEPTH_SIGN_LOSS)(poses[t])
         cost, gradient[t], block = cost + 0.5 * values @ values, rows.T @ values, slice(25 * t, 25 * t + 25)
         normal[block, block] = rows.T @ rows
     assert cost > 5.0

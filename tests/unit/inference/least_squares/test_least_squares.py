@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from least_squares_scenes import EVERY_JOINT, WALKER, decoder, joint_residuals, walk
 
+from tests.oracles.smooth_poses import joint_residual
 from workbench.body.kinematics import joints
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
@@ -15,7 +16,6 @@ from workbench.inference.least_squares.motion.frame_by_frame import fit_poses, p
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import fit_from, fit_sequence, restart
 from workbench.inference.least_squares.motion.shared_errors import SharedErrors
-from workbench.inference.least_squares.solver.residuals import joint_residual
 from workbench.inference.least_squares.solver.single_frame import FitData, PoseDecoder
 
 ROBUST = Loss("geman_mcclure", 3.0)

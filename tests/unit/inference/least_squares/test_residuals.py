@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
+from tests.oracles.smooth_poses import balance_residual, gaussian_residual, ground_residual, nominal_pose_residual
 from workbench.body.kinematics import joints
 from workbench.core.pose_prior import PosePrior
 from workbench.inference.least_squares.motion.smooth_fit import pose_prior_gaussians
-from workbench.inference.least_squares.solver.residuals import (
-    balance_residual,
-    centre_of_mass,
-    gaussian_residual,
-    ground_residual,
-    nominal_pose_residual,
-)
+from workbench.inference.least_squares.solver.residuals import centre_of_mass
 from workbench.inference.least_squares.video.limb_flips import FLIP_SIGMA_M, LIMBS, flip_intervals, flipped
 
 SKELETON = BODY.skeleton

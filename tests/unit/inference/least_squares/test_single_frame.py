@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_residuals, walk
 
+from tests.oracles.smooth_poses import joint_residual
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
-from workbench.core.prior import Smoothness
 from workbench.core.losses import Loss
+from workbench.core.prior import Smoothness
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
 from workbench.inference.least_squares.motion.first_frame import roots_from_points
 from workbench.inference.least_squares.motion.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder, follow, global_motion
 from workbench.inference.least_squares.motion.phase_grid import best_lines, find_phase
-from workbench.inference.least_squares.solver.residuals import joint_residual
 from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.utils.errors import InputError
 

@@ -13,17 +13,17 @@ from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
+from workbench.core.losses import Loss
 from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness
-from workbench.core.losses import Loss
 from workbench.core.residual import robust
 from workbench.inference.initialization.limb_lengths import LENGTHS, fit_lengths, of_keypoints, shape_of
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame
-from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
 from workbench.inference.least_squares.solver.residuals import views_residual
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 
@@ -104,7 +104,8 @@ def test_the_gradient_of_a_smooth_fit_equals_finite_differences():
     observations = observed(SKELETON, frames(SKELETON, times, poses, sigma_px=4.0))
     residuals = [views_residual(SKELETON, frame.keypoints, 3.0) for frame in observations]
     loss, contacts = Loss("geman_mcclure", 1.5), np.zeros((3, 2), dtype=bool)
-    problem = ResidualProblem(SKELETON, residuals, times, loss, Smoothness(), contacts)
+    options = (times, loss, Smoothness(), contacts)
+    problem = PoseProblem(SKELETON, KeypointArrays.none(3), *options, residual_functions=residuals)
     x = (poses + 0.03).ravel()
     x[SKELETON.dof("left_knee_flexion")] = -0.3
     steps = 1e-6 * np.eye(len(x))[::2]

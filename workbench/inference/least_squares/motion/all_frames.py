@@ -10,8 +10,8 @@ import scipy
 from tqdm import tqdm
 
 from workbench.body.skeleton import N_ROOT
-from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.losses import Loss
+from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import ResidualFunction
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.shared_errors import SharedErrors
@@ -26,19 +26,16 @@ N_LOCAL = 1 + N_ROOT
 """Unknowns of each single frame: phase and root."""
 Row: TypeAlias = tuple[IntArray, FloatArray]
 """Columns and values of one row of R."""
-FramePairResidual: TypeAlias = ResidualFunction
-"""Whitened residuals, as of `core.residual.robust`, of two consecutive poses (2 P,), with their Jacobian (K, 2 P)."""
 
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """F = Σ_t Σ_k ρ(r_tk) + ½ |R x|² + ½ Σ s² over unknowns x (n,): paper D, eq. 11, plus a regularisation R and
-    residuals s of consecutive poses.
+    """F = Σ_t Σ_k ρ(r_tk) + ½ |R x|² over unknowns x (n,): paper D, eq. 11, plus a regularisation R.
 
     residuals: one function per frame. columns: (T, D) indices of the unknowns in each frame's state {α, μ, root};
-    frames of one style share those of α. penalty: (m, n) R. pattern: sparsity of the normal equations. pair_residuals:
-    number of the first frame and residual of it and the next. Flat indices in the pattern: `frame_indices` (T, D, D) of
-    the frames' blocks, `penalty_indices` of `penalty_entries`, those of RᵀR, and `pair_indices` (K, 2 D, 2 D).
+    frames of one style share those of α. penalty: (m, n) R. pattern: sparsity of the normal equations. Flat
+    indices in the pattern: `frame_indices` (T, D, D) of the frames' blocks, and `penalty_indices` of `penalty_entries`,
+    those of RᵀR.
     """
 
     decoder: Decoder
@@ -50,13 +47,10 @@ class FitProblem:
     frame_indices: IntArray
     penalty_indices: IntArray
     penalty_entries: FloatArray
-    pair_residuals: Sequence[tuple[int, FramePairResidual]]
-    pair_indices: IntArray
 
     @staticmethod
     def of(
-        decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int,
-        pair_residuals: Sequence[tuple[int, FramePairResidual]] = (),
+        decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int
     ) -> "FitProblem":  # fmt: skip
         """Return the problem with the penalty of `rows`; the last n_border unknowns are shared by all frames."""
         n = int(columns.max()) + 1
@@ -66,17 +60,13 @@ class FitProblem:
         penalty = scipy.sparse.csr_array((values, (row_indices, at)), shape=(len(rows), n))
         square = (penalty.T @ penalty).tocoo()
         i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        first = np.array([t for t, _ in pair_residuals], dtype=np.intp)
-        pairs = np.hstack([columns[first], columns[first + 1]])
-        k, m = np.broadcast_arrays(pairs[:, :, None], pairs[:, None, :])
-        all_rows = np.concatenate([i.ravel(), square.row, k.ravel()])
-        all_columns = np.concatenate([j.ravel(), square.col, m.ravel()])
+        all_rows = np.concatenate([i.ravel(), square.row])
+        all_columns = np.concatenate([j.ravel(), square.col])
         banded = (all_rows < n - n_border) & (all_columns < n - n_border)
         pattern = Pattern(n - n_border, n_border, int(np.abs(all_rows - all_columns)[banded].max()))
         return FitProblem(
             decoder, data.residuals, data.loss, columns, penalty, pattern,
-            pattern.flat_index(i, j), pattern.flat_index(square.row, square.col), square.data, pair_residuals,
-            pattern.flat_index(k, m),
+            pattern.flat_index(i, j), pattern.flat_index(square.row, square.col), square.data,
         )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
@@ -96,27 +86,14 @@ class FitProblem:
             # the product of a matrix with its own transpose takes half the work
             gradients[t], blocks[t] = jacobian.T @ (size * residuals), jacobian.T @ jacobian
             cost += float(rho.sum())
-        diagonals, pair_blocks = np.diagonal(blocks, axis1=1, axis2=2).copy(), np.empty(self.pair_indices.shape)
-        for k, (t, pair_residual) in enumerate(self.pair_residuals):
-            residuals, jacobian = pair_residual(poses[t : t + 2].ravel())
-            jacobian = np.hstack([half @ decoding[t + n] for n, half in enumerate(np.hsplit(jacobian, 2))])
-            pair_blocks[k] = jacobian.T @ jacobian
-            gradients[t : t + 2] += (jacobian.T @ residuals).reshape(2, -1)
-            diagonals[t : t + 2] += np.diagonal(pair_blocks[k]).reshape(2, -1)
-            cost += 0.5 * float(residuals @ residuals)
         penalty_values = self.penalty @ x
         gradient = np.bincount(self.columns.ravel(), gradients.ravel()) + self.penalty.T @ penalty_values
-        cells = np.concatenate([self.frame_indices.ravel(), self.penalty_indices, self.pair_indices.ravel()])
-        normal = self.pattern.assemble(
-            cells, np.concatenate([blocks.ravel(), self.penalty_entries, pair_blocks.ravel()])
-        )
-        damping_diagonal = np.bincount(self.columns.ravel(), diagonals.ravel())
-        return Quadratic(
-            cost + 0.5 * float(penalty_values @ penalty_values),
-            gradient,
-            normal,
-            np.asarray(damping_diagonal, dtype=np.float64),
-        )
+        cells = np.concatenate([self.frame_indices.ravel(), self.penalty_indices])
+        normal = self.pattern.assemble(cells, np.concatenate([blocks.ravel(), self.penalty_entries]))
+        diagonals = np.diagonal(blocks, axis1=1, axis2=2).ravel()
+        damping_diagonal = np.asarray(np.bincount(self.columns.ravel(), diagonals), dtype=np.float64)
+        cost += 0.5 * float(penalty_values @ penalty_values)
+        return Quadratic(cost, gradient, normal, damping_diagonal)
 
 
 def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int, plain: bool = False) -> FitProblem:

@@ -7,8 +7,8 @@ import numpy as np
 from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.losses import POINT_LOSS, SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, observed_kinds
-from workbench.core.losses import Loss
 from workbench.core.residual import ResidualFunction, stacked, surface_residual
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.phase_grid import N_FRAMES, N_PHASES
@@ -16,7 +16,6 @@ from workbench.inference.least_squares.motion.task import Task
 from workbench.inference.least_squares.solver.residuals import views_residual
 from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.inference.least_squares.video.hypotheses import (
-    KEYPOINT_LOSS,
     N_HEADINGS,
     enough_keypoints,
     first_keypoints,
@@ -29,9 +28,7 @@ from workbench.utils.errors import InputError
 START_POINTS = 150
 """Points per frame in the initial search, at a regular stride; more only cost time."""
 START_SIGMA_M = 0.02
-START_LOSS = Loss("geman_mcclure", 1.5)
-"""The initial search uses distances with this standard deviation and loss, because the field vanishes far from the
-body."""
+"""The initial search uses distances with this standard deviation, because the field vanishes far from the body."""
 MIN_TRAVEL_M = 0.1
 """Smallest displacement over the first frames that determines the heading."""
 N_SELECTED = 2
@@ -40,7 +37,7 @@ _MIN_HEADING_GAP_RAD = np.pi / 4.0  # between two selected roots
 
 def coarse_data(task: Task) -> FitData:
     """Return the residuals of the initial search: a subset of the points, and keypoints where a view has enough."""
-    loss = START_LOSS if "points" in observed_kinds(task.observations) else KEYPOINT_LOSS
+    loss = POINT_LOSS if "points" in observed_kinds(task.observations) else SEARCH_LOSS
     return FitData([_coarse_residual(task, frame) for frame in task.observations], task.times_s, loss, task.smoothness)
 
 
@@ -80,7 +77,7 @@ def likely_roots(decoder: MotionDecoder, views: Sequence[Keypoints], residual: R
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
         for root in upright_roots(decoder.skeleton, views, pose):
             guess = np.concatenate([root, pose[N_ROOT:]])
-            fits.append(fit_frame(free, residual, KEYPOINT_LOSS, guess, free=columns, max_iterations=8, tolerance=1e-2))
+            fits.append(fit_frame(free, residual, SEARCH_LOSS, guess, free=columns, max_iterations=8, tolerance=1e-2))
     selected: list[FloatArray] = []
     for fit in sorted(fits, key=lambda fit: fit.costs[-1]):
         root = fit.x[:N_ROOT]

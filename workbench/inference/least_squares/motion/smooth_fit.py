@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy
@@ -12,39 +12,34 @@ from tqdm import tqdm
 from workbench.body.camera import Camera
 from workbench.body.skeleton import Skeleton
 from workbench.core.capabilities import Traits, component_traits
+from workbench.core.losses import SEARCH_LOSS, Loss
 from workbench.core.observations import Keypoints, Observed, observed_kinds
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import REFERENCE_RATE_HZ, MotionModel, Smoothness
-from workbench.core.losses import Loss
 from workbench.core.residual import KeypointResiduals
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.motion.first_frame import first_pose
-from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
 from workbench.inference.least_squares.motion.task import Fit, Task
 from workbench.inference.least_squares.solver.residuals import nominal_pose_prior
 from workbench.inference.least_squares.solver.single_frame import PoseDecoder, select_spaced
-from workbench.inference.least_squares.solver.sparse_solver import Minimum, Quadratic, minimise
+from workbench.inference.least_squares.solver.sparse_solver import Minimum, minimise
 from workbench.inference.least_squares.video.detector_errors import detector_covariances
 from workbench.inference.least_squares.video.foot_contact import detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.video.hypotheses import (
-    KEYPOINT_LOSS,
     distinct_poses,
     first_keypoints,
     upright_poses,
 )
-from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem
 from workbench.inference.least_squares.video.landmark_depths import DepthArrays
 from workbench.inference.least_squares.video.limb_flips import flip_limbs
-from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
+from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
 
 log = logging.getLogger(__name__)
 
-SEARCH_LOSS = Loss("huber", 3.0)
-LEANING_SIGMA_RAD = np.inf
-"""Standard deviation of an additional residual of pitch and roll; infinite, because the pose prior includes them."""
 POSE_PRIOR_POWER, EM_ROUNDS = 0.2, 2
 """Power of the pose prior, below 1 because neighbouring frames are dependent, chosen on clips.split=validation of
 experiment=held_out_subjects with detected joints; and the number of expectation-maximisation iterations."""
@@ -55,22 +50,6 @@ MIN_START_SEPARATION_M = 0.1
 """Smallest mean distance of joints between two initial poses."""
 _MIN_SEARCH_GAIN = 0.1
 """Nats: predicted decrease at which the search ends."""
-
-
-class SmoothProblem(Protocol):
-    """Problem of the poses of T frames under a smoothness prior: `KeypointProblem` or `ResidualProblem`, which have
-    these fields."""
-
-    @property
-    def skeleton(self) -> Skeleton: ...
-    @property
-    def times_s(self) -> FloatArray: ...
-    @property
-    def foot_contacts(self) -> BoolArray: ...
-    def select_frames(self, frames: IntArray) -> "SmoothProblem": ...
-    def expand(self, x: FloatArray) -> Quadratic: ...
-    def fit_sequentially(self, start: FloatArray) -> FloatArray: ...
-    def inliers(self, poses: FloatArray) -> FloatArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +92,14 @@ class SmoothFit:
             timing_s={"least_squares": working_s() - clock},
         )  # fmt: skip
 
-    def _problem(self, task: Task) -> KeypointProblem | ResidualProblem:
+    def _problem(self, task: Task) -> PoseProblem:
         likelihood, contacts = task.likelihood, detect_foot_contacts(task.skeleton, task.observations, task.times_s)
         rest = (task.times_s, likelihood.residual_loss, task.smoothness, contacts, self.ground_m)
         if observed_kinds(task.observations) == ("keypoints",) and isinstance(likelihood, KeypointResiduals):
             keypoints = KeypointArrays.of(task.observations, likelihood.whitening)
-            return KeypointProblem(task.skeleton, keypoints, *rest, depths=_depths(task))
-        return ResidualProblem(task.skeleton, task.data(LEANING_SIGMA_RAD).residuals, *rest)
+            return PoseProblem(task.skeleton, keypoints, *rest, depths=_depths(task))
+        functions = [likelihood.residual_function(frame) for frame in task.observations]
+        return PoseProblem(task.skeleton, KeypointArrays.none(len(functions)), *rest, residual_functions=functions)
 
 
 def _initial_candidates(task: Task, start: FloatArray | None) -> FloatArray:
@@ -142,22 +122,22 @@ def _depths(task: Task) -> DepthArrays | None:
 def keypoint_problem(
     skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray, sigma_px: float, loss: Loss,
     smoothness: Smoothness | None = None,
-) -> KeypointProblem:  # fmt: skip
+) -> PoseProblem:  # fmt: skip
     """Return the problem of T frames of keypoints with standard deviation sigma_px / √weight, px."""
     keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / sigma_px)
     foot_contacts = detect_foot_contacts(skeleton, observations, times_s)
-    return KeypointProblem(skeleton, keypoints, times_s, loss, smoothness or Smoothness(), foot_contacts)
+    return PoseProblem(skeleton, keypoints, times_s, loss, smoothness or Smoothness(), foot_contacts)
 
 
 def fit_smooth(
-    problem: KeypointProblem | ResidualProblem, observations: Sequence[Observed], starts: FloatArray,
+    problem: PoseProblem, observations: Sequence[Observed], starts: FloatArray,
     max_iterations: int, pose_prior: PosePrior | None = None, length_uncertainty: FloatArray | None = None,
     systematic_errors: bool = False,
 ) -> SmoothPoses:  # fmt: skip
     """Return poses (T, P) fitted to the observations of T frames, with covariances.
 
-    Minimises Σ_t Σ_k ρ(r_tk) + limits + pose prior + the smoothness's second differences, which is the smooth prior of
-    paper A (section 6.1) over all frames at once.
+    Minimises the objective of `PoseProblem`, whose smoothness is the smooth prior of paper A (section 6.1) over all
+    frames at once.
 
     1. Poses are fitted sequentially, at most REFERENCE_RATE_HZ a second, from each of `starts`, under a loss that does
        not redescend: with a redescending loss an arm lost in one frame would be an outlier in all following ones. The
@@ -173,9 +153,9 @@ def fit_smooth(
     starts : (n, P) candidate poses of the first frame.
     pose_prior : of the last numbers of a pose.
     length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
-        None. The covariances of a `KeypointProblem` include them: limbs that are all 5 % too long place the person 5 %
-        too far away, however many frames there are.
-    systematic_errors : whether the covariances of a `KeypointProblem` include `detector_covariances`.
+        None. The covariances of a fit to joints alone include them: limbs that are all 5 % too long place the person
+        5 % too far away, however many frames there are.
+    systematic_errors : whether the covariances of a fit to joints alone include `detector_covariances`.
 
     Raises
     ------
@@ -191,7 +171,7 @@ def fit_smooth(
         minimum = _fit_all(problem, _poses(minimum, poses), max_iterations)
     fit = SmoothPoses(_poses(minimum, poses), _covariances(minimum, len(poses)), minimum)
     result = fit if pose_prior is None else _fit_with_pose_prior(problem, fit, pose_prior, max_iterations)
-    if not isinstance(problem, KeypointProblem):
+    if problem.residual_functions:
         return result
     if length_uncertainty is not None:
         errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
@@ -201,9 +181,7 @@ def fit_smooth(
     return result
 
 
-def candidates(
-    problem: KeypointProblem | ResidualProblem, starts: FloatArray, max_iterations: int
-) -> list[tuple[FloatArray, float]]:
+def candidates(problem: PoseProblem, starts: FloatArray, max_iterations: int) -> list[tuple[FloatArray, float]]:
     """Return the poses (T, P) fitted from each of the poses `starts` (n, P), with their costs, the lowest first."""
     fits = []
     for start in starts:
@@ -220,7 +198,7 @@ def first_poses(
     depths by world landmarks if depth_sigma_m is set: minima from all headings, the best first."""
     poses = upright_poses(skeleton, views, nominal_pose_prior(skeleton).mean)
     copies = [Observed(np.empty((0, 3)), tuple(views))] * len(poses)
-    problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / REFERENCE_RATE_HZ, sigma_px, KEYPOINT_LOSS)
+    problem = keypoint_problem(skeleton, copies, np.arange(len(poses)) / REFERENCE_RATE_HZ, sigma_px, SEARCH_LOSS)
     if depth_sigma_m is not None and len(views) == 1:
         problem = replace(problem, depths=DepthArrays.of(skeleton, copies, depth_sigma_m))
     poses, costs = problem.fit_independently(poses)
@@ -234,14 +212,14 @@ def _single_camera(observations: Sequence[Observed]) -> Camera | None:
 
 
 def _initial_poses(
-    problem: KeypointProblem | ResidualProblem, observations: Sequence[Observed], starts: FloatArray,
+    problem: PoseProblem, observations: Sequence[Observed], starts: FloatArray,
     single_camera: Camera | None, max_iterations: int,
 ) -> FloatArray:  # fmt: skip
     """Return poses (T, P) fitted from the best of `starts` (n, P), with flipped limbs if there is a single camera."""
     frames = select_spaced((bool(observed_kinds([frame])) for frame in observations), problem.times_s)
     spaced_problem = replace(problem, loss=SEARCH_LOSS).select_frames(frames)
     poses, _ = candidates(spaced_problem, starts, max_iterations)[0]
-    if single_camera is not None and isinstance(spaced_problem, KeypointProblem):
+    if single_camera is not None and not spaced_problem.residual_functions:
         poses = _poses(_fit_all(spaced_problem, poses, max_iterations, tolerance=0.0), poses)
         poses = flip_limbs(spaced_problem, single_camera, poses)
     if len(poses) == 1:
@@ -250,7 +228,7 @@ def _initial_poses(
 
 
 def _fit_with_pose_prior(
-    problem: KeypointProblem | ResidualProblem, previous: SmoothPoses, pose_prior: PosePrior, max_iterations: int
+    problem: PoseProblem, previous: SmoothPoses, pose_prior: PosePrior, max_iterations: int
 ) -> SmoothPoses:
     """Return the poses fitted with the pose prior, by EM_ROUNDS iterations of expectation maximisation.
 
@@ -279,7 +257,7 @@ def pose_prior_gaussians(
     return means, precisions
 
 
-def _fit_all(problem: SmoothProblem, poses: FloatArray, max_iterations: int, tolerance: float = 1e-4) -> Minimum:
+def _fit_all(problem: PoseProblem, poses: FloatArray, max_iterations: int, tolerance: float = 1e-4) -> Minimum:
     """Return the minimum over all frames, searched from poses (T, P)."""
     with tqdm(total=max_iterations, desc="least squares", unit="step", disable=None, leave=False) as bar:
 

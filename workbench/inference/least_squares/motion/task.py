@@ -15,7 +15,7 @@ from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.solver.residuals import upright_residual
-from workbench.inference.least_squares.solver.single_frame import Decoder, FitData
+from workbench.inference.least_squares.solver.single_frame import Decoder, FitData, inlier_fractions
 from workbench.utils.arrays import FloatArray
 
 
@@ -113,10 +113,10 @@ def fit_of(
 ) -> Fit:  # fmt: skip
     """Return the fit of states (T, D) with marginal covariances (T, D, D), decoded to poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
-    within = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
+    residuals = (residual(pose)[0] for residual, pose in zip(data.residuals, poses, strict=True))
     return Fit(
         space=decoder.space, poses=poses, covariance=jacobian @ covariances @ jacobian.transpose(0, 2, 1),
         states=states, state_covariance=covariances, pose_jacobian=jacobian,
-        inliers=np.array([hits.mean() if len(hits) else np.nan for hits in within]),
+        inliers=inlier_fractions(residuals, data.loss),
         iterations=iterations, costs=costs,
     )  # fmt: skip

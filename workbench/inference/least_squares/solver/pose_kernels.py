@@ -1,4 +1,4 @@
-"""Kernels of `keypoint_problem`: cost, gradient and Gauss–Newton blocks of poses observed as 2-D joints.
+"""Kernels of `pose_problem`: cost, gradient and Gauss–Newton blocks of poses observed as 2-D joints.
 
 Every frame's terms sum, joint by joint, to a vector m (3,) and a matrix M (3, 3): Σ s g and Σ c s sᵀ over the residuals
 r of the joint in all views, with s = ∂r/∂x, and the loss's gradient g and curvature c. Then, once per joint with its
@@ -14,7 +14,7 @@ Kernels take `terms`, a tuple of tuples, for J joints, P degrees of freedom, T f
 - prior: lower (P,), upper (P,), limit weight (1,), mean (1 or T, P), precision (1 or T, P, P) of the pose;
 - targets: joints (A,), their target positions (T, A, 3) m, weight (1,) 1/m²;
 - depths: first (T + 1,) bone of each frame, ends (K, 2) joints, directions (K, 3), whitening (K,) 1/m, see
-  `landmark_depths`, and the scale (1,) of their Huber loss;
+  `landmark_depths`;
 - stance: masses (J,), feet (2,) the ankles, or -1 without, balance (3,) forward m, left m, 1/m, ground (2,) m and 1/m,
   NaN height if unknown.
 """
@@ -24,13 +24,30 @@ from typing import Any
 import numpy as np
 
 from workbench.body.kinematics import _axis_rotation
+from workbench.core.losses import (
+    BALANCE_LOSS,
+    DEPTH_SIGN_LOSS,
+    FOOT_DRIFT_LOSS,
+    GROUND_LOSS,
+    LOSSES,
+    Loss,
+    rho_and_weight,
+)
 from workbench.utils.kernel_cache import kernel
 
-SQUARED, HUBER, GEMAN_MCCLURE = 0, 1, 2
 BEHIND = 1e3
 """Residual of a keypoint whose joint is behind the camera, in standard deviations."""
 _MIN_DEPTH_M = 1e-6
 _FIRST_DAMPING, _MAX_DAMPING = 1e-3, 1e12
+
+
+def _code_and_scale(loss: Loss) -> tuple[int, float]:
+    """Return a loss as the kernels' constants."""
+    return LOSSES[loss.name], float(loss.scale)
+
+
+_BALANCE, _GROUND = _code_and_scale(BALANCE_LOSS), _code_and_scale(GROUND_LOSS)
+_FOOT_DRIFT, _DEPTH_SIGN = _code_and_scale(FOOT_DRIFT_LOSS), _code_and_scale(DEPTH_SIGN_LOSS)
 
 _inner = kernel(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of functions called by kernels only, which halves their compile time."""
@@ -39,15 +56,7 @@ _inner = kernel(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 @_inner
 def robust_terms(r: Any, loss: Any, scale: Any) -> Any:
     """Return ρ(r), its derivative and the curvature (w r)² / (2 ρ) of the residual of `core.residual.robust`."""
-    z = r / scale
-    if loss == HUBER:
-        size = abs(z)
-        rho, w = (0.5 * z * z, 1.0) if size <= 1.0 else (size - 0.5, 1.0 / size)
-    elif loss == GEMAN_MCCLURE:
-        reciprocal = 1.0 / (1.0 + z * z)
-        rho, w = 0.5 * (1.0 - reciprocal), reciprocal * reciprocal
-    else:
-        rho, w = 0.5 * z * z, 1.0
+    rho, w = rho_and_weight(r / scale, loss)
     rho *= scale * scale
     return rho, w * r, (w * r) ** 2 / (2.0 * rho) if rho > 0.0 else 1.0
 
@@ -214,9 +223,9 @@ def _add_pose_prior(t: Any, pose: Any, prior: Any, gradient: Any, block: Any) ->
 
 
 @_inner
-def _add_row(residual: Any, row: Any, loss: Any, scale: Any, gradient: Any, block: Any) -> Any:
-    """Add one residual with its Jacobian row (P,); return its cost."""
-    rho, derivative, curvature = robust_terms(residual, loss, scale)
+def _add_row(residual: Any, row: Any, loss: Any, gradient: Any, block: Any) -> Any:
+    """Add one residual with its Jacobian row (P,) under a loss, its code and scale; return its cost."""
+    rho, derivative, curvature = robust_terms(residual, loss[0], loss[1])
     for p in range(len(row)):
         if row[p] != 0.0:
             gradient[p] += derivative * row[p]
@@ -229,7 +238,11 @@ def _add_row(residual: Any, row: Any, loss: Any, scale: Any, gradient: Any, bloc
 def _add_stance(
     pose: Any, stance: Any, chain: Any, positions: Any, axes: Any, rows: Any, gradient: Any, block: Any
 ) -> Any:
-    """Add balance and the height of the lower foot, see `balance_residual` and `ground_residual`; return their cost."""
+    """Add balance and the height of the lower foot; return their cost.
+
+    The residuals of balance are the offset of the centre of mass from the line between the ankles, forward and to the
+    left of the heading, less its nominal value. That of the ground is the height of the lower ankle above it.
+    """
     masses, feet, balance, ground = stance
     if feet[0] < 0:
         return 0.0
@@ -270,14 +283,16 @@ def _add_stance(
         forward_row[p], left_row[p] = balance[2] * (cos * e_x + sin * e_y), balance[2] * (cos * e_y - sin * e_x)
     forward_row[3] += balance[2] * (cos * error_y - sin * error_x)
     left_row[3] += balance[2] * (-cos * error_x - sin * error_y)
-    cost = _add_row((cos * error_x + sin * error_y - balance[0]) * balance[2], forward_row, HUBER, 1.0, gradient, block)
-    cost += _add_row((cos * error_y - sin * error_x - balance[1]) * balance[2], left_row, HUBER, 1.0, gradient, block)
+    forward = (cos * error_x + sin * error_y - balance[0]) * balance[2]
+    leftward = (cos * error_y - sin * error_x - balance[1]) * balance[2]
+    cost = _add_row(forward, forward_row, _BALANCE, gradient, block)
+    cost += _add_row(leftward, left_row, _BALANCE, gradient, block)
     if np.isfinite(ground[0]):
         foot = 1 if left[2] <= right[2] else 2
         residual = (min(left[2], right[2]) - ground[0]) * ground[1]
         for p in range(n):
             left_row[p] = ground[1] * jacobians[foot, 2, p]
-        cost += _add_row(residual, left_row, HUBER, 2.0, gradient, block)
+        cost += _add_row(residual, left_row, _GROUND, gradient, block)
     return cost
 
 
@@ -286,7 +301,7 @@ def _add_depths(
     t: Any, depths: Any, chain: Any, positions: Any, axes: Any, rows: Any, gradient: Any, block: Any
 ) -> Any:  # fmt: skip
     """Add frame t's bones that point against their depth's sign; return their cost."""
-    first, ends, directions, whitening, scale = depths
+    first, ends, directions, whitening = depths
     movers, n_movers, cost, row = chain[4], chain[5], 0.0, np.empty(len(gradient))
     for k in range(first[t], first[t + 1]):
         row[:] = 0.0
@@ -299,7 +314,7 @@ def _add_depths(
                 for i in range(n_movers[end]):
                     row[movers[end, i]] += whitening[k] * component * rows[i, a]
         if residual < 0.0:
-            cost += _add_row(whitening[k] * residual, row, HUBER, scale[0], gradient, block)
+            cost += _add_row(whitening[k] * residual, row, _DEPTH_SIGN, gradient, block)
     return cost
 
 
@@ -354,12 +369,12 @@ def expand_frames(
 
 @kernel()
 def add_foot_contacts(
-    first: Any, frames: Any, joints: Any, whitening: Any, scale: Any, chain: Any, positions: Any, axes: Any,
+    first: Any, frames: Any, joints: Any, whitening: Any, chain: Any, positions: Any, axes: Any,
     gradients: Any, blocks: Any, couplings: Any,
 ) -> Any:  # fmt: skip
     """Add foot contacts of joints (K,) from each of frames (K,) to the next: three residuals whitening (K,) · (x' − x)
-    under Huber's loss; return the cost. positions (n, J, 3) and axes (n, P, 3) begin with frame `first`. couplings: (n,
-    P, P), row of the next frame and column of this one, is added to."""
+    under the loss of a foot's drift; return the cost. positions (n, J, 3) and axes (n, P, 3) begin with frame `first`.
+    couplings: (n, P, P), row of the next frame and column of this one, is added to."""
     movers, n_movers, cost = chain[4], chain[5], 0.0
     before, after = np.empty((chain[4].shape[1], 3)), np.empty((chain[4].shape[1], 3))
     for k in range(len(frames)):
@@ -368,7 +383,7 @@ def add_foot_contacts(
         joint_rows(j, chain, positions[i + 1], axes[i + 1], after)
         for a in range(3):
             drift = whitening[k] * (positions[i + 1, j, a] - positions[i, j, a])
-            rho, derivative, curvature = robust_terms(drift, HUBER, scale)
+            rho, derivative, curvature = robust_terms(drift, _FOOT_DRIFT[0], _FOOT_DRIFT[1])
             cost += rho
             derivative, curvature = derivative * whitening[k], curvature * whitening[k] ** 2
             for m in range(n_movers[j]):
@@ -387,7 +402,7 @@ def add_foot_contacts(
 @kernel()
 def fill_band(blocks: Any, couplings: Any, band: Any, weights: Any, cells: Any) -> None:
     """Write the lower band (2 P + 1, n P) of blocks (n, P, P), of the couplings (n, P, P) of each frame with the next,
-    and of the second differences: band (n, 3), see `KeypointProblem`, times weights (P,) of each degree of freedom."""
+    and of the second differences: band (n, 3), see `PoseProblem`, times weights (P,) of each degree of freedom."""
     n, size = len(blocks), len(weights)
     for t in range(n):
         for q in range(size):

@@ -10,12 +10,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.core.observations import Keypoints
-from workbench.core.residual import ResidualFunction, keypoint_residual, no_residuals, stacked
+from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
 from workbench.inference.least_squares.solver.single_frame import GaussianPrior
-from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.arrays import FloatArray
 
 UPRIGHT = slice(4, 6)
 """Columns of pitch and roll in a pose."""
@@ -63,35 +62,11 @@ def views_residual(
     return stacked([*terms, upright_residual(skeleton, upright)])
 
 
-def joint_residual(skeleton: Skeleton, joints: IntArray, points: FloatArray, sigma_m: float) -> ResidualFunction:
-    """Return the residual of joints (K,) from 3-D points (K, 3), m; 3 K values."""
-    if not len(points):
-        return no_residuals
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        offsets = forward(skeleton, pose[None]).positions[0, joints] - points
-        jacobian = joint_jacobian(skeleton, pose[None])[0, joints]
-        return offsets.ravel() / sigma_m, jacobian.reshape(offsets.size, -1) / sigma_m
-
-    return residual
-
-
 def upright_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
     """Return the residual of the root's pitch and roll, which are small in standing, walking and running and poorly
     observed by one camera."""
     leaning = np.eye(len(skeleton.dof_names))[UPRIGHT] / sigma_rad
     return lambda pose: (leaning @ pose, leaning)
-
-
-def limit_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
-    """Return the residual of angles beyond the skeleton's limits; zero within them."""
-    lower, upper = skeleton.limits.T
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        beyond = pose - np.clip(pose, lower, upper)
-        return beyond / sigma_rad, np.diag(beyond != 0.0) / sigma_rad
-
-    return residual
 
 
 def nominal_pose_prior(skeleton: Skeleton) -> GaussianPrior:
@@ -100,59 +75,6 @@ def nominal_pose_prior(skeleton: Skeleton) -> GaussianPrior:
     mean, deviation = np.array([NOMINAL_RAD.get(name, DEFAULT_NOMINAL_RAD) for name in sides]).T
     mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
     return GaussianPrior.independent(mean, deviation)
-
-
-def nominal_pose_residual(skeleton: Skeleton) -> ResidualFunction:
-    """Return the residual of joint angles, pitch and roll from their nominal values."""
-    nominal = nominal_pose_prior(skeleton)
-    rows = nominal.whitening[UPRIGHT.start :]
-    return lambda pose: (rows @ (pose - nominal.mean), rows)
-
-
-def gaussian_residual(mean: FloatArray, precision: FloatArray) -> ResidualFunction:
-    """Return the residual of a pose under N(mean (P,), precision⁻¹ (P, P)); parameters of zero precision are free."""
-    rows = np.flatnonzero(np.diagonal(precision))
-    jacobian = np.zeros((len(rows), len(mean)))
-    jacobian[:, rows] = np.linalg.cholesky(precision[np.ix_(rows, rows)]).T
-    return lambda pose: (jacobian @ (pose - mean), jacobian)
-
-
-def balance_residual(skeleton: Skeleton) -> ResidualFunction:
-    """Return the residual of the centre of mass from its nominal position, a little ahead of the line between the
-    ankles."""
-    masses, left, right = centre_of_mass(skeleton), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        positions = forward(skeleton, pose[None]).positions[0, :, :2]
-        jacobian = joint_jacobian(skeleton, pose[None])[0, :, :2]
-        offset, d_offset = masses @ positions - positions[left], np.tensordot(masses, jacobian, 1) - jacobian[left]
-        stance, d_stance = positions[right] - positions[left], jacobian[right] - jacobian[left]
-        square = max(float(stance @ stance), 1e-9)
-        fraction = float(offset @ stance) / square  # of the ankle line, at the nearest point
-        d_fraction = (stance @ d_offset + (offset - 2.0 * fraction * stance) @ d_stance) / square
-        if not 0.0 < fraction < 1.0:
-            fraction, d_fraction = min(max(fraction, 0.0), 1.0), np.zeros(len(pose))
-        error, d_error = offset - fraction * stance, d_offset - fraction * d_stance - np.outer(stance, d_fraction)
-        cos, sin = np.cos(pose[3]), np.sin(pose[3])
-        to_heading = np.array([[cos, sin], [-sin, cos]])  # world axes to heading axes
-        slope = to_heading @ d_error
-        slope[:, 3] += np.array([[-sin, cos], [-cos, -sin]]) @ error
-        return (to_heading @ error - BALANCE_M) / BALANCE_SIGMA_M, slope / BALANCE_SIGMA_M
-
-    return residual
-
-
-def ground_residual(skeleton: Skeleton, ground_m: float) -> ResidualFunction:
-    """Return the residual of the lower ankle's height from `ground_m`, that of a standing person's ankles, m."""
-    ankles = np.array([skeleton.joint("left_ankle"), skeleton.joint("right_ankle")])
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        heights = forward(skeleton, pose[None]).positions[0, ankles, 2]
-        lower = ankles[int(np.argmin(heights))]
-        slope = joint_jacobian(skeleton, pose[None])[0, lower, 2:]
-        return (heights.min(keepdims=True) - ground_m) / GROUND_SIGMA_M, slope / GROUND_SIGMA_M
-
-    return residual
 
 
 def centre_of_mass(skeleton: Skeleton) -> FloatArray:

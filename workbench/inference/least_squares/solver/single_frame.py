@@ -1,4 +1,4 @@
-"""Least squares of one frame: decoders from unknowns to poses, and sequential fits of frames."""
+"""Least squares of one frame, and the data and decoders that it shares with fits of all frames."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.losses import Loss
+from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.core.residual import ResidualFunction, scaled
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.solver.sparse_solver import Minimum, Pattern, Quadratic, minimise
@@ -38,6 +38,12 @@ class FitData:
     def select_spaced(self, visible: Iterable[bool]) -> "FitData":
         """Return the data of the `visible` (T,) frames that are at least 1 / REFERENCE_RATE_HZ apart."""
         return self.select_frames(select_spaced(visible, self.times_s))
+
+
+def inlier_fractions(residuals: Iterable[FloatArray], loss: Loss) -> FloatArray:
+    """Return the fraction (T,) of each frame's residuals within the loss's scale; NaN in a frame without any."""
+    within = [np.abs(values) < loss.scale for values in residuals]
+    return np.array([hits.mean() if len(hits) else np.nan for hits in within])
 
 
 def select_spaced(visible: Iterable[bool], times_s: FloatArray) -> IntArray:

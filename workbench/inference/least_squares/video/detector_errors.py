@@ -13,7 +13,7 @@ import numpy as np
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
 from workbench.inference.least_squares.solver.sparse_solver import Factor
-from workbench.inference.least_squares.video.keypoint_problem import KeypointProblem
+from workbench.inference.least_squares.video.pose_problem import PoseProblem
 from workbench.inference.least_squares.video.systematic_errors import integrated_autocorrelation
 from workbench.utils.arrays import FloatArray, IntArray
 
@@ -29,7 +29,7 @@ _ROBUST_STD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
-def detector_covariances(problem: KeypointProblem, poses: FloatArray) -> FloatArray:
+def detector_covariances(problem: PoseProblem, poses: FloatArray) -> FloatArray:
     """Return the covariances (T, P, P) that a detector's errors add to those of independent errors, at the minimum
     `poses` (T, P) of the problem.
 
@@ -53,7 +53,7 @@ def offset_std(skeleton: Skeleton) -> FloatArray:
     return np.where(at_end, EXTREMITY_OFFSET_STD_M, OFFSET_STD_M)
 
 
-def offset_sensitivity(problem: KeypointProblem, factor: Factor, poses: FloatArray) -> FloatArray:
+def offset_sensitivity(problem: PoseProblem, factor: Factor, poses: FloatArray) -> FloatArray:
     """Return the error (T, P, 3 J) of fitted poses (T, P) for one standard deviation of each joint's definition along
     each axis of its parent's frame, in which it is constant, since landmarks are defined on bones.
 
@@ -70,7 +70,7 @@ def offset_sensitivity(problem: KeypointProblem, factor: Factor, poses: FloatArr
     return factor.solve(right.reshape(poses.size, -1)).reshape(*poses.shape, -1)
 
 
-def camera_sensitivity(problem: KeypointProblem, factor: Factor, poses: FloatArray) -> FloatArray:
+def camera_sensitivity(problem: PoseProblem, factor: Factor, poses: FloatArray) -> FloatArray:
     """Return the error (T, P, 2 C) of fitted poses (T, P) for one standard deviation of each camera's displacement
     along each axis of its image.
 
@@ -98,7 +98,7 @@ def camera_sensitivity(problem: KeypointProblem, factor: Factor, poses: FloatArr
     return factor.solve(np.stack(changes, axis=1)).reshape(*poses.shape, -1)
 
 
-def noise_scales(problem: KeypointProblem, poses: FloatArray) -> FloatArray:
+def noise_scales(problem: PoseProblem, poses: FloatArray) -> FloatArray:
     """Return the factors (K,) of the keypoints' standard deviations that make their information that of as many
     independent errors, estimated from the residuals at poses (T, P).
 

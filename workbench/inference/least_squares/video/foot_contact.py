@@ -9,12 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.body.kinematics import joint_jacobian, joints
+from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed, person_px
-from workbench.core.losses import Loss
-from workbench.core.residual import robust
-from workbench.inference.least_squares.motion.all_frames import FramePairResidual
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 ANKLES = ("left_ankle", "right_ankle")
@@ -31,8 +28,6 @@ DRIFT_M = 0.013
 activities in the CMU and Bandai recordings, over 0.07 to 0.5 s."""
 MAX_PAIR_S = 0.5
 """Longest time between two frames of one contact."""
-DRIFT_LOSS = Loss("huber", 2.0)
-"""Robust, because a foot that moves straight towards the camera also seems at rest."""
 
 
 def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray) -> BoolArray:
@@ -61,17 +56,6 @@ def image_speeds(positions: FloatArray, times_s: FloatArray) -> FloatArray:
             offsets = times_s[nearby] - times_s[nearby].mean()
             speeds[t] = np.linalg.norm(offsets @ positions[nearby]) / (offsets @ offsets)
     return speeds
-
-
-def foot_contact_constraints(
-    skeleton: Skeleton, foot_contacts: BoolArray, times_s: FloatArray
-) -> list[tuple[int, FramePairResidual]]:
-    """Return a residual of the ankle's displacement for every contact (T, 2) that lasts from one frame to the next,
-    with the number of the first frame."""
-    return [
-        (int(t), _drift_residual(skeleton, skeleton.joint(ANKLES[k]), DRIFT_M * np.sqrt(times_s[t + 1] - times_s[t])))
-        for t, k in contact_pairs(foot_contacts, times_s)
-    ]
 
 
 def contact_pairs(foot_contacts: BoolArray, times_s: FloatArray) -> IntArray:
@@ -103,15 +87,3 @@ def _joint_track(views: Sequence[Keypoints | None], skeleton: Skeleton, joint: s
         if view is not None and joint in skeleton.names and (rows := view.joints == skeleton.joint(joint)).any():
             positions[t] = view.detections[rows][0, :2]
     return positions
-
-
-def _drift_residual(skeleton: Skeleton, joint: int, sigma_m: float) -> FramePairResidual:
-    """Return the residual of a joint's displacement from one pose to the next, with standard deviation sigma_m along
-    each axis."""
-
-    def drift(pair: FloatArray) -> tuple[FloatArray, FloatArray]:
-        poses = pair.reshape(2, -1)
-        positions, jacobian = joints(skeleton, poses)[:, joint], joint_jacobian(skeleton, poses)[:, joint]
-        return (positions[1] - positions[0]) / sigma_m, np.hstack([-jacobian[0], jacobian[1]]) / sigma_m
-
-    return robust(drift, DRIFT_LOSS)

@@ -6,8 +6,8 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.losses import SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed
-from workbench.core.losses import Loss
 from workbench.core.residual import ResidualFunction
 from workbench.inference.least_squares.solver.single_frame import GaussianPrior, PoseDecoder, fit_frame
 from workbench.utils.arrays import FloatArray
@@ -15,8 +15,6 @@ from workbench.utils.errors import InputError
 
 MIN_KEYPOINTS = 4
 """In one view of the first frame, to determine the six parameters of the root and a phase."""
-KEYPOINT_LOSS = Loss("huber", 3.0)
-"""Of the initial search by keypoints: not redescending, because the joint of a keypoint is certain."""
 N_HEADINGS = 8
 MIN_SEPARATION_M = 0.1
 
@@ -48,7 +46,7 @@ def likely_poses(
     prior: over poses, else over the lean only; angles without prior are regularised by the damping of the search.
     """
     upright = upright_poses(skeleton, views, np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean)
-    fits = [fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, pose, prior=prior) for pose in upright]
+    fits = [fit_frame(PoseDecoder(skeleton), residual, SEARCH_LOSS, pose, prior=prior) for pose in upright]
     fits.sort(key=lambda fit: fit.costs[-1])
     return distinct_poses(skeleton, np.array([fit.x for fit in fits]), max_poses, MIN_SEPARATION_M)
 

@@ -15,8 +15,6 @@ from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed
 from workbench.utils.arrays import FloatArray, IntArray
 
-DEPTH_LOSS_SCALE = 1.0
-"""Scale of Huber's loss, which bounds the influence of a bone whose sign is wrong."""
 MIN_DEPTH_M = 0.08
 """Depth by the landmarks below which a bone's sign is not used: about their standard deviation."""
 _SIDE_BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"), ("hip", "shoulder"))
@@ -84,7 +82,7 @@ class DepthArrays:
     @property
     def arrays(self) -> tuple[IntArray | FloatArray, ...]:
         """Return the arrays in the kernels' order."""
-        return self.first, self.ends, self.directions, self.whitening, np.array([DEPTH_LOSS_SCALE])
+        return self.first, self.ends, self.directions, self.whitening
 
 
 def _rows(view: Keypoints, lengths: dict[tuple[int, int], float], sigma_m: float) -> Iterator[_Row]:

@@ -16,7 +16,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.inference.least_squares.solver.sparse_solver import Minimum, Quadratic, minimise
-from workbench.inference.least_squares.video.keypoint_problem import KeypointProblem, reach_targets
+from workbench.inference.least_squares.video.pose_problem import PoseProblem, reach_targets
 from workbench.utils.arrays import FloatArray, IntArray
 
 LIMBS = tuple(
@@ -43,7 +43,7 @@ class FlipInterval(NamedTuple):
     last: int
 
 
-def flip_limbs(problem: KeypointProblem, camera: Camera, poses: FloatArray) -> FloatArray:
+def flip_limbs(problem: PoseProblem, camera: Camera, poses: FloatArray) -> FloatArray:
     """Return the poses (T, P) with those limbs flipped in depth that lower the cost.
 
     Each flip is fitted in a window, its interval with MARGIN frames on either side, with all other frames fixed, and
@@ -87,7 +87,7 @@ def flipped(skeleton: Skeleton, camera: Camera, poses: FloatArray, limb: IntArra
     return reach_targets(skeleton, poses, limb, targets, FLIP_SIGMA_M)
 
 
-def fit_window(problem: KeypointProblem, poses: FloatArray, window: slice) -> Minimum:
+def fit_window(problem: PoseProblem, poses: FloatArray, window: slice) -> Minimum:
     """Fit the frames of a window of poses (T, P), in place, with all others fixed; return the minimum."""
     window_poses = poses[window]
 
@@ -100,9 +100,7 @@ def fit_window(problem: KeypointProblem, poses: FloatArray, window: slice) -> Mi
     return minimum
 
 
-def _try_flip(
-    problem: KeypointProblem, camera: Camera, poses: FloatArray, interval: FlipInterval, window: slice
-) -> bool:
+def _try_flip(problem: PoseProblem, camera: Camera, poses: FloatArray, interval: FlipInterval, window: slice) -> bool:
     """Flip a limb in poses (T, P), in place, if that lowers the cost; return whether it does."""
     previous, cost = poses[window].copy(), problem.cost_of_frames(poses, window.start, window.stop)
     frames = slice(interval.first, interval.last)

@@ -1,6 +1,6 @@
-"""Smooth poses of all frames from 2-D joints alone, the fit of a video, evaluated by compiled kernels.
+"""The problem of smooth poses of all frames, which a video's joints, or points, determine within the body's limits.
 
-It is the problem of `residual_problem` for frames whose only observations are keypoints.
+Joints and all prior knowledge about poses are evaluated by compiled kernels; other observations add residual functions.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,12 +9,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from workbench.body.kinematics import descendants, joint_jacobian, joints, length_jacobian
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
+from workbench.core.losses import LOSSES, SQUARED, Loss
 from workbench.core.observations import Observed
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
-from workbench.core.losses import Loss
+from workbench.core.residual import ResidualFunction, robust
 from workbench.inference.least_squares.solver import pose_kernels as kernels
 from workbench.inference.least_squares.solver.residuals import (
     BALANCE_M,
@@ -23,15 +25,15 @@ from workbench.inference.least_squares.solver.residuals import (
     centre_of_mass,
     nominal_pose_prior,
 )
-from workbench.inference.least_squares.solver.sparse_solver import Arrowhead, Factor, Pattern, Quadratic
-from workbench.inference.least_squares.video.foot_contact import ANKLES, DRIFT_LOSS, DRIFT_M, contact_pairs
+from workbench.inference.least_squares.solver.single_frame import inlier_fractions
+from workbench.inference.least_squares.solver.sparse_solver import Arrowhead, Factor, Pattern, Quadratic, minimise
+from workbench.inference.least_squares.video.foot_contact import ANKLES, DRIFT_M, contact_pairs
 from workbench.inference.least_squares.video.landmark_depths import DepthArrays
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 LIMIT_SIGMA_RAD = 0.05
 FOLLOW_SIGMA = 0.5
 """m and rad at REFERENCE_RATE_HZ: standard deviation of a pose from the previous one in the sequential fit."""
-_LOSSES = {"squared": kernels.SQUARED, "huber": kernels.HUBER, "geman_mcclure": kernels.GEMAN_MCCLURE}
 _FIXED_PRECISION = 1e12
 """Precision, 1/rad², of fixed parameters."""
 
@@ -65,6 +67,11 @@ class KeypointArrays:
             rows=np.array([*rows.values()]).reshape(-1, 23),
         )
 
+    @staticmethod
+    def none(n_frames: int) -> "KeypointArrays":
+        """Return those of frames without keypoints."""
+        return KeypointArrays.of([Observed(np.empty((0, 3)))] * n_frames, lambda weights: weights)
+
     def select_frames(self, frames: IntArray) -> "KeypointArrays":
         """Return the keypoints of the frames with these indices."""
         indices = [np.arange(self.first[t], self.first[t + 1]) for t in frames]
@@ -79,12 +86,32 @@ class KeypointArrays:
 
 
 @dataclass(frozen=True, eq=False)
-class KeypointProblem:
-    """F = Σ_t Σ_k ρ(r_tk) + limits + pose prior + smoothness over the poses of T frames, see `smooth_fit.fit_smooth`.
+class PoseProblem:
+    """F = Σ_t [Σ_k ρ(r_tk) + limits + pose prior + balance + ground + depths] + foot contacts + smoothness, over the
+    poses of T frames.
 
-    keypoints: under `loss`. times_s: (T,), increasing. foot_contacts: (T, 2) of ANKLES. ground_m: height of a standing
-    person's ankles, m, None if unknown. pose_prior: Gaussians of the poses, means (T, P) and precisions (T, P, P); None
-    for the nominal values of each angle. depths: see `landmark_depths`; None: without.
+    Each term is a sum of squares of whitened residuals, or of their robust losses (`core.losses`):
+
+    - the observations r_tk under `loss`: reprojection errors of the joints, and `residual_functions`;
+    - limits: angles beyond the skeleton's limits over LIMIT_SIGMA_RAD;
+    - pose prior: a Gaussian of the pose;
+    - balance: the centre of mass from the line between the ankles; ground: the lower ankle from `ground_m`;
+    - depths: bones that point against the sign of their depth, see `landmark_depths`;
+    - foot contacts: displacements of ankles in contact from one frame to the next;
+    - smoothness: second differences of all parameters.
+
+    Parameters
+    ----------
+    skeleton : that of the poses (T, P).
+    keypoints : of T frames.
+    times_s : (T,), increasing.
+    loss : of the observations.
+    smoothness : standard deviations of the second differences.
+    foot_contacts : (T, 2) of ANKLES.
+    ground_m : height of a standing person's ankles, m; None: unknown.
+    pose_prior : means (T, P) and precisions (T, P, P); None: those of `nominal_pose_prior`.
+    depths : None: without.
+    residual_functions : of observations other than keypoints, one per frame, or none.
     """
 
     skeleton: Skeleton
@@ -96,17 +123,22 @@ class KeypointProblem:
     ground_m: float | None = None
     pose_prior: tuple[FloatArray, FloatArray] | None = None
     depths: DepthArrays | None = None
+    residual_functions: Sequence[ResidualFunction] = ()
 
     @property
     def n_frames(self) -> int:
         """Return T."""
         return len(self.times_s)
 
-    def select_frames(self, frames: IntArray) -> "KeypointProblem":
+    def select_frames(self, frames: IntArray) -> "PoseProblem":
         """Return the problem of the frames with these indices."""
         keypoints, contacts = self.keypoints.select_frames(frames), self.foot_contacts[frames]
         depths = None if self.depths is None else self.depths.select_frames(frames)
-        return replace(self, keypoints=keypoints, times_s=self.times_s[frames], foot_contacts=contacts, depths=depths)
+        pose_prior = None if self.pose_prior is None else (self.pose_prior[0][frames], self.pose_prior[1][frames])
+        return replace(
+            self, keypoints=keypoints, times_s=self.times_s[frames], foot_contacts=contacts, pose_prior=pose_prior,
+            depths=depths, residual_functions=[self.residual_functions[t] for t in frames if self.residual_functions],
+        )  # fmt: skip
 
     def expand(self, x: FloatArray) -> Quadratic:
         """Return the cost at poses x (T P,) and its Gauss–Newton model."""
@@ -138,9 +170,27 @@ class KeypointProblem:
         poses = np.empty((self.n_frames, len(start)))
         poses[0] = start
         gaps = np.diff(self.times_s, prepend=self.times_s[0] - 1.0 / REFERENCE_RATE_HZ)
-        precisions = np.repeat(1.0 / (FOLLOW_SIGMA**2 * REFERENCE_RATE_HZ * gaps)[:, None], len(start), axis=1)
-        kernels.fit_frames(poses, True, precisions, self._terms, 20, 1e-3, np.empty(len(poses)))
+        precisions = 1.0 / (FOLLOW_SIGMA**2 * REFERENCE_RATE_HZ * gaps)
+        if self.residual_functions:
+            for t in tqdm(range(self.n_frames), desc="following", unit="frame", disable=None, leave=False):
+                poses[t] = self.select_frames(np.array([t]))._fit_near(poses[max(t - 1, 0)], precisions[t])
+        else:
+            precisions = np.repeat(precisions[:, None], len(start), axis=1)
+            kernels.fit_frames(poses, True, precisions, self._terms, 20, 1e-3, np.empty(len(poses)))
         return poses
+
+    def _fit_near(self, centre: FloatArray, precision: float) -> FloatArray:
+        """Return the pose (P,) of a single frame, with a quadratic term of this precision about `centre` (P,)."""
+
+        def expand(x: FloatArray) -> Quadratic:
+            quadratic, offset = self.expand(x), x - centre
+            quadratic.normal.cells[0] += precision
+            return replace(
+                quadratic, cost=quadratic.cost + 0.5 * precision * float(offset @ offset),
+                gradient=quadratic.gradient + precision * offset,
+            )  # fmt: skip
+
+        return minimise(expand, centre, max_iterations=20, tolerance=1e-3).x
 
     def fit_independently(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the poses fitted to every frame alone from poses (T, P), and their costs (T,)."""
@@ -177,10 +227,11 @@ class KeypointProblem:
         return residuals
 
     def inliers(self, poses: FloatArray) -> FloatArray:
-        """Return the fraction (T,) of the residuals within the loss's scale; NaN in a frame without keypoints."""
-        within, sizes = (np.abs(self.residuals(poses)) < self.loss.scale).mean(axis=1), np.diff(self.keypoints.first)
-        hits = np.bincount(np.repeat(np.arange(len(sizes)), sizes), within, minlength=len(sizes))
-        return np.divide(hits, sizes, out=np.full(len(sizes), np.nan), where=sizes > 0)
+        """Return the fraction (T,) of the residuals within the loss's scale; NaN in a frame without observations."""
+        if self.residual_functions:
+            pairs = zip(self.residual_functions, poses, strict=True)
+            return inlier_fractions((residual(pose)[0] for residual, pose in pairs), self.loss)
+        return inlier_fractions(np.split(self.residuals(poses), self.keypoints.first[1:-1]), self.loss)
 
     def _evaluate(self, poses: FloatArray, begin: int, end: int) -> "_Evaluation":
         """Return the evaluation of the frames [begin, end) and of the foot contacts between them, at poses (T, P)."""
@@ -192,17 +243,22 @@ class KeypointProblem:
         pairs = slice(*np.searchsorted(self._contact_pairs[0], [begin, end - 1]))
         frames, ankles, whitening = (array[pairs] for array in self._contact_pairs)
         cost += kernels.add_foot_contacts(
-            begin,
-            frames,
-            ankles,
-            whitening,
-            DRIFT_LOSS.scale,
-            self._terms[0],
-            *kinematics,
-            *derivatives,
-            evaluation.couplings,
+            begin, frames, ankles, whitening, self._terms[0], *kinematics, *derivatives, evaluation.couplings
         )
-        return replace(evaluation, cost=cost)
+        return replace(evaluation, cost=cost + self._add_residual_functions(poses, begin, end, *derivatives))
+
+    def _add_residual_functions(
+        self, poses: FloatArray, begin: int, end: int, gradients: FloatArray, blocks: FloatArray
+    ) -> float:
+        """Add the residual functions of the frames [begin, end) at poses (T, P) to their gradients (n, P) and blocks
+        (n, P, P); return their cost."""
+        cost = 0.0
+        for k, residual in enumerate(self.residual_functions[begin:end]):
+            values, jacobian = robust(residual, self.loss)(poses[begin + k])
+            gradients[k] += jacobian.T @ values
+            blocks[k] += jacobian.T @ jacobian
+            cost += 0.5 * float(values @ values)
+        return cost
 
     def _smoothness_cost(self, poses: FloatArray, first: int, last: int) -> tuple[float, FloatArray]:
         """Return the cost of the second differences that include the frames [first, last), and its gradient (n, P)."""
@@ -219,7 +275,8 @@ class KeypointProblem:
 
     @cached_property
     def _second_differences(self) -> FloatArray:
-        """Return the coefficients of the second differences (T − 2, 3), see `all_frames.second_differences`."""
+        """Return the coefficients of the second differences (T − 2, 3), of unit variance; at uneven times the speed is
+        a random walk between the midpoints."""
         if self.n_frames < 3:
             return np.zeros((0, 3))
         before, after = (1.0 / np.diff(REFERENCE_RATE_HZ * self.times_s)[k : self.n_frames - 2 + k] for k in range(2))
@@ -257,7 +314,7 @@ class KeypointProblem:
     @cached_property
     def _terms(self) -> tuple[Any, ...]:
         """Return the kernels' arguments from `chain` to `stance`."""
-        loss = (_LOSSES[self.loss.name], float(self.loss.scale))
+        loss = (LOSSES[self.loss.name], float(self.loss.scale))
         depths = (self.depths or DepthArrays.none(self.n_frames)).arrays
         return chain(self.skeleton), self.keypoints.arrays, loss, NO_TARGETS, self._prior, depths, self._stance
 
@@ -333,12 +390,12 @@ def reach_targets(
     """
     n_dofs, fitted = poses.shape[1], poses.copy()
     active = np.isin(skeleton.dof_joints, limb[:2])
-    keypoints = KeypointArrays.of([Observed(np.empty((0, 3)))] * len(poses), lambda weights: weights)
     precisions = np.repeat(np.where(active, 0.0, _FIXED_PRECISION)[None], len(poses), axis=0)
     target_terms = (np.asarray(limb[1:]), np.ascontiguousarray(targets), np.array([sigma_m**-2.0]))
     prior = limits(skeleton, np.zeros((1, n_dofs)), np.zeros((1, n_dofs, n_dofs)))
     depths = DepthArrays.none(len(poses)).arrays
-    terms = (chain(skeleton), keypoints.arrays, (kernels.SQUARED, 1.0), target_terms, prior, depths, NO_STANCE)
+    loss, keypoints = (LOSSES[SQUARED.name], SQUARED.scale), KeypointArrays.none(len(poses)).arrays
+    terms = (chain(skeleton), keypoints, loss, target_terms, prior, depths, NO_STANCE)
     kernels.fit_frames(fitted, False, precisions, terms, 8, 1e-2, np.empty(len(poses)))
     fitted[:, ~active] = poses[:, ~active]
     return fitted

@@ -1,4 +1,4 @@
-"""The compiled fit of the keypoints of all frames equals the fit of residual functions in NumPy."""
+"""The problem of smooth poses equals the sum of its terms in plain NumPy, for keypoints and for residual functions."""
 
 from dataclasses import replace
 
@@ -7,17 +7,17 @@ import pytest
 from keypoint_scenes import BODY
 from view_scenes import CAMERAS, frames, observed, swinging
 
+from tests.oracles.smooth_poses import expansion, joint_residual, limit_residual
 from workbench.body.kinematics import joints
+from workbench.core.losses import LOSSES, SQUARED, Loss
 from workbench.core.observations import Observed
 from workbench.core.prior import Smoothness
-from workbench.core.losses import LOSSES, SQUARED, Loss
 from workbench.core.residual import stacked
-from workbench.inference.least_squares.motion.residual_problem import ResidualProblem
-from workbench.inference.least_squares.solver.residuals import joint_residual, limit_residual, views_residual
+from workbench.inference.least_squares.solver.residuals import views_residual
 from workbench.inference.least_squares.solver.single_frame import PoseDecoder, fit_frame
 from workbench.inference.least_squares.solver.sparse_solver import minimise
-from workbench.inference.least_squares.video.keypoint_problem import KeypointArrays, KeypointProblem, reach_targets
 from workbench.inference.least_squares.video.limb_flips import LIMBS, flip_limbs
+from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem, reach_targets
 from workbench.inference.least_squares.video.systematic_errors import default_length_uncertainty
 
 SKELETON = BODY.skeleton
@@ -26,7 +26,7 @@ DISTORTED = tuple(replace(camera, distortion=np.array([-0.2, 0.05, 1e-3, -2e-3, 
 
 
 def both_problems(n_frames, cameras=CAMERAS, loss="huber", ground_m=0.1):
-    """Return the same problem as a batch and as functions, and poses (T, P) with a large gradient."""
+    """Return the same problem with keypoints and with residual functions, and poses (T, P) with a large gradient."""
     rng, (times, poses) = np.random.default_rng(0), swinging(SKELETON, n_frames)
     observations = observed(SKELETON, frames(SKELETON, times, poses, cameras, 2.0))
     if n_frames > 3:
@@ -35,7 +35,8 @@ def both_problems(n_frames, cameras=CAMERAS, loss="huber", ground_m=0.1):
     options = (times, Loss(loss, 2.0), Smoothness(), contacts, ground_m)
     keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / SIGMA_PX)
     residuals = [views_residual(SKELETON, frame.keypoints, SIGMA_PX, np.inf) for frame in observations]
-    batch, functions = KeypointProblem(SKELETON, keypoints, *options), ResidualProblem(SKELETON, residuals, *options)
+    batch = PoseProblem(SKELETON, keypoints, *options)
+    functions = replace(batch, keypoints=KeypointArrays.none(n_frames), residual_functions=residuals)
     return batch, functions, poses + 0.3 * rng.standard_normal(poses.shape)
 
 
@@ -45,39 +46,41 @@ def random_pose_prior(poses):
     return poses - 0.2, np.tile(root @ root.T + np.diag(np.r_[np.zeros(4), np.ones(21)]), (len(poses), 1, 1))
 
 
-def assert_same_expansion(batch, functions, poses):
-    quadratic, expected = batch.expand(poses.ravel()), functions.expand(poses.ravel())
-    assert quadratic.cost == pytest.approx(expected.cost, rel=1e-13)
-    tolerance = 1e-12 * np.abs(expected.gradient).max()
-    np.testing.assert_allclose(quadratic.gradient, expected.gradient, rtol=0.0, atol=tolerance)
-    dense = expected.normal.dense()
-    np.testing.assert_allclose(quadratic.normal.dense(), dense, rtol=0.0, atol=1e-12 * np.abs(dense).max())
-    np.testing.assert_allclose(quadratic.damping_diagonal, expected.damping_diagonal, rtol=1e-11, atol=1e-20)
+def assert_expansions_of_numpy(batch, functions, poses):
+    cost, gradient, matrix, damping_diagonal = expansion(batch, functions.residual_functions, poses)
+    for problem in (batch, functions):
+        quadratic = problem.expand(poses.ravel())
+        assert quadratic.cost == pytest.approx(cost, rel=1e-13)
+        np.testing.assert_allclose(quadratic.gradient, gradient, rtol=0.0, atol=1e-12 * np.abs(gradient).max())
+        np.testing.assert_allclose(quadratic.normal.dense(), matrix, rtol=0.0, atol=1e-12 * np.abs(matrix).max())
+        np.testing.assert_allclose(quadratic.damping_diagonal, damping_diagonal, rtol=1e-11, atol=1e-20)
 
 
 @pytest.mark.parametrize("n_frames", [1, 2, 3, 12])
 @pytest.mark.parametrize("loss", LOSSES)
-def test_the_expansion_is_that_of_the_residual_functions(n_frames, loss):
-    assert_same_expansion(*both_problems(n_frames, loss=loss))
+def test_the_expansion_is_that_of_numpy(n_frames, loss):
+    assert_expansions_of_numpy(*both_problems(n_frames, loss=loss))
 
 
 @pytest.mark.parametrize("cameras", [CAMERAS[:1], DISTORTED], ids=["one camera", "distortion"])
 @pytest.mark.parametrize("ground_m", [None, 0.2])
 @pytest.mark.parametrize("with_prior", [False, True])
-def test_the_expansion_with_ground_and_pose_prior_is_that_of_the_residual_functions(cameras, ground_m, with_prior):
+def test_the_expansion_with_ground_and_pose_prior_is_that_of_numpy(cameras, ground_m, with_prior):
     batch, functions, poses = both_problems(8, cameras, ground_m=ground_m)
     pose_prior = random_pose_prior(poses) if with_prior else None
-    assert_same_expansion(replace(batch, pose_prior=pose_prior), replace(functions, pose_prior=pose_prior), poses)
+    assert_expansions_of_numpy(replace(batch, pose_prior=pose_prior), replace(functions, pose_prior=pose_prior), poses)
 
 
-def test_joints_behind_a_camera_have_the_cost_of_the_residual_functions():
+def test_joints_behind_a_camera_have_the_cost_of_numpy():
     batch, functions, poses = both_problems(3)
     poses[1, :3] = 2.0 * CAMERAS[0].position
-    assert_same_expansion(batch, functions, poses)
+    assert_expansions_of_numpy(batch, functions, poses)
 
 
-def test_a_window_has_the_blocks_and_the_cost_changes_of_all_frames():
-    batch, _, poses = both_problems(14)
+@pytest.mark.parametrize("kind", [0, 1], ids=["keypoints", "functions"])
+def test_a_window_has_the_blocks_and_the_cost_changes_of_all_frames(kind):
+    *problems, poses = both_problems(14)
+    batch = problems[kind]
     quadratic = batch.expand(poses.ravel())
     for first, last in ((0, 5), (4, 9), (13, 14), (0, 14)):
         block, window = slice(25 * first, 25 * last), batch.expand_frames(poses, first, last)
@@ -127,7 +130,7 @@ def test_a_limb_flipped_in_some_frames_is_flipped_back():
     observations = observed(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1]))
     keypoints = KeypointArrays.of(observations, lambda weights: np.sqrt(weights) / SIGMA_PX)
     contacts = np.zeros((40, 2), dtype=bool)
-    problem = KeypointProblem(SKELETON, keypoints, times, Loss("huber", 3.0), Smoothness(), contacts)
+    problem = PoseProblem(SKELETON, keypoints, times, Loss("huber", 3.0), Smoothness(), contacts)
     correct = minimise(problem.expand, poses.ravel())
     limb = np.array([SKELETON.joint(name) for name in LIMBS[0]])
     wrong, window = correct.x.reshape(poses.shape).copy(), slice(10, 30)
