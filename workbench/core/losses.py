@@ -101,6 +101,8 @@ FOOT_DRIFT_LOSS = Loss("huber", 2.0)
 DEPTH_SIGN_LOSS = Loss("huber", 1.0)
 """Of a bone against the sign of its depth: the influence of a wrong sign is bounded."""
 
+BEHIND = 1e3
+"""Residual of a keypoint whose joint is behind the camera, in standard deviations."""
 DEGREES_OF_FREEDOM = 4.0
 """Degrees of freedom of Student's t distribution, the density of keypoints; few give heavy tails, for confused
 joints."""

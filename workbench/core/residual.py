@@ -13,7 +13,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface, nearest_residual_jacobian
-from workbench.core.losses import Loss
+from workbench.core.losses import BEHIND, Loss
 from workbench.core.observations import Observables, Observed
 from workbench.utils.arrays import FloatArray, IntArray
 
@@ -120,7 +120,7 @@ def keypoint_residual(
     joints : (K,) joint indices.
     keypoints : (K, 3) annotated or detected [u px, v px, weight 0..1].
     sigma_px : standard deviation of a keypoint of weight 1, px; it is sigma_px / √weight in general. The residual of a
-        joint behind the camera is 1000 standard deviations.
+        joint behind the camera is BEHIND.
     """
     if not len(keypoints):
         return no_residuals
@@ -128,7 +128,7 @@ def keypoint_residual(
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = forward(skeleton, pose[None]).positions[0, joints]
-        errors = np.nan_to_num((camera.project(points) - keypoints[:, :2]) * whitening, nan=1e3)
+        errors = np.nan_to_num((camera.project(points) - keypoints[:, :2]) * whitening, nan=BEHIND)
         jacobian = projection_jacobian(camera, points) @ joint_jacobian(skeleton, pose[None])[0, joints]
         return errors.ravel(), (jacobian * whitening[:, :, None]).reshape(errors.size, -1)
 

@@ -12,7 +12,7 @@ from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
 from workbench.core.losses import SQUARED, Loss
 from workbench.inference.least_squares.least_squares import steps
-from workbench.inference.least_squares.motion.frame_by_frame import fit_poses, pose_prior
+from workbench.inference.least_squares.motion.frame_by_frame import fit_poses
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 from workbench.inference.least_squares.motion.motion_fit import fit_from, fit_sequence, restart
 from workbench.inference.least_squares.motion.shared_errors import SharedErrors
@@ -160,12 +160,11 @@ def test_90_percent_intervals_cover_90_percent_of_the_truth():
     assert np.mean(covered) == pytest.approx(0.9, abs=0.07)
 
 
-@pytest.mark.parametrize("prior", [None, decoder()], ids=["no prior", "pose prior"])
-def test_without_a_motion_model_the_state_is_the_pose(prior):
+def test_without_a_motion_model_the_state_is_the_pose():
     times, states = walk(6)
     truth = decoder().poses(states)
     data = FitData(joint_residuals(states, noise_m=0.005), times, ROBUST)
-    fit = fit_poses(PoseDecoder(WALKER), data, truth[0], prior and pose_prior(prior))
+    fit = fit_poses(PoseDecoder(WALKER), data, truth[0])
     assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, truth)).max() < 0.03
     np.testing.assert_array_equal(fit.states, fit.poses)
     step = next(steps(fit, frames(times), 50, np.random.default_rng(0)))

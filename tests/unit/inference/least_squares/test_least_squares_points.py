@@ -120,7 +120,7 @@ def test_a_common_bias_of_the_points_widens_the_root_whatever_their_number():
 
 def test_the_phases_of_the_ends_determine_the_leg():
     poses, start, ends = truth(), truth()[0] + 0.03, np.array([0.3, 0.3 + 1.1 * 9 / 14])
-    steps = run(least_squares(MotionFit(None, tuple(ends))), frames(poses), start)
+    steps = run(least_squares(MotionFit(None), phase_ends=tuple(ends)), frames(poses), start)
     assert error_mm(steps, poses) < 15.0
     steps = run(least_squares(MotionFit(None), phase_ends=tuple(ends + 0.5)), frames(poses), start)
     assert error_mm(steps, poses) > 40.0  # half a cycle: the other leg
@@ -133,12 +133,6 @@ def test_robust_losses_have_smaller_errors_with_outliers():
         for loss in ("squared", "huber", "geman_mcclure")
     )
     assert geman_mcclure < huber < squared
-
-
-def test_the_pose_prior_bounds_the_angles_of_single_frames():
-    poses = truth()
-    steps = run(least_squares(FrameByFrame(pose_prior=True), n_particles=10), frames(poses), poses[0])
-    assert np.abs(np.array([step.expected_pose for step in steps])[:, 6:]).max() < np.pi
 
 
 def test_unusable_points_are_reported_and_their_frames_interpolated():
@@ -215,9 +209,8 @@ def test_invalid_options_and_empty_sequences_are_rejected():
         least_squares(max_points=0)
     with pytest.raises(InputError, match="frames_per_style must be above zero"):
         MotionFit(0)
-    for problem in (MotionFit(), FrameByFrame(pose_prior=True)):
-        with pytest.raises(InputError, match="needs a motion model"):
-            least_squares(problem, model=False)
+    with pytest.raises(InputError, match="needs a motion model"):
+        least_squares(MotionFit(), model=False)
     with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
         least_squares(likelihood=Uniform())
     with pytest.raises(InputError, match="at least one frame"):

@@ -12,7 +12,7 @@ from workbench.core.prior import Smoothness
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
 from workbench.inference.least_squares.motion.first_frame import roots_from_points
-from workbench.inference.least_squares.motion.frame_by_frame import fit_poses, pose_prior
+from workbench.inference.least_squares.motion.frame_by_frame import fit_poses
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder, follow, global_motion
 from workbench.inference.least_squares.motion.phase_grid import best_lines, find_phase
 from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
@@ -113,18 +113,6 @@ def test_a_linear_frame_with_a_gaussian_prior_has_the_closed_form():
     expected = np.linalg.solve(normal, jacobian.T @ measured + precision @ prior.mean)
     np.testing.assert_allclose(search.x, expected, atol=1e-6)
     np.testing.assert_allclose(search.quadratic.normal.dense(), normal, rtol=1e-12)
-
-
-def test_the_pose_prior_has_the_moments_of_the_models_poses():
-    rng = np.random.default_rng(1)
-    samples = decoder().states(rng.standard_normal((40_000, 2)), rng.random(40_000), np.zeros(6))
-    angles = decoder().poses(samples)[:, 6:] + 0.05 * rng.standard_normal((40_000, 4))
-    prior = pose_prior(decoder())
-    np.testing.assert_allclose(prior.mean[6:], angles.mean(axis=0), atol=0.01)
-    whitened = (angles - prior.mean[6:]) @ prior.whitening[:, 6:].T
-    # The covariance of 40 000 samples has a standard error of √(2/40 000) = 0.007; five times that.
-    np.testing.assert_allclose(np.cov(whitened.T), np.eye(4), atol=0.035)
-    np.testing.assert_array_equal(prior.whitening[:, :6], 0.0)
 
 
 def test_the_line_of_least_cost_has_the_true_phase_and_rate():

@@ -14,7 +14,7 @@ from workbench.inference.least_squares.motion.motion_decoder import MotionDecode
 from workbench.inference.least_squares.motion.phase_grid import N_FRAMES, N_PHASES
 from workbench.inference.least_squares.motion.task import Task
 from workbench.inference.least_squares.solver.residuals import views_residual
-from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
+from workbench.inference.least_squares.solver.single_frame import FitData, PoseDecoder, fit_frame
 from workbench.inference.least_squares.video.hypotheses import (
     N_HEADINGS,
     enough_keypoints,
@@ -56,9 +56,9 @@ def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
     return likely_roots(decoder, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px))
 
 
-def first_pose(task: Task, prior: GaussianPrior | None) -> FloatArray:
-    """Return an initial pose (P,) in that frame without a motion model. prior: over poses, see `likely_poses`. Raises
-    InputError if points alone do not determine the heading."""
+def first_pose(task: Task) -> FloatArray:
+    """Return an initial pose (P,) in that frame without a motion model. Raises InputError if points alone do not
+    determine the heading."""
     keypoints = first_keypoints(task.observations)
     if not keypoints:
         roots = roots_from_points(task.skeleton, [frame.points for frame in task.observations], task.times_s)
@@ -66,7 +66,7 @@ def first_pose(task: Task, prior: GaussianPrior | None) -> FloatArray:
             raise InputError("least squares: the person moves too little to determine the heading; set an initial pose")
         return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])
     residual = views_residual(task.skeleton, keypoints, task.sigma_px)
-    return likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
+    return likely_poses(task.skeleton, keypoints, residual, None, 1)[0]
 
 
 def likely_roots(decoder: MotionDecoder, views: Sequence[Keypoints], residual: ResidualFunction) -> FloatArray:

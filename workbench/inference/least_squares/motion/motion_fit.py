@@ -1,9 +1,8 @@
 """Least-squares problem of a motion model: its style, phase and root in every frame (paper D, sections 4.2, 4.3)."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -28,6 +27,7 @@ from workbench.inference.least_squares.motion.shared_errors import SharedErrors
 from workbench.inference.least_squares.motion.task import Fit, Task, fit_of
 from workbench.inference.least_squares.solver.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.least_squares.solver.single_frame import FitData
+from workbench.inference.least_squares.video.hypotheses import MIN_KEYPOINTS
 from workbench.inference.least_squares.video.systematic_errors import effective_fraction, error_correlation
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -43,13 +43,12 @@ time for a search without effect, since a restart is taken only where it lowers 
 class MotionFit:
     """Fit the prior's motion model, with a style α for every `frames_per_style` frames, or one for all if None.
 
-    One style for all frames is D's steady style (section 4.2), one per frame its varying style (section 4.3). phases:
-    of the first and the last frame, (μ₁, μ_T), cycles; None takes those of the task, or estimates them. plain: minimise
-    F alone, as D does, without regularisation. discrepancy: include the model discrepancy for new people, if the prior
-    has one (`core.discrepancy.small_sample_inflation`), and the shared errors of points
-    (`systematic_errors.SharedErrors`) in the covariance of the poses. rho: correlation of keypoint errors between
-    frames, which reduces the weight of the frames (`systematic_errors.effective_fraction`); None estimates it in a
-    first fit. Raises InputError for frames_per_style below one and rho outside [0, 1).
+    One style for all frames is D's steady style (section 4.2), one per frame its varying style (section 4.3). plain:
+    minimise F alone, as D does, without regularisation. discrepancy: include the model discrepancy for new people, if
+    the prior has one (`core.discrepancy.small_sample_inflation`), and the shared errors of points
+    (`shared_errors.SharedErrors`) in the covariance of the poses. rho: correlation of keypoint errors between frames,
+    which reduces the weight of the frames (`systematic_errors.effective_fraction`); None estimates it in a first fit.
+    Raises InputError for frames_per_style below one and rho outside [0, 1).
 
     Deviations. D sets the first pose and the phases' ends by hand, and has no regularisation, see `fit_problem`. The
     global motion is fitted by distances for every residual kind, because the field vanishes beyond a fraction of a
@@ -57,14 +56,9 @@ class MotionFit:
     Unless `plain`, frames with a worse fit than others are searched again, see `restart`.
     """
 
-    @staticmethod
-    def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of a motion model, and the phases of the ends, as an assumption if set, else as optional."""
-        needs = {"optional_assumptions": PHASE_ENDS} if keys.get("phases") is None else {"assumptions": PHASE_ENDS}
-        return component_traits(prior=MOTION, **needs)
+    traits: ClassVar[Traits] = component_traits(prior=MOTION, optional_assumptions=PHASE_ENDS)
 
     frames_per_style: int | None = 1
-    phases: tuple[float, float] | None = None
     plain: bool = False
     discrepancy: bool = True
     rho: float | None = None
@@ -92,7 +86,7 @@ class MotionFit:
         )
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
-            phases=task.phase_ends if self.phases is None else self.phases,
+            phases=task.phase_ends,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
             plain=self.plain, discrepancy=discrepancy, shared=self._shared(task),
         )  # fmt: skip
@@ -123,7 +117,7 @@ def required_motion(motion: MotionModel | None) -> MotionModel:
     if motion is None:
         raise InputError(
             "inference: the problem needs a motion model, which this prior does not have; choose a prior with one, "
-            "such as prior=activity, or the problem smooth or frame_by_frame"
+            "such as prior=activity, or the problem SmoothFit or FrameByFrame"
         )
     return motion
 
@@ -235,7 +229,8 @@ def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> Flo
     coarse = data.select_spaced(observed)
     if not coarse.residuals:
         raise InputError(
-            f"least squares: none of {len(times_s)} frames has enough observations to start from; set the phases"
+            f"least squares: expected points or {MIN_KEYPOINTS} keypoints of one view in some of {len(times_s)} frames "
+            "to start from, found fewer"
         )
     states = follow(decoder, coarse, find_phase(decoder, coarse, roots))
     if len(states) == 1:

@@ -108,7 +108,7 @@ def _initial_candidates(task: Task, start: FloatArray | None) -> FloatArray:
         return start[None]
     if keypoints := first_keypoints(task.observations):
         return first_poses(task.skeleton, keypoints, task.sigma_px, task.likelihood.observables.depth_sigma_m)
-    return first_pose(task, None)[None]
+    return first_pose(task)[None]
 
 
 def _depths(task: Task) -> DepthArrays | None:

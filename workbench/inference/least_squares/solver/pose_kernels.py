@@ -26,6 +26,7 @@ import numpy as np
 from workbench.body.kinematics import _axis_rotation
 from workbench.core.losses import (
     BALANCE_LOSS,
+    BEHIND,
     DEPTH_SIGN_LOSS,
     FOOT_DRIFT_LOSS,
     GROUND_LOSS,
@@ -33,12 +34,10 @@ from workbench.core.losses import (
     Loss,
     rho_and_weight,
 )
+from workbench.inference.least_squares.solver.sparse_solver import FIRST_DAMPING, MAX_DAMPING
 from workbench.utils.kernel_cache import kernel
 
-BEHIND = 1e3
-"""Residual of a keypoint whose joint is behind the camera, in standard deviations."""
 _MIN_DEPTH_M = 1e-6
-_FIRST_DAMPING, _MAX_DAMPING = 1e-3, 1e12
 
 
 def _code_and_scale(loss: Loss) -> tuple[int, float]:
@@ -474,9 +473,9 @@ def fit_one(
     n = len(pose)
     gradients, blocks, diagonals = np.empty((2, n)), np.empty((2, n, n)), np.empty((2, n))  # current, new
     root, step, damping, candidate = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
-    factor, growth, iterations, current = _FIRST_DAMPING, 2.0, 0, 0
+    factor, growth, iterations, current = FIRST_DAMPING, 2.0, 0, 0
     cost = _regularized_frame(t, pose, centre, precision, terms, workspace, gradients[0], blocks[0], diagonals[0])
-    while iterations < max_iterations and factor < _MAX_DAMPING:
+    while iterations < max_iterations and factor < MAX_DAMPING:
         gradient, max_diagonal, max_slope = gradients[current], 0.0, 0.0
         for p in range(n):
             max_diagonal, max_slope = max(max_diagonal, diagonals[current, p]), max(max_slope, abs(gradient[p]))
