@@ -17,7 +17,7 @@ from workbench.core.residual import ResidualFunction, surface_residual
 from workbench.likelihoods.base import PoseFrameLikelihood, finite_rows
 from workbench.utils.arrays import FloatArray
 
-SIGMA_M = 0.02
+SIGMA_M = 0.02  # of a point's distance from the surface
 RANGE_M = 2.0  # of an outlier's uniform distribution
 _BLOCK = 2**20  # distances in memory at once, 8 MiB
 
