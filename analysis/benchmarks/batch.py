@@ -21,16 +21,17 @@ from scipy.optimize import OptimizeResult, least_squares
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s
 from workbench.body.surface import Surface, person_surface
+from workbench.core.losses import POINT_LOSS, Loss
 from workbench.core.prior import Smoothness
-from workbench.core.residual import Loss, ResidualFunction, robust, surface_residual
+from workbench.core.residual import ResidualFunction, robust, surface_residual
 from workbench.datasets.person import of_dataset
 from workbench.datasets.points import Points
-from workbench.inference.least_squares.all_frames import FitProblem, fit_motion, fit_problem
-from workbench.inference.least_squares.hypotheses import START_LOSS, START_POINTS
-from workbench.inference.least_squares.motion_fit import find_states
-from workbench.inference.least_squares.phase_grid import roots_from_points
-from workbench.inference.least_squares.single_frame import FitData, MotionDecoder
-from workbench.inference.least_squares.task import Fit, fit_of
+from workbench.inference.least_squares.motion.all_frames import FitProblem, fit_motion, fit_problem
+from workbench.inference.least_squares.motion.first_frame import START_POINTS, roots_from_points
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
+from workbench.inference.least_squares.motion.motion_fit import find_states
+from workbench.inference.least_squares.motion.task import Fit, fit_of
+from workbench.inference.least_squares.solver.single_frame import FitData
 from workbench.priors.from_motions import activity
 from workbench.utils.arrays import FloatArray
 from workbench.utils.parallel import single_blas_thread
@@ -60,7 +61,7 @@ class Scene:
         """Return initial states (T, D) fitted to a subset of the points, as in `LeastSquares`."""
         roots = roots_from_points(self.decoder.skeleton, self.points, self.times_s)
         some = self.residuals(every=max(1, len(self.points[0]) // START_POINTS))
-        return find_states(self.decoder, FitData(some, self.times_s, START_LOSS, SMOOTHNESS), roots)
+        return find_states(self.decoder, FitData(some, self.times_s, POINT_LOSS, SMOOTHNESS), roots)
 
     def problem(self) -> FitProblem:
         """Return the problem with a style for every frame."""

@@ -15,17 +15,16 @@ import numpy as np
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.measuring import fastest_s, peak_gb
+from tests.oracles.smooth_poses import expansion
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.cameras.camera import plain_camera
+from workbench.core.losses import Loss
 from workbench.core.observations import Keypoints, Observed
 from workbench.core.prior import RECORDED_SMOOTHNESS
-from workbench.core.residual import Loss
-from workbench.inference.least_squares.foot_contact import detect_foot_contacts
-from workbench.inference.least_squares.residual_problem import ResidualProblem
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
+from workbench.inference.least_squares.motion.smooth_fit import SmoothPoses, first_poses, fit_smooth, keypoint_problem
+from workbench.inference.least_squares.solver.residuals import views_residual
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.utils.arrays import FloatArray
 from workbench.utils.parallel import single_blas_thread
@@ -82,12 +81,10 @@ def figures() -> list[Figure]:
 
 def _against_residuals(n_frames: int = 100) -> Figure:
     observations, times_s, poses = scene(n_frames, 1)
-    contacts = detect_foot_contacts(BODY.skeleton, observations, times_s)
-    batch = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
+    problem = keypoint_problem(BODY.skeleton, observations, times_s, SIGMA_PX, LOSS, RECORDED_SMOOTHNESS)
     residuals = [views_residual(BODY.skeleton, frame.keypoints, SIGMA_PX, np.inf) for frame in observations]
-    functions = ResidualProblem(BODY.skeleton, residuals, times_s, LOSS, RECORDED_SMOOTHNESS, contacts)
-    x = poses.ravel()
-    ours, theirs = fastest_s([lambda: batch.expand(x), lambda: functions.expand(x)], 5, clock=time.thread_time)
+    numpy, compiled = partial(expansion, problem, residuals, poses), partial(problem.expand, poses.ravel())
+    ours, theirs = fastest_s([compiled, numpy], 5, clock=time.thread_time)
     what = f"one evaluation of {n_frames} frames: {1e3 * theirs:.0f} ms by functions, {1e3 * ours:.2f} ms batched"
     return Figure("video_fit_vs_functions", theirs / ours, "× faster", 60.0, "higher", what)
 

@@ -10,7 +10,7 @@ from still_clips import clip as clip_of
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.hybrid import Hybrid

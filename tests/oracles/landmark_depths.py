@@ -1,4 +1,4 @@
-"""Signs of bones' depths in plain NumPy, bone by bone, for `workbench.inference.least_squares.landmark_depths`."""
+"""Signs of bones' depths in plain NumPy, bone by bone, for `least_squares.video.landmark_depths`."""
 
 import numpy as np
 

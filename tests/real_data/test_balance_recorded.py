@@ -9,9 +9,9 @@ from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
 from workbench.inference.initialization.from_keypoints import poses_from_keypoints
 from workbench.inference.initialization.limb_lengths import of_keypoints
-from workbench.inference.least_squares.foot_contact import ANKLES, detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.smooth_fit import SmoothFit
+from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
+from workbench.inference.least_squares.video.foot_contact import ANKLES, detect_foot_contacts, median_foot_height
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 NAMES = ("cam_01", "cam_02", "cam_03", "cam_04")

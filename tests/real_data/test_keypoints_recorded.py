@@ -10,7 +10,7 @@ from workbench.datasets import person
 from workbench.datasets.video import Video
 from workbench.inference.initialization.poses import fit_annotations
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.from_motions import walking
 

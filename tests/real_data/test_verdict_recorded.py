@@ -22,7 +22,7 @@ from workbench.evaluation.verdict.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.smooth_fit import SmoothFit
+from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 

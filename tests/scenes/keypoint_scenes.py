@@ -8,7 +8,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, View
-from workbench.inference.least_squares.single_frame import MotionDecoder
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(640, 480, 700.0, (0.4, -5.0, 1.2), (0.4, 0.0, 1.0))

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from tests.oracles.smooth_poses import joint_residual
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.prior import PriorCapabilities
-from workbench.inference.least_squares.residuals import joint_residual
-from workbench.inference.least_squares.single_frame import MotionDecoder
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
 
 X, Y, Z = np.eye(3)
 _JOINTS = (  # name, parent, offset in the parent's frame, m

@@ -16,13 +16,14 @@ from scipy.stats import chisquare
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
+from workbench.core.losses import DEGREES_OF_FREEDOM
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
 from workbench.evaluation.uncertainty.posterior_calibration import rank_histogram, ranks, weight_below
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.motion_fit import MotionFit
-from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
-from workbench.inference.least_squares.single_frame import MotionDecoder
-from workbench.likelihoods.keypoints import DEGREES_OF_FREEDOM, KeypointLikelihood
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
+from workbench.inference.least_squares.motion.motion_fit import MotionFit
+from workbench.inference.least_squares.solver.residuals import UPRIGHT_SIGMA_RAD
+from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.motion.models.walking import learn_walking
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic

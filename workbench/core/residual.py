@@ -1,16 +1,10 @@
-"""Whitened residuals of a pose and robust losses, the cost function of least squares.
+"""Whitened residuals of a pose, the terms of least squares.
 
 A residual function maps a pose (P,) to whitened residuals (K,), dimensionless, and their Jacobian (K, P). It recomputes
 pose-dependent associations, such as the body part of each point, at every call.
-
-A robust loss maps z = residual / scale, (K,), to ρ(z) and the weight ρ'(z) / z, both (K,), for iteratively reweighted
-least squares (Holland & Welsch 1977). All losses are ½ z² with weight 1 near zero and differ only for large residuals.
-Paper D uses the squared loss alone.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -19,70 +13,11 @@ from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface, nearest_residual_jacobian
 from workbench.cameras.camera import Camera
+from workbench.core.losses import BEHIND, Loss
 from workbench.core.observations import Observables, Observed
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.errors import InputError
 
 ResidualFunction: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-RobustLoss: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-
-
-def squared(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z²; a single outlier dominates the cost."""
-    return 0.5 * z * z, np.ones_like(z)
-
-
-def huber(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z² up to |z| = 1, |z| − ½ beyond; the influence of an outlier is bounded (Huber 1964)."""
-    size = np.abs(z)
-    return np.where(size <= 1.0, 0.5 * z * z, size - 0.5), 1.0 / np.maximum(size, 1.0)
-
-
-def geman_mcclure(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ρ = ½ z² / (1 + z²); redescending, outliers have no influence (Geman & McClure 1987)."""
-    reciprocal = 1.0 / (1.0 + z * z)
-    return 0.5 * (1.0 - reciprocal), reciprocal * reciprocal
-
-
-LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
-    {"squared": squared, "huber": huber, "geman_mcclure": geman_mcclure}
-)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A robust loss of whitened residuals.
-
-    Parameters
-    ----------
-    name : one of LOSSES.
-    scale : residual at which the loss departs from ½ r², in standard deviations.
-
-    Raises
-    ------
-    InputError : an unknown name, or a scale that is not positive.
-    """
-
-    name: str
-    scale: float
-
-    def __post_init__(self) -> None:
-        if self.name not in LOSSES:
-            raise InputError(f"loss must be one of {', '.join(LOSSES)}, found {self.name!r}")
-        if not 0.0 < self.scale < np.inf:
-            raise InputError(f"loss: scale must be above zero, found {self.scale}")
-
-    def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ρ and weights (K,) of residuals (K,); ρ is ½ r² near zero for every scale."""
-        rho, weights = LOSSES[self.name](residuals / self.scale)
-        return self.scale**2 * rho, weights
-
-    def widened(self, factor: float) -> "Loss":
-        """Return this loss with its scale multiplied by `factor`."""
-        return replace(self, scale=factor * self.scale)
-
-
-SQUARED = Loss("squared", 1.0)
 
 
 class ResidualLikelihood(Protocol):
@@ -184,7 +119,7 @@ def keypoint_residual(
     joints : (K,) joint indices.
     keypoints : (K, 3) annotated or detected [u px, v px, weight 0..1].
     sigma_px : standard deviation of a keypoint of weight 1, px; it is sigma_px / √weight in general. The residual of a
-        joint behind the camera is 1000 standard deviations.
+        joint behind the camera is BEHIND.
     """
     if not len(keypoints):
         return no_residuals
@@ -192,7 +127,7 @@ def keypoint_residual(
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = forward(skeleton, pose[None]).positions[0, joints]
-        errors = np.nan_to_num((camera.project(points) - keypoints[:, :2]) * whitening, nan=1e3)
+        errors = np.nan_to_num((camera.project(points) - keypoints[:, :2]) * whitening, nan=BEHIND)
         jacobian = projection_jacobian(camera, points) @ joint_jacobian(skeleton, pose[None])[0, joints]
         return errors.ravel(), (jacobian * whitening[:, :, None]).reshape(errors.size, -1)
 

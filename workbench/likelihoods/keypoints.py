@@ -15,16 +15,15 @@ from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, 
 from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
+from workbench.core.losses import DEGREES_OF_FREEDOM, KEYPOINT_LOSS, LOSSES, Loss
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
+from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
 from workbench.likelihoods.base import PoseFrameLikelihood
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
-DEGREES_OF_FREEDOM = 4.0
-"""Degrees of freedom of Student's t distribution; few give heavy tails, for confused joints."""
 SIGMA_HEIGHTS = 0.015
 """σ in heights of the person in the image: detectors' errors are 1 to 2 %."""
 _MAX_FRAMES = 100
@@ -70,8 +69,8 @@ class KeypointLikelihood:
     sigma_px: float | None = 4.0
     likelihood_power: float = 0.3
     cameras: Sequence[str] | None = None
-    loss: str = "geman_mcclure"
-    loss_scale: float = 1.5
+    loss: str = KEYPOINT_LOSS.name
+    loss_scale: float = KEYPOINT_LOSS.scale
     systematic_errors: bool = False
     depth_sigma_m: float | None = None
     clip: FrameCache | None = None

@@ -10,8 +10,9 @@ import numpy as np
 from workbench.core.capabilities import Traits, combined_requirements, common_capabilities
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, FrameLikelihood, Likelihood
+from workbench.core.losses import SQUARED, Loss
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
+from workbench.core.residual import ResidualFunction, ResidualLikelihood, robust, scaled, stacked
 from workbench.likelihoods.cues.limb_points import LimbFrameLikelihood, evaluate_jointly
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

@@ -11,11 +11,13 @@ from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, pers
 from workbench.core.capabilities import POINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
+from workbench.core.losses import LOSSES, POINT_LOSS, Loss
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
+from workbench.core.residual import ResidualFunction, surface_residual
 from workbench.likelihoods.base import PoseFrameLikelihood, finite_rows
 from workbench.utils.arrays import FloatArray
 
+SIGMA_M = 0.02  # of a point's distance from the surface
 RANGE_M = 2.0  # of an outlier's uniform distribution
 _BLOCK = 2**20  # distances in memory at once, 8 MiB
 
@@ -39,18 +41,18 @@ class SurfacePoints:
     loss : of least squares: "squared", "huber" or "geman_mcclure".
     loss_scale : residual at which the loss bends, in the unit of `residual`.
     common_bias_std_m : standard deviation, m, along each axis, of the bias shared by the points of one body part, and
-        by all points; see `systematic_errors.Shared`.
+        by all points; see `least_squares.motion.shared_errors`.
     """
 
     traits: ClassVar[Traits] = component_traits(RESIDUALS, dataset=POINTS)
 
     body: Body
-    sigma: float = 0.02
+    sigma: float = SIGMA_M
     outlier_fraction: float = 0.15
     likelihood_power: float = 0.03
     residual: Kind = "distance"
-    loss: str = "geman_mcclure"
-    loss_scale: float = 0.03
+    loss: str = POINT_LOSS.name
+    loss_scale: float = POINT_LOSS.scale * SIGMA_M
     common_bias_std_m: float = 0.012
 
     def __post_init__(self) -> None:

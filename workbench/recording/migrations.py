@@ -18,10 +18,10 @@ _DATASETS = "workbench.datasets"
 _VIDEOS = (f"{_DATASETS}.video.Video", f"{_DATASETS}.multi_view.MultiView")
 _POINTS = f"{_DATASETS}.point_files.PointFiles"
 _MODULES = {
-    "workbench.inference.fit.frame_by_frame": "workbench.inference.least_squares.frame_by_frame",
+    "workbench.inference.fit.frame_by_frame": "workbench.inference.least_squares.motion.frame_by_frame",
     "workbench.inference.fit.least_squares": "workbench.inference.least_squares.least_squares",
-    "workbench.inference.fit.motion_fit": "workbench.inference.least_squares.motion_fit",
-    "workbench.inference.fit.smooth_fit": "workbench.inference.least_squares.smooth_fit",
+    "workbench.inference.fit.motion_fit": "workbench.inference.least_squares.motion.motion_fit",
+    "workbench.inference.fit.smooth_fit": "workbench.inference.least_squares.motion.smooth_fit",
     "workbench.inference.kalman.filter": "workbench.inference.ekf.iterated_ekf",
     "workbench.inference.particles.annealed": "workbench.inference.smc.tempered_smc",
     "workbench.inference.particles.auxiliary": "workbench.inference.smc.bootstrap",

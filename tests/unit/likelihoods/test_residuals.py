@@ -7,8 +7,9 @@ from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
 from workbench.core.capabilities import RESIDUALS
+from workbench.core.losses import Loss
 from workbench.core.observations import Observables, Observed, observe
-from workbench.core.residual import Loss, keypoint_residual, robust, surface_residual
+from workbench.core.residual import keypoint_residual, robust, surface_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints

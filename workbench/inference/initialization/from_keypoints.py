@@ -8,17 +8,16 @@ import numpy as np
 
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
+from workbench.core.losses import KEYPOINT_TRAJECTORY_LOSS, SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, observe, person_px
 from workbench.core.prior import RECORDED_SMOOTHNESS, REFERENCE_RATE_HZ, Smoothness
-from workbench.core.residual import Loss
-from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
-from workbench.inference.least_squares.smooth_fit import (
-    SEARCH_LOSS,
+from workbench.inference.least_squares.motion.smooth_fit import (
     candidates,
     first_poses,
     fit_smooth,
     keypoint_problem,
 )
+from workbench.inference.least_squares.video.hypotheses import enough_keypoints, first_keypoints
 from workbench.priors.fitted_rest import Trajectory
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -33,8 +32,6 @@ joint's definition."""
 MAX_COST_GAP = 10.0
 """Nats: hypotheses with a higher cost than the best one by this are rejected."""
 
-LOSS = Loss("huber", 1.5)
-"""Not redescending, because joints are labelled."""
 MAX_ITERATIONS = 40
 NO_IMAGE = np.zeros((1, 1), dtype=np.uint8)
 """Placeholder for unused images, because all frames of a video take much memory."""
@@ -83,7 +80,9 @@ def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Traj
     )  # which draws nothing, as there are no points
     first, times_s = first_keypoints(observations), np.array([frame.time_s for frame in stripped])
     sigma_px = START_SIGMA * person_px(first)
-    problem = keypoint_problem(skeleton, observations, times_s, sigma_px, LOSS, smoothness=RECORDED_SMOOTHNESS)
+    problem = keypoint_problem(
+        skeleton, observations, times_s, sigma_px, KEYPOINT_TRAJECTORY_LOSS, smoothness=RECORDED_SMOOTHNESS
+    )
     poses = fit_smooth(problem, observations, first_poses(skeleton, first, sigma_px), MAX_ITERATIONS).poses
     n_cameras = len({keypoints.camera.name for frame in observations for keypoints in frame.keypoints})
     log.info("whole-body motion fitted to the keypoints of %d cameras", n_cameras)

@@ -14,13 +14,14 @@ from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, declares_traits
 from workbench.core.frame_cache import FrameCache
+from workbench.core.losses import SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
 from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import projection_jacobian
 from workbench.core.side_information import FIRST_FRAMES, HEIGHT
-from workbench.inference.least_squares.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
-from workbench.inference.least_squares.residuals import nominal_pose_prior, views_residual
-from workbench.inference.least_squares.single_frame import PoseDecoder, fit_frame
+from workbench.inference.least_squares.solver.residuals import nominal_pose_prior, views_residual
+from workbench.inference.least_squares.solver.single_frame import PoseDecoder, fit_frame
+from workbench.inference.least_squares.video.hypotheses import enough_keypoints, likely_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -118,7 +119,7 @@ def fit_lengths(
         return np.vstack([project(x)[1], np.diag(whitening)[regularized]])
 
     x = scipy.optimize.least_squares(
-        residuals, np.concatenate([start, poses.ravel()]), jacobian, loss="huber", f_scale=KEYPOINT_LOSS.scale,
+        residuals, np.concatenate([start, poses.ravel()]), jacobian, loss="huber", f_scale=SEARCH_LOSS.scale,
         x_scale="jac", max_nfev=50,
     ).x  # fmt: skip
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
@@ -182,5 +183,5 @@ def _initial_poses(skeleton: Skeleton, observations: Sequence[Sequence[Keypoints
     residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in observations]
     poses = [likely_poses(skeleton, observations[0], residuals[0], prior, 1)[0]]
     for residual in residuals[1:]:
-        poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)
+        poses.append(fit_frame(PoseDecoder(skeleton), residual, SEARCH_LOSS, poses[-1], prior=prior).x)
     return np.array(poses)

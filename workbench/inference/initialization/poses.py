@@ -15,28 +15,24 @@ from workbench.body.surface import Surface, person_surface
 from workbench.cameras.camera import Camera
 from workbench.core.frame import AnnotatedFrames, Frame
 from workbench.core.frame_cache import FrameCache
+from workbench.core.losses import POINT_LOSS, SEARCH_LOSS, Loss
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
 from workbench.core.prior import MotionModel, Prior, PriorCapabilities
-from workbench.core.residual import Loss, ResidualFunction, surface_residual
+from workbench.core.residual import ResidualFunction, surface_residual
 from workbench.inference.initialization.from_keypoints import (
     MAX_COST_GAP,
     START_S,
     consistent_poses,
     poses_from_keypoints,
 )
-from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
-from workbench.inference.least_squares.hypotheses import (
-    KEYPOINT_LOSS,
-    MIN_KEYPOINTS,
-    START_LOSS,
-    START_SIGMA_M,
-    distinct_poses,
-    likely_roots,
-)
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.phase_grid import find_phase
-from workbench.inference.least_squares.residuals import views_residual
-from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, PoseDecoder, fit_frame
+from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.motion.first_frame import START_SIGMA_M, likely_roots
+from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder
+from workbench.inference.least_squares.motion.phase_grid import find_phase
+from workbench.inference.least_squares.solver.residuals import views_residual
+from workbench.inference.least_squares.solver.single_frame import FitData, PoseDecoder, fit_frame
+from workbench.inference.least_squares.video.hypotheses import MIN_KEYPOINTS, distinct_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -78,7 +74,7 @@ def fit_annotations(
     residuals = [views_residual(skeleton, [keypoints], ANNOTATION_SIGMA_PX) for keypoints in views]
     decoder = MotionDecoder(skeleton, model, np.zeros(len(skeleton.dof_names)))
     roots = likely_roots(decoder, views[:1], residuals[0])
-    data = FitData(residuals, annotations.times_s, KEYPOINT_LOSS)
+    data = FitData(residuals, annotations.times_s, SEARCH_LOSS)
     problem = fit_problem(decoder, data, len(views))
     states, _, _ = fit_motion(problem, find_phase(decoder, data, roots), tolerance=1e-6)
     poses, phases = decoder.poses(states), states[:, decoder.n_style]
@@ -127,7 +123,7 @@ def poses_from_examples(examples: FloatArray, skeleton: Skeleton, keypoints: Key
         )
     residual, decoder = views_residual(skeleton, [keypoints], sigma_px, np.inf), PoseDecoder(skeleton)
     distinct = distinct_poses(skeleton, candidates, N_REFINED, MIN_SEPARATION_M)
-    fits = [fit_frame(decoder, residual, KEYPOINT_LOSS, pose, free=_ROOT_COLUMNS) for pose in distinct]
+    fits = [fit_frame(decoder, residual, SEARCH_LOSS, pose, free=_ROOT_COLUMNS) for pose in distinct]
     fits.sort(key=lambda fit: fit.costs[-1])
     within_gap = np.array([fit.x for fit in fits if fit.costs[-1] < fits[0].costs[-1] + MAX_COST_GAP])
     return distinct_poses(skeleton, within_gap, N_SELECTED, MIN_SEPARATION_M)
@@ -161,7 +157,7 @@ def placed_costs(
         residuals = remainder * (camera.matrix[[0, 1], [0, 1]] * weights[:, None] / sigma_px) / depth[..., None]
     in_front = (depth > 0.0).all(axis=1)
     costs = np.full(len(positions), np.inf)
-    costs[in_front] = KEYPOINT_LOSS(residuals[in_front])[0].sum(axis=(1, 2))
+    costs[in_front] = SEARCH_LOSS(residuals[in_front])[0].sum(axis=(1, 2))
     return costs, (translations - camera.translation) @ camera.rotation
 
 
@@ -191,7 +187,7 @@ class _DistanceResiduals:
     skeleton: Skeleton
     surface: Surface
     observables: Observables = Observables(sigma=START_SIGMA_M)  # noqa: RUF009 - frozen
-    residual_loss: Loss = START_LOSS
+    residual_loss: Loss = POINT_LOSS
 
     def residual_function(self, observed: Observed) -> ResidualFunction:
         """Return the whitened distances."""

@@ -19,10 +19,10 @@ from workbench.core.residual import ResidualLikelihood
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.inference.least_squares.motion_fit import MotionFit
-from workbench.inference.least_squares.smooth_fit import SmoothFit
-from workbench.inference.least_squares.systematic_errors import default_length_uncertainty
-from workbench.inference.least_squares.task import Fit, Problem, Task
+from workbench.inference.least_squares.motion.motion_fit import MotionFit
+from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
+from workbench.inference.least_squares.motion.task import Fit, Problem, Task
+from workbench.inference.least_squares.video.systematic_errors import default_length_uncertainty
 from workbench.motion.models.activities import classify
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError

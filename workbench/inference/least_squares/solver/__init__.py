@@ -1,0 +1,1 @@
+"""Numerics of least squares: sparse normal equations, residual functions, kernels, and the fit of one frame."""

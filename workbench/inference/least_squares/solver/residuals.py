@@ -1,0 +1,89 @@
+"""Residual functions of prior knowledge about poses, and of the keypoints of several views (see `core.residual`).
+
+The nominal means and standard deviations are over the 479 clips of the CMU and Bandai recordings at 10 Hz. Each of the
+23 activities, from walking and running to bows, punches and a dance, has equal weight, and every pose also enters
+mirrored.
+"""
+
+from collections.abc import Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from workbench.body.skeleton import JOINT_NAMES, Skeleton
+from workbench.core.observations import Keypoints
+from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
+from workbench.inference.least_squares.solver.single_frame import GaussianPrior
+from workbench.utils.arrays import FloatArray
+
+UPRIGHT = slice(4, 6)
+"""Columns of pitch and roll in a pose."""
+UPRIGHT_SIGMA_RAD = 0.15
+"""Standard deviation of pitch and roll in walking and running."""
+NOMINAL_RAD = MappingProxyType({
+    "root_pitch": (0.13, 0.26), "root_roll": (0.0, 0.6),
+    "neck_turn": (0.0, 0.41), "neck_nod": (0.08, 0.34), "neck_tilt": (0.0, 0.15),
+    "shoulder_abduction": (0.58, 1.25), "shoulder_flexion": (0.19, 0.73), "shoulder_twist": (-0.07, 1.26),
+    "elbow_flexion": (0.99, 0.69), "hip_flexion": (0.44, 0.60), "hip_abduction": (0.07, 0.35),
+    "hip_twist": (-0.06, 0.43), "knee_flexion": (0.62, 0.43),
+})  # fmt: skip
+"""Mean and standard deviation of joint angles, equal on both sides, and of the root's lean. They differ from the
+neutral pose's zeros where a single camera needs it: elbows and knees bend one way. The roll in the recordings is within
+0.14; the value allows other activities."""
+DEFAULT_NOMINAL_RAD = (0.0, 1.0)
+"""Mean and standard deviation of unlisted angles, those of other skeletons."""
+BALANCE_M, BALANCE_SIGMA_M = (0.043, 0.0), 0.05
+"""Mean offset of the centre of mass ahead and to the left of the line between the ankles, standard deviation 0.046 and
+0.040 m; no activity's mean differs by more than 0.05 m."""
+GROUND_SIGMA_M = 0.03
+"""Standard deviation of the height of the lower ankle; 0.02 m in walking, 0.03 m in running."""
+
+_LIMBS = (
+    ("shoulder", "elbow", 0.028, 0.436),
+    ("elbow", "wrist", 0.022, 0.682),
+    ("hip", "knee", 0.100, 0.433),
+    ("knee", "ankle", 0.061, 0.606),
+)
+"""Proximal and distal joint, mass fraction and centre of mass as a fraction of the length, hands and feet included
+(Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed. 2009, table 4.1)."""
+
+
+def views_residual(
+    skeleton: Skeleton, views: Sequence[Keypoints], sigma_px: float, upright: float = UPRIGHT_SIGMA_RAD
+) -> ResidualFunction:
+    """Return the reprojection residual of one frame's keypoints in all views, and the residual of the root's lean.
+
+    Parameters
+    ----------
+    sigma_px : standard deviation of a keypoint of weight 1, px, see `keypoint_residual`.
+    upright : standard deviation of the lean, rad, see `upright_residual`.
+    """
+    terms = [keypoint_residual(skeleton, view.camera, view.joints, view.detections, sigma_px) for view in views]
+    return stacked([*terms, upright_residual(skeleton, upright)])
+
+
+def upright_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
+    """Return the residual of the root's pitch and roll, which are small in standing, walking and running and poorly
+    observed by one camera."""
+    leaning = np.eye(len(skeleton.dof_names))[UPRIGHT] / sigma_rad
+    return lambda pose: (leaning @ pose, leaning)
+
+
+def nominal_pose_prior(skeleton: Skeleton) -> GaussianPrior:
+    """Return independent normal distributions of joint angles, pitch and roll; root position and heading are free."""
+    sides = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.dof_names]
+    mean, deviation = np.array([NOMINAL_RAD.get(name, DEFAULT_NOMINAL_RAD) for name in sides]).T
+    mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
+    return GaussianPrior.independent(mean, deviation)
+
+
+def centre_of_mass(skeleton: Skeleton) -> FloatArray:
+    """Return the weights (J,) of the joints in the centre of mass, see _LIMBS. The trunk's mass is midway between
+    pelvis and neck, slightly too high."""
+    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "neck": 0.2485, "head_centre": 0.081}
+    for side in ("left", "right"):
+        for near, far, mass, along in _LIMBS:
+            weights[f"{side}_{near}"] += mass * (1.0 - along)
+            weights[f"{side}_{far}"] += mass * along
+    total = sum(weights.values())
+    return np.array([weights.get(name, 0.0) / total for name in skeleton.names])

@@ -1,0 +1,89 @@
+"""Foot contacts detected in the images: an ankle at rest in the image keeps its position, and all of them are on one
+floor.
+
+One camera determines a person's distance by their size in the image, frame by frame. A foot contact couples the frames,
+and all contacts determine the height of the floor.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import Skeleton
+from workbench.core.observations import Keypoints, Observed, person_px
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+
+ANKLES = ("left_ankle", "right_ankle")
+MAX_CONTACT_SPEED = 0.15
+"""In heights of the person per second, 0.25 m/s: a slower ankle, in every view that shows it, is in contact."""
+WINDOW_S = 0.1
+"""Time before and after a frame over which an ankle's speed in the image is estimated, because detections are noisy."""
+MIN_VISIBLE_FRAMES = 3
+"""Smallest number of frames in that time which show the ankle."""
+MIN_CONTACT_S = 0.25
+"""Shortest contact; a foot at rest for less time is reversing in the air."""
+DRIFT_M = 0.013
+"""Displacement of the ankle of a foot in contact along each axis in one second, proportional to √time: rms over 17
+activities in the CMU and Bandai recordings, over 0.07 to 0.5 s."""
+MAX_PAIR_S = 0.5
+"""Longest time between two frames of one contact."""
+
+
+def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray) -> BoolArray:
+    """Return which of ANKLES (T, 2) are in contact with the ground in T frames at times (T,), s, in all views that show
+    them; none without keypoints or without these joints in the skeleton."""
+    shape = (len(observations), len(ANKLES))
+    foot_contacts, visible = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    for name in dict.fromkeys(view.camera.name for frame in observations for view in frame.keypoints):
+        views = [next((view for view in frame.keypoints if view.camera.name == name), None) for frame in observations]
+        height_px = person_px([view for view in views if view is not None])
+        for k, joint in enumerate(ANKLES):
+            speeds = image_speeds(_joint_track(views, skeleton, joint), times_s) / height_px
+            visible[:, k] |= np.isfinite(speeds)
+            foot_contacts[:, k] &= ~(speeds > MAX_CONTACT_SPEED)
+    foot_contacts &= visible
+    return np.stack([_remove_short(contacts, times_s) for contacts in foot_contacts.T], axis=1)
+
+
+def image_speeds(positions: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Return the speeds (T,), px/s, of a point (T, 2), px, NaN where invisible: the slope of a line fitted within
+    WINDOW_S, NaN for too few frames."""
+    speeds = np.full(len(times_s), np.nan)
+    for t, time_s in enumerate(times_s):
+        nearby = np.flatnonzero((np.abs(times_s - time_s) < 1.01 * WINDOW_S) & np.isfinite(positions).all(axis=1))
+        if len(nearby) >= MIN_VISIBLE_FRAMES:
+            offsets = times_s[nearby] - times_s[nearby].mean()
+            speeds[t] = np.linalg.norm(offsets @ positions[nearby]) / (offsets @ offsets)
+    return speeds
+
+
+def contact_pairs(foot_contacts: BoolArray, times_s: FloatArray) -> IntArray:
+    """Return the first frames and the feet (K, 2) of contacts (T, 2) that last from one frame to the next."""
+    near = np.diff(times_s)[:, None] <= MAX_PAIR_S
+    return np.argwhere(foot_contacts[:-1] & foot_contacts[1:] & near)
+
+
+def median_foot_height(skeleton: Skeleton, poses: FloatArray, foot_contacts: BoolArray) -> float:
+    """Return the median height, m, of the ankles in contact (T, 2), at least one, in poses (T, P)."""
+    positions = joints(skeleton, poses)[:, [skeleton.joint(name) for name in ANKLES], 2]
+    return float(np.median(positions[foot_contacts]))
+
+
+def _remove_short(contacts: BoolArray, times_s: FloatArray) -> BoolArray:
+    """Return contacts (T,) without the intervals shorter than MIN_CONTACT_S."""
+    lasting = contacts.copy()
+    for frames in np.split(np.arange(len(contacts)), np.flatnonzero(np.diff(times_s) > MAX_PAIR_S) + 1):
+        edges = np.flatnonzero(np.diff(contacts[frames], prepend=False, append=False)) + frames[0]
+        for first, end in edges.reshape(-1, 2):
+            lasting[first:end] = times_s[end - 1] - times_s[first] >= MIN_CONTACT_S
+    return lasting
+
+
+def _joint_track(views: Sequence[Keypoints | None], skeleton: Skeleton, joint: str) -> FloatArray:
+    """Return a joint's positions (T, 2), px, in the views (T,) of one camera; NaN where it is invisible."""
+    positions = np.full((len(views), 2), np.nan)
+    for t, view in enumerate(views):
+        if view is not None and joint in skeleton.names and (rows := view.joints == skeleton.joint(joint)).any():
+            positions[t] = view.detections[rows][0, :2]
+    return positions
