@@ -172,7 +172,7 @@ METRICS = (
         CALIBRATION, 0.9, headline=True, terminal=True, short="coverage",
     ),
     Metric(
-        "coverage_90_<group>", "coverage of 90 % intervals", "fraction", "the same by part of the body",
+        "coverage_90_<group>", "coverage of 90 %", "fraction", "the same by part of the body",
         CALIBRATION, 0.9,
     ),
     Metric(
@@ -180,16 +180,16 @@ METRICS = (
         "the same for the 50 % interval, from the 25 % to the 75 % quantile", CALIBRATION, 0.5,
     ),
     Metric(
-        "coverage_90_joints", "joints: coverage of 90 % intervals", "fraction",
+        "coverage_90_joints", "joints: coverage of 90 %", "fraction",
         "`coverage_90` over the coordinates of the true joints, where the true pose is unknown",
         CALIBRATION, 0.9, terminal=True,
     ),
     Metric(
-        "coverage_90_joints_<group>", "joints: coverage of 90 % intervals", "fraction", "the same by part of the body",
+        "coverage_90_joints_<group>", "joints: coverage of 90 %", "fraction", "the same by part of the body",
         CALIBRATION, 0.9,
     ),
     Metric(
-        "coverage_50_joints", "joints: coverage of 50 % intervals", "fraction",
+        "coverage_50_joints", "joints: coverage of 50 %", "fraction",
         "`coverage_50` over the coordinates of the true joints", CALIBRATION, 0.5,
     ),
     Metric(
@@ -263,7 +263,7 @@ METRICS = (
         TRACKING,
     ),
     Metric(
-        "variance_fraction_<cue>", "cues' fractions of the log-likelihood's variance", "fraction",
+        "variance_fraction_<cue>", "cues' parts of the log-likelihood's variance", "fraction",
         "part of the log likelihood's variance over particles that is due to a cue", TRACKING,
         plot="variance_fraction_<cue>",
     ),

@@ -15,7 +15,7 @@ VALUES = [3.0, -4.0, 1.0]
         ("nees_per_dim", "NEES per dimension", ""),
         ("mpjpe_abs_arms_mm", "arms: true error (mm)", "arms"),
         ("mpjpe_abs_offset_corrected_mm", "absolute MPJPE, joint offsets corrected (mm)", ""),
-        ("coverage_90_joints_legs", "legs: joints: coverage of 90 % intervals (fraction)", "legs"),
+        ("coverage_90_joints_legs", "legs: joints: coverage of 90 % (fraction)", "legs"),
         ("marker_offset_left_elbow_mm", "left elbow: offset of the marker (mm)", "left elbow"),
         ("ess_mean", "effective sample size, mean (particles)", ""),
         ("jump_deg_p99", "largest change of a joint angle, 99th percentile (degrees)", ""),

@@ -63,6 +63,9 @@ class _PlotData(NamedTuple):
     more: str
 
 
+_Maker = Callable[[_PlotData], Plot | None]
+
+
 def plots_of(grouping: Grouping) -> list[Plot]:
     """Return the plots of the groups; [] for studies, which track no person."""
     if (metric := grouping.headline) is None:
@@ -72,12 +75,7 @@ def plots_of(grouping: Grouping) -> list[Plot]:
     data = _PlotData(grouping, metric, _errors(grouping, metric), series, more)
     with context(_STYLE):
         of_calibration = [partial(_calibration, metric=name) for name in CALIBRATED]
-        makers: list[Callable[[_PlotData], Plot | None]] = [
-            _against_particles,
-            _against_seconds,
-            *of_calibration,
-            _per_joint,
-        ]
+        makers: list[_Maker] = [_against_particles, _against_seconds, *of_calibration, _per_joint]
         plots = [make(data) for make in tqdm(makers, "plots", leave=False, disable=None)]
     return [plot for plot in plots if plot is not None]
 
