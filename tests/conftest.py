@@ -51,7 +51,7 @@ def one_blas_thread():
 def trusted(monkeypatch):
     """Read the tests' own files without the sandbox, which takes half a second to start."""
     monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
-    monkeypatch.setattr("workbench.utils.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
+    monkeypatch.setattr("workbench.motion.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ from damage import changes, flips, refusal, withstands
 from valid_files import library, points, written
 
 from workbench.datasets.files.point_formats import read_hdf5
+from workbench.motion import hdf5
 from workbench.motion.library import read_library
-from workbench.utils import hdf5
 from workbench.utils.input_limits import DEEPEST, MAX_NUMBERS
 
 
@@ -102,7 +102,7 @@ def test_numbers_outside_the_file_are_refused(kind, change, tmp_path, trusted):
 def test_only_the_sandbox_opens_a_user_s_file(kind, tmp_path, monkeypatch):
     write, _, read = KINDS[kind]
     path = write(tmp_path / "a.h5")
-    monkeypatch.setattr("workbench.utils.hdf5.h5py", None)
+    monkeypatch.setattr("workbench.motion.hdf5.h5py", None)
     assert read(path)
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from workbench import __version__
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
+from workbench.motion.hdf5 import Hdf5, read_hdf5
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.hdf5 import Hdf5, read_hdf5
 from workbench.utils.input_limits import check_places, check_rate
 
 FORMAT = "workbench motion library"

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.datasets.files import natural_order
+from workbench.motion import hdf5
 from workbench.motion.formats.text import MISSING, fail, read_lines
-from workbench.utils import hdf5
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number

@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 
 from workbench import __version__
+from workbench.motion.hdf5 import Hdf5, read_hdf5
 from workbench.utils.atomic_write import optional_cache, whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.hdf5 import Hdf5, read_hdf5
 
 FORMAT = "workbench model 3"
 
