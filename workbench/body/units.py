@@ -10,11 +10,22 @@ UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres"}
 PERSON_M = (0.7, 2.4)
 """Plausible heights of a person: from small children to the tallest adults, with a margin for inaccurate joints."""
 TYPICAL_M = 1.7
+_SMALL_M = 0.85
+"""Height below which a stated unit is doubted: an adult in inches, read in centimetres, is up to as tall."""
 
 
 def is_person(height_m: float) -> bool:
     """Return whether a person's height is plausible."""
     return PERSON_M[0] <= height_m <= PERSON_M[1]
+
+
+def fits_person(height: float, metres: float) -> bool:
+    """Return whether a stated unit, of some metres, gives a person a plausible height, in that unit.
+
+    A small child is plausible unless another unit gives a larger person.
+    """
+    height_m, unit = height * metres, unit_of_person(height)
+    return is_person(height_m) and (height_m >= _SMALL_M or (unit is not None and UNITS[unit] <= metres))
 
 
 def unit_of_person(height: float, units: Iterable[str] = UNITS) -> str | None:

@@ -27,8 +27,8 @@ outside of the body."""
 _MAX_LEAN_DEG, _MAX_SLOPE_DEG = 20.0, 5.0
 _LYING_DEG = 60.0
 """Angle between the person's long axis and z from which on another axis is nearer to it."""
-HEIGHTS_M, _AVERAGE_HEIGHT_M = (1.2, 2.2), 1.7
-"""Plausible heights, and the assumed one, of a person whose height is not set."""
+HEIGHTS_M = (1.2, 2.2)
+"""Expected heights of a person whose height is not set, who is assumed to be of TYPICAL_M."""
 _MAX_HEIGHT_ERROR, _WRONG_HEIGHT_ERROR = 0.1, 0.25
 """Relative difference between the configured height and that of an average person with the measured limbs. Lengths over
 the height differ by 5 % (one standard deviation) between people, and between a detector's joints and an anatomist's.
@@ -130,7 +130,7 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
     heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
     if not np.isfinite(heights).any():
         return CalibrationCheck(tuple(findings), joints)
-    tall = height_m or (float(np.clip(usual_height(limbs), *HEIGHTS_M)) if limbs else _AVERAGE_HEIGHT_M)
+    tall = height_m or (float(np.clip(usual_height(limbs), *HEIGHTS_M)) if limbs else TYPICAL_M)
     floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * tall
     if not any(finding.is_problem for finding in findings):
         findings.append(_floor(floor_m, observed.cameras, "the feet stand"))
@@ -215,7 +215,7 @@ def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
     if not limbs:
         return Finding("height mismatch", "no limb is triangulated: the unit of length is unknown", NOTE)
     measured_m = usual_height(limbs)
-    expected_m = height_m or _AVERAGE_HEIGHT_M
+    expected_m = height_m or TYPICAL_M
     lengths = ", ".join(f"{limb.replace('_', ' ')} {100.0 * length:.0f}" for limb, length in limbs.items())
     text = f"the limbs are as long as those of a person of {measured_m:.2f} m ({lengths} cm)"
     if unit := unit_of(measured_m / expected_m):
@@ -241,7 +241,7 @@ def unit_of(ratio: float) -> str | None:
 
 def _check_single(observed: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
     """Check one camera by people assumed upright, of height_m or the average height."""
-    (camera,), keypoints, tall = observed.cameras, observed.keypoints[0], height_m or _AVERAGE_HEIGHT_M
+    (camera,), keypoints, tall = observed.cameras, observed.keypoints[0], height_m or TYPICAL_M
     feet, heads = _middle(keypoints, "ankle")[:, :2], _joint(keypoints, "head_centre")[:, :2]
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():

@@ -124,7 +124,7 @@ def find_sources(paths: Iterable[str | Path]) -> list[Path]:
 class Reading:
     """How motion files are read; None: by the file, its format's convention and the person's size and posture.
 
-    unit : of length, one of `units_axes.UNITS`. up : the file's vertical axis, x, y, z, -x, -y or -z. rate_hz : of an
+    unit : of length, one of `units.UNITS`. up : the file's vertical axis, x, y, z, -x, -y or -z. rate_hz : of an
     .amc file. asf : skeleton of .amc files. landmarks : the file's joints by the person's joints, e.g.
     {left_knee: LeftLeg}, where `joint_names` does not have them.
     """

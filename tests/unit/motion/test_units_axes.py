@@ -40,7 +40,7 @@ def test_files_with_y_up_and_z_up():
 
 
 @settings(max_examples=30)
-@given(height_m=st.floats(0.71, 2.39), unit=st.sampled_from(list(UNITS)))
+@given(height_m=st.floats(0.86, 2.39), unit=st.sampled_from(list(UNITS)))
 def test_height_and_vertical_axis_follow_from_a_standing_person(height_m, unit):
     skeleton = person_skeleton(from_height(height_m))
     positions = joints(skeleton, np.zeros((3, 25))) / UNITS[unit]
@@ -61,7 +61,7 @@ def test_height_and_vertical_axis_follow_from_a_standing_person(height_m, unit):
         (67.0, "inches", 0.0254, logging.INFO), (1.7, 1.0, 1.0, logging.INFO), (1700.0, "m", 0.001, logging.WARNING),
         (67.0, "cm", 0.0254, logging.WARNING), (30.0, "cm", UNITS["cmu"], logging.WARNING),
         (1.7, "furlong", 1.0, logging.WARNING), (170.0, "", 0.01, logging.INFO), (None, "cm", 0.01, logging.INFO),
-        (None, "", 1.0, logging.INFO),
+        (None, "", 1.0, logging.INFO), (75.0, "cm", 0.0254, logging.WARNING), (0.75, "m", 1.0, logging.INFO),
     ],
 )  # fmt: skip
 def test_the_header_is_used_where_it_is_plausible(caplog, size, header, metres, level):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from workbench.body.units import UNITS
 from workbench.motion.clip import MotionClip
 from workbench.motion.formats.person_clip import person_clip
 from workbench.motion.formats.text import (
@@ -30,7 +31,6 @@ from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, c
 log = logging.getLogger(__name__)
 
 CMU_HZ = 120.0
-_INCH_M = 0.0254
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
 _ROTATIONS = ("rx", "ry", "rz")
 _TRANSLATIONS = ("tx", "ty", "tz")
@@ -112,7 +112,7 @@ def read_amc(
     asf : the skeleton's file, by default one in the same folder: with the longest name with which the motion's begins
         (35.asf for 35_02.amc), or the only one.
     rate_hz : Hz, of the frame numbers; None: the file's :SAMPLES-PER-SECOND, else 120 Hz as in the CMU database.
-    unit : of length, one of `units_axes.UNITS`; None: the ASF's.
+    unit : of length, one of `units.UNITS`; None: the ASF's.
     up : the vertical axis; None: y, unless the person then is not upright, see `units_axes.vertical_axis`.
 
     Raises
@@ -254,7 +254,7 @@ def _units(path: Path, units: _Properties) -> tuple[float, bool]:
     line, words = units.get("angle", (0, ["deg"]))
     if words not in (["deg"], ["rad"]):
         fail(path, line, f"expected the unit of angles, deg or rad, found {' '.join(words)!r}")
-    return _INCH_M / length, words == ["deg"]
+    return UNITS["inch"] / length, words == ["deg"]
 
 
 def _root(path: Path, root: _Properties, last_line: int) -> _Bone:

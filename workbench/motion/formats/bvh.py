@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import Skeleton
+from workbench.body.units import UNITS
 from workbench.motion.clip import FILE_FROM_WORLD, MotionClip
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.formats.person_clip import person_clip
@@ -33,7 +34,7 @@ from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
 
 log = logging.getLogger(__name__)
 
-PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+PER_METRE = {unit: 1.0 / UNITS[unit] for unit in ("m", "cm", "mm")}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
@@ -62,7 +63,7 @@ def read_bvh(
     Parameters
     ----------
     path : the file.
-    unit, up : unit of length (`units_axes.UNITS`) and vertical axis; None: by the person's size and posture, by
+    unit, up : unit of length (`units.UNITS`) and vertical axis; None: by the person's size and posture, by
         convention cm and y.
     landmarks : the file's joints by the person's joints, where `joint_names` does not have them.
 

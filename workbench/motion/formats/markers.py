@@ -72,7 +72,7 @@ def in_world(
     ----------
     source : the file, for messages.
     raw : markers in the file's unit and axes.
-    unit : of length, one of `units_axes.UNITS`; None: the header's, if the person then has a plausible size.
+    unit : of length, one of `units.UNITS`; None: the header's, if the person then has a plausible size.
     up, forward : the file's axes that become the world's z and x; None: by the person's posture, and `world_axes`.
 
     Raises

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench.body.units import PERSON_M, UNITS, is_person, unit_of_person
+from workbench.body.units import PERSON_M, UNITS, fits_person, unit_of_person
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -104,7 +104,7 @@ def metres_per_unit(place: object, size: float | None, header: str | float, give
     if size is None:
         log.info("%s: no limb whose length shows the unit; read as %s", place, name or "m")
         return usual or 1.0
-    if usual is not None and is_person(size * usual):
+    if usual is not None and fits_person(size, usual):
         log.info("%s: read in %s, in which the person is %.2f m tall", place, name, size * usual)
         return usual
     unit = unit_of_person(size)
