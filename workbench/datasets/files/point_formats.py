@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.datasets.files import natural_order
 from workbench.motion import hdf5
 from workbench.motion.formats.text import MISSING, fail, read_lines
 from workbench.utils.arrays import AnyArray, FloatArray
