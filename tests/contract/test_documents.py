@@ -7,7 +7,7 @@ import pytest
 
 from workbench.cameras import camera_formats
 from workbench.cli.main import main
-from workbench.datasets.files import point_formats
+from workbench.datasets import point_formats
 from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import GROUPS, options
 from workbench.motion.formats import motion_export

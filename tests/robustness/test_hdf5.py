@@ -6,7 +6,7 @@ import pytest
 from damage import changes, flips, refusal, withstands
 from valid_files import library, points, written
 
-from workbench.datasets.files.point_formats import read_hdf5
+from workbench.datasets.point_formats import read_hdf5
 from workbench.motion import hdf5
 from workbench.motion.library import read_library
 from workbench.utils.input_limits import DEEPEST, MAX_NUMBERS

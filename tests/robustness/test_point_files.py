@@ -7,8 +7,8 @@ import pytest
 from damage import changes, flips, refusal, withstands
 from valid_files import PLY, written
 
-from workbench.datasets.files.point_formats import read_csv, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
+from workbench.datasets.point_formats import read_csv, read_npz, read_ply
 from workbench.utils.input_limits import MAX_NUMBERS
 
 
@@ -54,7 +54,7 @@ def test_an_archive_of_objects_is_refused(tmp_path):
 
 def test_an_archive_larger_than_memory_is_refused(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", points=np.zeros((2000, 3)))
-    monkeypatch.setattr("workbench.datasets.files.point_formats.MAX_NUMBERS", 5000)
+    monkeypatch.setattr("workbench.datasets.point_formats.MAX_NUMBERS", 5000)
     assert "bytes of arrays" in refusal(read_npz, tmp_path / "a.npz")
     assert MAX_NUMBERS > 5000
 

@@ -17,7 +17,7 @@ from workbench.core.capabilities import POINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.datasets.files.point_formats import READERS, in_order, read_hdf5
+from workbench.datasets.point_formats import READERS, in_order, read_hdf5
 from workbench.datasets.rendering import sequence
 from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
 from workbench.motion.formats.units_axes import AXES, world_axes

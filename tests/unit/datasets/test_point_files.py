@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from workbench.datasets.files.point_formats import (
+from workbench.datasets.point_files import PointFiles
+from workbench.datasets.point_formats import (
     READERS,
     in_order,
     read_csv,
@@ -19,7 +20,6 @@ from workbench.datasets.files.point_formats import (
     read_pcd,
     read_ply,
 )
-from workbench.datasets.point_files import PointFiles
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.utils.errors import InputError
