@@ -27,6 +27,7 @@ from workbench.datasets.person_height import Measurements, calibrate_by_height, 
 from workbench.datasets.visible_frames import visible_frames
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import InputPath
 
 log = logging.getLogger(__name__)
 
@@ -90,17 +91,17 @@ class Video:
         height = () if keys.get("height_m") is None else (HEIGHT,)
         return component_traits(IMAGES, ONE_CAMERA, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
 
-    source: str
-    calibration_file: str | None
+    source: InputPath
+    calibration_file: InputPath | None
     camera_name: str | None = None
     first_frame: int = 0
     n_frames: int | None = None
     scale: float = 1.0
     rate_hz: float | None = None
-    initial_annotations: str | None = None
+    initial_annotations: InputPath | None = None
     initial_last_frame: int | None = None
-    keypoints: str | None = None
-    eval_annotations: str | None = None
+    keypoints: InputPath | None = None
+    eval_annotations: InputPath | None = None
     eval_frames: Sequence[int] = ()
     occluded_weight: float = 0.35
     person: int | str | None = None

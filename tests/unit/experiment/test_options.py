@@ -187,13 +187,11 @@ def test_a_recording_cannot_allow_packages(package):
         runnable_config(run_of(target="my_components.mine.Still"), [], defaults())
     assert not imported(package)
     options_module.allow_packages(["my_components"])
-    assert (
-        runnable_config(run_of(target="my_components.mine.Still"), [], defaults()).prior._target_
-        == "my_components.mine.Still"
-    )
     with pytest.raises(InputError, match=r"'my_components\.mine\.Path' is no component of the workbench$"):
         runnable_config(run_of(target="my_components.mine.Path"), [], defaults())
     assert not imported(package)
+    config = runnable_config(run_of(target="my_components.mine.Still"), [], defaults())
+    assert config.prior._target_ == "my_components.mine.Still"
 
 
 @pytest.mark.parametrize(
