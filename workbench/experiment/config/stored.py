@@ -20,7 +20,6 @@ from workbench.experiment.config.instantiate import import_target, path_keys
 from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, is_target
 from workbench.experiment.config.schema import check_recorded, composed
 from workbench.experiment.provenance import PYTHON
-from workbench.recording.migrations import FORMAT, migrated
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
@@ -55,8 +54,6 @@ def runnable_config(
     settings = run.settings
     if settings.get("experiment") == PYTHON:
         raise InputError(f"{run.path}: its components were built in Python; run that code again")
-    if run.format < FORMAT:
-        settings = migrated(run.path, run.recorded_settings)
     _check_untrusted(run, settings)
     try:
         check_recorded(settings)

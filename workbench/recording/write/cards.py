@@ -9,7 +9,6 @@ import rerun.blueprint as rrb
 from rerun.blueprint import table
 from rerun.chunk import RrdReader
 
-from workbench.recording.migrations import former_paths
 from workbench.recording.settings import numbers_and_texts
 from workbench.recording.write.file import CHOICES, SETTINGS, arrow, written_file
 
@@ -79,9 +78,7 @@ def write_layout(
     hidden = rrb.PlotLegend(visible=False)
     views: list[rrb.View] = [rrb.Spatial2DView(origin=image, contents=["$origin/**"]) for image in images]
     if curve:
-        views.append(
-            rrb.TimeSeriesView(origin="/metrics", contents=[_CURVE, *former_paths([_CURVE])], plot_legend=hidden)
-        )
+        views.append(rrb.TimeSeriesView(origin="/metrics", contents=[_CURVE], plot_legend=hidden))
     preview = table.Column(_OPEN, name="open", column_type=table.PreviewCell(*views))
     named = [table.Column(source, name=name) for source, name in fields.items()]
     rows = [table.Column(source, name=fields.get(source)) for source in (_OPEN, title, *columns)]
