@@ -16,7 +16,6 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.keys import records_arguments
 from workbench.datasets.association.target_selection import select_target
 from workbench.datasets.detection.detection_files import DETECT, cached_detections
 from workbench.datasets.files.calibration import camera_named, fitted, in_units, read_calibration, unit_of_people
@@ -39,7 +38,6 @@ Files = Mapping[str, InputPath]
 _NO_FILES: Files = MappingProxyType({})
 
 
-@records_arguments
 class MultiView:
     """Videos of the same time, with one view per video in every frame, and their detections.
 

@@ -272,10 +272,13 @@ def record(
 
 
 def recorder_of(config: DictConfig, components: Components, summary: Summary) -> Recorder:
-    """Return the recorder of a run of these components, not yet open; InputError as `Recorder`."""
+    """Return the recorder of a run of these components, not yet open; InputError as `Recorder`.
+
+    It does not show the summary's uninformative metrics.
+    """
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
     live |= {"source_video": components.clip.info.video}
-    live |= {"uninformative_metrics": sorted(_uninformative(config, components))}
+    live |= {"uninformative_metrics": sorted(summary.uninformative_metrics)}
     live |= (
         {"decode": components.prior.pose} if components.prior is not None and resumable(components.inference) else {}
     )

@@ -18,7 +18,6 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core import capabilities
 from workbench.core.capabilities import LIMB_COLUMNS, ONE_CAMERA, Traits, combined_requirements, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities, propose
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.utils.arrays import FloatArray, IntArray
@@ -33,7 +32,6 @@ _REMOVED = {capabilities.DENSITY, capabilities.ACTIVITY, capabilities.BODY_PARTS
 """Capabilities of the base that flips remove."""
 
 
-@records_arguments
 class KinematicFlips:
     """Another prior, with depth flips of forearms and calves:
 
