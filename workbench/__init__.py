@@ -6,7 +6,7 @@ Importing it changes nothing in the process: no environment variables, signal ha
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.1.0"  # here alone: pyproject.toml reads it
+__version__ = "0.2.0"  # here alone: pyproject.toml reads it
 
 _MODULES = {
     "Components": "experiment.tracking",

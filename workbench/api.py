@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.experiment.config.options import GROUPS, allow_packages, packages_in
 from workbench.experiment.config.schema import composed, typed
-from workbench.experiment.provenance import PYTHON, Command, object_config, provenance
+from workbench.experiment.provenance import PYTHON, Command, provenance
 from workbench.experiment.run import ending, execute, recorder_of
 from workbench.experiment.run import record as record_steps
 from workbench.experiment.summary import Summary
@@ -66,7 +66,8 @@ def run(
 def record(components: Components, folder: str | Path | None = None, *, seed: int = 0, quiet: bool = False) -> Run:
     """Track with components built in Python, record every step, and return the recording.
 
-    The recorded settings describe the live objects, see `provenance.object_config`.
+    The recorded settings contain the seed and the names of the components' classes. Their configuration is the
+    caller's, who keeps the code that builds them.
 
     Parameters
     ----------
@@ -97,17 +98,18 @@ def record(components: Components, folder: str | Path | None = None, *, seed: in
 
 
 def _settings(components: Components, seed: int) -> dict[str, Any]:
-    """Return the configuration of the live objects; likelihood: the inference's attribute, if it has one."""
+    """Return the classes of the live objects; likelihood: the inference's attribute, if it has one."""
     likelihood = getattr(components.inference, "likelihood", None)
     live = {
+        "body": components.body,
         "dataset": components.clip.dataset,
         "prior": components.prior,
         "likelihood": likelihood,
         "inference": components.inference,
     }
-    nodes = {group: None if component is None else object_config(component) for group, component in live.items()}
-    body = {"_target_": object_config(components.body)["_target_"], "shape": components.body.shape.as_dict()}
-    return {"experiment": PYTHON, "seed": seed, "body": body, **nodes}
+    names = {group: f"{type(each).__module__}.{type(each).__qualname__}" for group, each in live.items()}
+    nodes = {group: None if live[group] is None else {"_target_": name} for group, name in names.items()}
+    return {"experiment": PYTHON, "seed": seed, **nodes}
 
 
 def _composed(experiment: str, overrides: tuple[str, ...]) -> tuple[DictConfig, dict[str, str]]:

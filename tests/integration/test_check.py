@@ -48,7 +48,8 @@ def resolved(*overrides):
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=[*overrides, "paths.data=null", "paths.cache=/home/someone/cache"])
-    return OmegaConf.to_yaml(config, resolve=True)
+    recorded = [str(key) for key in config if key != "sweep"]
+    return OmegaConf.to_yaml(OmegaConf.masked_copy(config, recorded), resolve=True)
 
 
 @pytest.fixture(scope="module")
@@ -276,18 +277,37 @@ def changed(settings, changes):
     return config
 
 
-def test_a_stored_configuration_cannot_choose_where_files_are_written(settings, tmp_path, cache):
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"recorder": {"path": "notes.txt"}}, {"recorder": {"path": "link/notes.txt"}}, {"recorder": {"body": 3}},
+        {"recorder": {"run_id": "x"}}, {"recorder": {"provenance": {}}}, {"hydra": {"run": {"dir": "link"}}},
+        {"paths": {"runs": "link"}}, {"dataset": {"motion": "secret.bvh"}}, {"dataset": {"calibration_file": "link"}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_stored_configuration_names_no_place_to_write_and_no_file_of_the_current_folder(
+    settings, tmp_path, capsys, changes
+):
+    (tmp_path / "elsewhere").mkdir()
+    files = [Path("notes.txt"), Path("secret.bvh"), tmp_path / "elsewhere" / "notes.txt"]
+    for file in files:
+        file.write_text("content")
+    Path("link").symlink_to(tmp_path / "elsewhere")
+    store(tmp_path / "hostile.rrd", changed(settings, changes))
+    (place,) = changes
+    for words in (["check", f"{tmp_path}/hostile.rrd", "--run"], ["run", f"from={tmp_path}/hostile.rrd"]):
+        assert main(words) == 2
+        printed = "".join(capsys.readouterr())
+        assert f"hostile.rrd: {place}" in printed
+        assert "Traceback" not in printed
+    assert [file.read_text() for file in files] == ["content"] * 3
+    assert sorted(path.name for path in (tmp_path / "elsewhere").iterdir()) == ["notes.txt"]
+
+
+def test_a_stored_configuration_writes_to_the_users_cache_and_the_folder_of_the_run(settings, tmp_path, cache):
     outside = tmp_path / "outside"
-    changes = {
-        "recorder": {"path": str(outside / "x.rrd"), "stream": True},
-        "hydra": {"run": {"dir": str(outside)}},
-        "dataset": {"cache": str(outside)},
-        "n_threads": 10_000,
-    }
-    run = store(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../outside")
-    with pytest.raises(InputError, match=r"recorder\.path: .* is outside paths\.data"):
-        runnable_config(run, [], current_defaults([]))
-    del changes["recorder"]["path"], changes["hydra"]
+    changes = {"recorder": {"stream": True}, "dataset": {"cache": str(outside)}, "n_threads": 10_000}
     run = store(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../outside")
     config = runnable_config(run, [], current_defaults([]))
     assert (config.dataset.cache, config.prior.cache, config.paths.cache) == (str(cache),) * 3

@@ -30,10 +30,10 @@ def command(tmp_path_factory):
     for name in ("WORKBENCH_DATA", "WORKBENCH_COMPONENTS", "PYTEST_ADDOPTS"):
         environment.pop(name, None)
 
-    def call(module, *arguments, **variables):
+    def call(module, *arguments, cwd=folder, **variables):
         return subprocess.run(
-            [sys.executable, "-m", module, *arguments],
-            cwd=folder, env=environment | variables, capture_output=True, text=True, timeout=600, check=False,
+            [sys.executable, "-P", "-m", module, *arguments],
+            cwd=cwd, env=environment | variables, capture_output=True, text=True, timeout=600, check=False,
         )  # fmt: skip
 
     return folder, call
@@ -64,6 +64,24 @@ def test_a_sweep_of_own_components_in_workers_is_reported(command):
     completed = call("workbench", "report", "workers")
     assert completed.returncode == 0, completed.stderr
     assert "2 complete" in completed.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
+def test_workers_import_nothing_from_the_current_folder(command, tmp_path, launcher):
+    """Modules of the current folder with names that Python and the workbench import; own components are imported."""
+    pytest.importorskip(f"hydra_plugins.hydra_{launcher.partition('_')[0]}_launcher")
+    for name in ("tempfile", "subprocess", "numpy", "workbench"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write('{name} ')\n")
+    workers = ["hydra.launcher.n_jobs=2"] if launcher == "joblib" else ["hydra.launcher.timeout_min=5"]
+    words = ["component_packages=[my_components]", *SMALL, "seed=0,1", f"hydra/launcher={launcher}", *workers]
+    _, call = command
+    completed = call("workbench", "run", "-m", *words, cwd=tmp_path)
+    assert not (tmp_path / "imported").exists()
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert [json.loads(path.read_text())["status"] for path in tmp_path.glob("recordings/**/summary.json")] == [
+        "complete"
+    ] * 2
 
 
 @pytest.mark.slow

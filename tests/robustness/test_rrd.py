@@ -14,6 +14,7 @@ from small_recordings import record, write_recorded_run
 
 from workbench.cli.main import main
 from workbench.experiment.summary import Summary
+from workbench.recording.format import FORMAT
 from workbench.recording.read import crash_probe as probe
 from workbench.recording.read.crash_probe import crashing_recordings, is_own, open_sound_runs, read_sound_run
 from workbench.utils.errors import LONGEST, InputError
@@ -115,7 +116,7 @@ def test_runs_of_this_machine_are_read_without_the_sandbox(tmp_path, monkeypatch
 def test_an_unknown_body_is_refused(tmp_path):
     stream = rr.RecordingStream("other", recording_id="other")
     stream.set_sinks(rr.FileSink(tmp_path / "a.rrd"))
-    for name, values in (("run", {"status": "complete"}), ("body", {"joints": 3})):
+    for name, values in (("run", {"status": "complete", "format": FORMAT}), ("body", {"joints": 3})):
         stream.send_property(name, rr.AnyValues(**values))
     stream.flush()
     stream.disconnect()

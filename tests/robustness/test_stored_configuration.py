@@ -1,6 +1,8 @@
 """The configuration and properties of an untrusted recording are plain data and name only components."""
 
+import inspect
 import json
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 
@@ -10,11 +12,14 @@ import yaml
 from damage import changes, damaged, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 from valid_files import YAML
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
-from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.instantiate import build, import_target
+from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.schema import RunSchema, composed, prepare_hydra
 from workbench.experiment.config.stored import current_defaults, runnable_config
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.properties import check_settings, checked
@@ -85,13 +90,23 @@ def defaults():
     return current_defaults([])
 
 
+SMOOTH, GAIT = "workbench.priors.smooth.Smooth", "workbench.priors.from_motions.gait"
 FOREIGN = (
     {"_target_": "os.system", "command": "id"}, {"_target_": "builtins.eval"}, {"_target_": "subprocess.run"},
     {"_target_": "workbench.utils.input_limits.check_sizes"}, {"_target_": "workbench.motion.library.write_library"},
     {"_target_": ["os.system"]}, {"_target_": "workbench.priors"}, {"a": [{"_target_": "os.system"}]},
     {"_target_": "workbench.priors.smooth.Smooth", "_args_": ["/tmp/x"]}, {"_partial_": True}, {"a": "${oc.env:HOME}"},
-    {"a": "${oc.create:{_target_:os.system}}"}, {"motions": "/etc/passwd.h5"}, {"motions": "../../motions.h5"},
-    {"motions": "~/.ssh/motions.h5"}, {"motion": "rtsp://example.org/x.bvh"}, {"motion": "C:\\x.bvh"},
+    {"a": "${oc.create:{_target_:os.system}}"}, {"_target_": GAIT, "motions": "/etc/passwd.h5"},
+    {"_target_": GAIT, "motions": "../../motions.h5"}, {"_target_": GAIT, "motions": "~/.ssh/motions.h5"},
+    {"_target_": GAIT, "motions": "rtsp://example.org/x.h5"}, {"_target_": GAIT, "motions": "C:\\x.h5"},
+    {"_target_": GAIT, "motions": "C:/x.h5"}, {"_target_": GAIT, "motions": "file:/etc/passwd"},
+    {"_target_": GAIT, "exclude": ["02", "\\\\server\\x"]}, {"_target_": GAIT, "penalty": {"../x": 1.0}},
+    {"_target_": GAIT, "subjects": ["/etc/passwd:x"]}, {"_target_": GAIT, "data": ""}, {"_target_": GAIT, "data": "."},
+    {"_target_": SMOOTH, "sigmas": 1}, {"_target_": SMOOTH, "damping": "much"}, {"_target_": SMOOTH, "sigma": 3},
+    {"_target_": SMOOTH, "sigma": {"angle": [1]}}, {"_target_": SMOOTH, "parameters": "left_knee"},
+    {"_target_": SMOOTH, "parameters": [1]}, {"_target_": GAIT, "sigma_rotation": [0.1]},
+    {"_target_": GAIT, "n_components": True}, {"_target_": "workbench.priors.ar_offsets.AROffsets", "base": 3},
+    {"_target_": "workbench.priors.ar_offsets.AROffsets", "base": {"_target_": SMOOTH, "sigmas": 1}},
 )  # fmt: skip
 
 
@@ -99,6 +114,27 @@ FOREIGN = (
 def test_only_components_are_accepted(foreign):
     message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, "prior": foreign})), [], defaults())
     assert message.startswith("a.rrd: prior.")
+
+
+RECORDER = "workbench.recording.write.recorder.Recorder"
+UNLISTED = {
+    "recorder.path": {"recorder": {"_target_": RECORDER, "path": "notes.txt"}},
+    "recorder.run_id": {"recorder": {"_target_": RECORDER, "run_id": "x"}},
+    "recorder.provenance": {"recorder": {"_target_": RECORDER, "provenance": {}}},
+    "recorder.body": {"recorder": {"_target_": RECORDER, "body": 3}},
+    "recorder.source_video": {"recorder": {"_target_": RECORDER, "source_video": "x.mp4"}},
+    "recorder.jpeg_quality": {"recorder": {"_target_": RECORDER, "jpeg_quality": "high"}},
+    "recorder": {"recorder": {"path": "notes.txt"}}, "hydra": {"hydra": {"run": {"dir": "out"}}},
+    "sweep": {"sweep": {"resume": "out"}}, "output": {"output": "notes.txt"}, "paths.runs": {"paths": {"runs": "out"}},
+    "check.ess.path": {"check": {"ess": {"path": "x"}}}, "n_threads": {"n_threads": "all"},
+    "training.cache": {"training": {"cache": "x"}}, "assumptions": {"assumptions": {"a": 1}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", UNLISTED)
+def test_only_the_keys_of_the_schema_are_accepted(key):
+    message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, **UNLISTED[key]})), [], defaults())
+    assert message.startswith(f"a.rrd: {key}: ")
 
 
 @given(st.text(min_size=1) | st.from_regex(r"(os|builtins|workbench|hydra|numpy)\.[a-z_.]{1,20}", fullmatch=True))
@@ -138,3 +174,140 @@ def test_changed_properties_are_refused_or_reported_with_the_sound_run(values):
     assert "2" in report
     assert "\x1b" not in report
     report.encode()
+
+
+@pytest.mark.parametrize("key", ["path", "run_id", "body", "provenance"])
+def test_a_configuration_cannot_replace_the_objects_of_the_run(tmp_path, key):
+    node = OmegaConf.create({"_target_": RECORDER, key: str(tmp_path / "x.rrd")})
+    assert refusal(lambda: build(node, path=tmp_path / "run.rrd")) == f"config: {RECORDER} has no key {key!r}"
+
+
+@cache
+def components():
+    """Return the recorded components of all experiments by group and class, as plain values, without paths.data."""
+    found = {}
+    for experiment in options("experiment"):
+        config = OmegaConf.to_container(composed([f"experiment={experiment}", "paths.data=null"]), resolve=True)
+        for group in GROUPS:
+            if config[group] is not None:
+                found[group, config[group]["_target_"]] = config[group]
+    return found
+
+
+def test_the_configuration_of_every_experiment_is_accepted():
+    for (group, _), node in components().items():
+        config = runnable_config(run_with(yaml.safe_dump({"seed": 3, group: node})), [], defaults())
+        assert set(config[group]) >= set(node)
+
+
+@cache
+def recorded_keys():
+    """Return (places of keys, component): those of every component, also nested and of its class, and of the top level.
+
+    A place is the tuple of keys that lead to it.
+    """
+    return [
+        *((place, node) for (group, _), node in components().items() for place in _places(node, (group,))),
+        *(((name,), None) for name in (*RunSchema.__dataclass_fields__, "hydra", "experiment", "output")),
+        *(((name, key), None) for name in ("paths", "check", "training", "clips", "sweep") for key in ("data", "x")),
+    ]
+
+
+def _places(node, place):
+    if "_target_" in node:
+        yield from ((*place, name) for name in inspect.signature(import_target(node["_target_"])).parameters)
+    for key, value in node.items():
+        yield (*place, key)
+        if isinstance(value, dict):
+            yield from _places(value, (*place, key))
+
+
+def _texts(value):
+    if isinstance(value, dict):
+        yield from (text for pair in value.items() for item in pair for text in _texts(item))
+    elif isinstance(value, list):
+        yield from (text for item in value for text in _texts(item))
+    else:
+        yield value
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Yield a folder of files below which are the current folder, the home folder and paths.data, with links."""
+    root = tmp_path_factory.mktemp("folders")
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("here", "home", "data/inside", "elsewhere"):
+            (root / name).mkdir(parents=True)
+            for file in ("notes.txt", "notes", "walk.bvh", "library.h5"):
+                (root / name / file).write_text("content")
+        (root / "here" / "to_elsewhere").symlink_to("../elsewhere")
+        (root / "data" / "to_elsewhere").symlink_to("../elsewhere")
+        (root / "data" / "to_notes.txt").symlink_to("../elsewhere/notes.txt")
+        patch.chdir(root / "here")
+        patch.setenv("HOME", str(root / "home"))
+        yield root
+
+
+PATHS = (
+    "{root}/elsewhere/notes.txt", "{root}/elsewhere", "{root}/elsewhere/missing", "{root}/elsewhere/library.h5:walk",
+    "../elsewhere/walk.bvh", "{root}/data/../elsewhere/notes.txt", "notes.txt", "walk.bvh", "notes", "./notes",
+    "library.h5:walk", "to_elsewhere/notes.txt", "./to_elsewhere", "~/notes.txt", "~", "{root}/data/to_notes.txt",
+    "{root}/data/to_elsewhere", "{root}/data/to_elsewhere/walk.bvh", "file://{root}/elsewhere/notes.txt",
+    "file:{root}/elsewhere/notes.txt", "https://example.org/notes.txt", "C:\\notes.txt", "..\\notes.txt", "a\0b",
+)  # fmt: skip
+
+
+def _contents(root):
+    files = (path for path in root.rglob("*") if path.is_file())
+    return {str(path): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+
+
+@given(st.data())
+@settings(max_examples=200, deadline=None)
+def test_no_recorded_key_names_a_place_outside(folders, data):
+    """A path outside paths.data at any key is refused, or the user's folder replaces it; nothing is written."""
+    (*parents, last), node = data.draw(st.sampled_from(recorded_keys()))
+    bad = data.draw(st.sampled_from(PATHS)).format(root=folders)
+    value = data.draw(st.sampled_from([bad, [bad], ["a", bad], {"a": bad}, {bad: "a"}, {"a": [bad]}]))
+    config = {"seed": 3, "paths": {"data": str(folders / "data"), "cache": "/some/cache"}}
+    config |= {} if node is None else {parents[0]: deepcopy(node)}
+    place = config
+    for key in parents:
+        place = place.setdefault(key, {})
+    place[last] = value
+    current = OmegaConf.merge(defaults(), {"paths": {"data": str(folders / "data")}})
+    before, run = _contents(folders), run_with(yaml.safe_dump(config))
+    outcome = []
+    if not refusal(lambda: outcome.append(runnable_config(run, [], current))):
+        assert bad not in set(_texts(OmegaConf.to_container(outcome[0])))
+    assert _contents(folders) == before
+
+
+PLACES = ("source", "keypoints", "calibration_file", "initial_annotations", "eval_annotations")
+
+
+@pytest.mark.parametrize("key", PLACES)
+def test_a_folder_of_the_current_folder_is_refused_where_a_key_names_one(folders, key):
+    node = {
+        "_target_": "workbench.datasets.video.Video",
+        "source": "x.mp4",
+        "calibration_file": None,
+        key: "to_elsewhere",
+    }
+    message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, "dataset": node})), [], defaults())
+    assert message.startswith(
+        f"a.rrd: dataset.{key}: 'to_elsewhere' is outside paths.data; if you trust it, add dataset."
+    )
+
+
+def test_a_folder_with_a_link_that_leaves_the_data_is_refused(folders):
+    current = OmegaConf.merge(defaults(), {"paths": {"data": str(folders / "data")}})
+    node = {"_target_": "workbench.datasets.point_files.PointFiles"}
+
+    def refused(source):
+        text = yaml.safe_dump({"seed": 3, "dataset": {**node, "source": str(folders / "data" / source)}})
+        return refusal(runnable_config, run_with(text), [], current)
+
+    assert "outside paths.data" in refused("")
+    assert not refused("inside")
+    assert not refused("inside/walk.bvh")

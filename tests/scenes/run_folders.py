@@ -3,11 +3,13 @@
 import json
 from itertools import product
 
+from workbench.recording.format import FORMAT
+
 
 def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1, **other):
     """Return the contents of a run's summary.json."""
     return {
-        "status": status, "experiment": "walk_straight", "seed": seed, "given": ["start"],
+        "format": FORMAT, "status": status, "experiment": "walk_straight", "seed": seed,
         "metrics": {"mpjpe_abs_mm": error, "coverage_90": 0.9, "log_evidence": None},
         "provenance": {"commit": "c" * 40, "changed": "no", "choices": [f"prior={prior}", "body=dataset"]},
         "settings": {

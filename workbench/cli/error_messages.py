@@ -11,7 +11,6 @@ from difflib import get_close_matches
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.recording.migrations import todays_experiment, todays_key
 from workbench.utils.errors import InputError, RunFailure, shortened
 from workbench.utils.signals import Interrupted
 
@@ -90,8 +89,6 @@ def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "")
         return _unknown_option(option[1], option[2])
     if not (key := _KEY.search(whole)):
         return [whole]
-    if (old := (_PLACE.search(whole) or key)[1]) != (today := todays_key(old)):
-        return [f"the key {old} is now called {today}"]
     place, keys, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
     name = place[1] if place else key[1]
     group, before = name.partition(".")[0], name.rpartition(".")[0]
@@ -106,8 +103,6 @@ def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "")
 def _unknown_option(group: str, name: str) -> list[str]:
     from workbench.experiment.config.options import options
 
-    if group == "experiment" and (today := todays_experiment(name)) != name:
-        return [f"experiment={name} is now called experiment={today}"]
     return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
 
 

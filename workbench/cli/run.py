@@ -40,8 +40,9 @@ _ENVIRONMENT = {
     "RUST_LOG": "warn,re_log_encoding=off,re_sdk=off",  # a full disk ends the run with one message
     "MIMALLOC_PURGE_DELAY": "0",  # Rerun returns free memory at once: a third less for a long run
     "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 27),  # limit for image files
+    "PYTHONSAFEPATH": "1",  # workers import nothing from the current folder
 }
-"""Defaults for this process and the workers of its launcher, read when Rerun and OpenCV are imported."""
+"""Defaults for this process and the workers of its launcher, read when Rerun, OpenCV and the workers start."""
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

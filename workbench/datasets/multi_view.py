@@ -17,7 +17,6 @@ from workbench.cameras.camera import Camera
 from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.keys import records_arguments
 from workbench.datasets.truth_axes import in_axes_of_cameras
 from workbench.datasets.video import Video
 from workbench.datasets.visible_frames import visible_frames
@@ -31,14 +30,14 @@ from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centre
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, is_equal
+from workbench.utils.input_path import InputPath
 
 log = logging.getLogger(__name__)
 
-Files = Mapping[str, str]
+Files = Mapping[str, InputPath]
 _NO_FILES: Files = MappingProxyType({})
 
 
-@records_arguments
 class MultiView:
     """Videos of the same time, with one view per video in every frame, and their detections.
 
@@ -79,10 +78,10 @@ class MultiView:
         return component_traits(IMAGES, *keypoints)
 
     def __init__(
-        self, sources: Files, calibration_file: str, cameras: Sequence[str] | None = None, first_frame: int = 0,
+        self, sources: Files, calibration_file: InputPath, cameras: Sequence[str] | None = None, first_frame: int = 0,
         n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None,
         keypoints: Files | str = _NO_FILES, person: int | str | Mapping[str, int] | None = None,
-        truth: str | None = None, truth_first_frame: int = 0, truth_unit: str | None = None,
+        truth: InputPath | None = None, truth_first_frame: int = 0, truth_unit: str | None = None,
         truth_up: str | None = None, truth_forward: str | None = None,
         joint_markers: MarkersOf = NO_MARKERS, detector: str = "full", cache: str = "~/.cache/workbench",
         only_visible: bool = False, unit: str | float | None = None, up: str | None = None,

@@ -24,6 +24,7 @@ from workbench.motion.formats.units_axes import AXES, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
+from workbench.utils.input_path import InputPath
 from workbench.utils.rng import stream
 
 log = logging.getLogger(__name__)
@@ -64,7 +65,7 @@ class PointFiles:
         """Declare points, which allow initialization, and the assumptions on the initial pose."""
         return component_traits(POINTS, START, *sequence.provided_assumptions(keys))
 
-    source: str
+    source: InputPath
     rate_hz: float = 14.0
     unit: str | None = None
     up: str = "z"

@@ -33,6 +33,7 @@ from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import PATHS
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import InputPath
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
@@ -71,7 +72,7 @@ class Synthetic(Scene):
     rate_hz: float = 30.0
     cache: str | None = None
     moving: Sequence[str] | None = None
-    calibration_file: str | None = None
+    calibration_file: InputPath | None = None
     person_px: float = 270.0
     occluder: bool = False
     noise_std: float = 4.0

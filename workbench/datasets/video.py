@@ -29,6 +29,7 @@ from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, frame_times, given_times
+from workbench.utils.input_path import InputPath
 
 log = logging.getLogger(__name__)
 
@@ -92,17 +93,17 @@ class Video:
         height = () if keys.get("height_m") is None else (HEIGHT,)
         return component_traits(IMAGES, ESTIMATED_CAMERA, *keypoints, *annotations, assumptions=height)
 
-    source: str
-    calibration_file: str | None
+    source: InputPath
+    calibration_file: InputPath | None
     camera_name: str | None = None
     first_frame: int = 0
     n_frames: int | None = None
     scale: float = 1.0
     rate_hz: float | None = None
-    initial_annotations: str | None = None
+    initial_annotations: InputPath | None = None
     initial_last_frame: int | None = None
-    keypoints: str | None = None
-    eval_annotations: str | None = None
+    keypoints: InputPath | None = None
+    eval_annotations: InputPath | None = None
     eval_frames: Sequence[int] = ()
     occluded_weight: float = 0.35
     person: int | str | None = None

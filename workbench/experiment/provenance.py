@@ -4,17 +4,14 @@ import hashlib
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from errno import ENAMETOOLONG
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.core.keys import constructor_arguments
-from workbench.experiment.config.instantiate import config_keys
 from workbench.experiment.config.options import OURS, folder_of, packages
 from workbench.motion.formats.names import SUFFIXES
 from workbench.recording.settings import NO_EFFECT, leaves
@@ -33,10 +30,6 @@ RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai"
 
 PYTHON = "python"
 """Name of the experiment for a run of components built in Python."""
-
-_MOST = 100
-"""Maximum size of an array that is written out; a longer one is recorded by its SHA-256."""
-_MISSING = object()
 
 
 @dataclass(frozen=True)
@@ -217,38 +210,3 @@ def _sha256(file: Path, _size: int, _mtime_ns: int) -> str:
 def _code(package: str) -> str:
     sources = read_sources(folder_of(package))
     return digest_of(sources, sources)
-
-
-def object_config(component: object) -> dict[str, Any]:
-    """Return the configuration of a live object: its class under `_target_` and its keys, nested objects likewise.
-
-    `not_stored` lists keys whose values the object does not store, see `core.keys`. Arrays of learned models are
-    included, long ones by their hash.
-    """
-    arguments, names, not_stored = constructor_arguments(component), list(config_keys(type(component))), []
-    if is_dataclass(component):
-        names += [item.name for item in fields(component) if isinstance(getattr(component, item.name), np.ndarray)]
-    config: dict[str, Any] = {"_target_": f"{type(component).__module__}.{type(component).__qualname__}"}
-    for name in names:
-        value = arguments.get(name, getattr(component, name, _MISSING))
-        if value is _MISSING:
-            not_stored.append(name)
-        else:
-            config[name] = _plain(value)
-    return config | ({"not_stored": not_stored} if not_stored else {})
-
-
-def _plain(value: Any) -> Any:
-    """Return a value in types that YAML has."""
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return value.tolist() if value.size <= _MOST else f"{'×'.join(map(str, value.shape))}, sha256 {digest}"
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    return object_config(value)

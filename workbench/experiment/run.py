@@ -253,10 +253,13 @@ def record(
 
 
 def recorder_of(config: DictConfig, components: Components, summary: Summary) -> Recorder:
-    """Return the recorder of a run of these components, not yet open; InputError as `Recorder`."""
+    """Return the recorder of a run of these components, not yet open; InputError as `Recorder`.
+
+    It does not show the summary's uninformative metrics.
+    """
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
     live |= {"source_video": components.clip.info.video}
-    live |= {"uninformative_metrics": sorted(_uninformative(config, components))}
+    live |= {"uninformative_metrics": sorted(summary.uninformative_metrics)}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 

@@ -18,7 +18,7 @@ import numpy as np
 from workbench import __version__
 from workbench.evaluation.errors.track_loss import track_metrics
 from workbench.evaluation.metrics import row_of
-from workbench.recording.migrations import FORMAT
+from workbench.recording.format import FORMAT
 from workbench.utils.atomic_write import replace_text
 from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
 from workbench.utils.signals import deferred

@@ -22,7 +22,6 @@ from workbench.core.capabilities import (
 from workbench.core.checks import at_least, check
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior
 from workbench.core.side_information import POSE_HISTORY
 from workbench.core.step import Step
@@ -70,7 +69,6 @@ class _WindowPrior(Prior, Protocol):
         """Return this prior, restricted to the windows in a mask (n,)."""
 
 
-@records_arguments
 class Synthesis:
     """Sample one motion from a prior, frame by frame; an inference that ignores the images.
 

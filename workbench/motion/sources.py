@@ -27,6 +27,7 @@ from workbench.motion.synthetic.gait import subjects, walker
 from workbench.motion.synthetic.run_gait import runner, runners
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
+from workbench.utils.input_path import InputPath
 
 CMU_LICENCE = (
     "CMU Graphics Lab Motion Capture Database, mocap.cs.cmu.edu; created with funding from NSF EIA-0196217; "
@@ -186,7 +187,7 @@ def load_motion(path: str | Path, reading: Reading = BY_FILE) -> Motion:
 
 @declares_traits(component_traits(assumptions=(LIMB_LENGTHS, LIMB_RADII)))
 def body_of_file(
-    *, file: str, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None,
+    *, file: InputPath, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None,
     scale: float = 1.0,
 ) -> Body:  # fmt: skip
     """Return the person with the skeleton of a motion file, all lengths times `scale`; see `Reading`."""

@@ -7,7 +7,6 @@ import numpy as np
 
 from workbench.body.skeleton import N_ROOT
 from workbench.core.capabilities import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.state_space import StateSpace
 from workbench.motion.models.activities import ActivityModel
@@ -23,7 +22,6 @@ INITIAL_VELOCITY_STD = 2.0  # m/s along the heading
 MIN_SIGMA = 1e-9  # standard deviation of columns without noise, so that their density exists
 
 
-@records_arguments
 class Activity(AllColumnsFree):
     """A prior over states {α, μ, speed of μ, root, root velocity} of paper D's motion model, D = d + 11.
 

@@ -10,7 +10,6 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import ACTIVITY, BODY_PARTS, SEPARABLE, Traits
 from workbench.core.discrepancy import Discrepancy, small_sample_inflation
-from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
 from workbench.priors.density import REFERENCE_RATE_HZ, AppendedColumns
 from workbench.utils.arrays import FloatArray
@@ -20,7 +19,6 @@ SIGMA, AR_COEFFICIENT = 0.02, 0.9
 """For a base without a learned discrepancy: a stationary standard deviation of 0.046 rad, 2.6°."""
 
 
-@records_arguments
 class AROffsets(AppendedColumns):
     """The pose of another prior plus an offset δ of each of k joint angles, a first-order autoregression (AR):
 

@@ -11,7 +11,6 @@ import scipy
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_TORSO_ORIENTATION
 from workbench.core.state_space import StateSpace
@@ -32,7 +31,6 @@ ANGLE_SIGMA_RAD = 0.1  # standard deviation of an angle of the initial pose abou
 _ROWS = 256  # minimum number of states per thread
 
 
-@records_arguments
 class Cyclic(AllColumnsFree):
     """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, combined_requirements, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import Prior, PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS, TRAJECTORY
 from workbench.priors.density import AppendedColumns
@@ -24,7 +23,6 @@ class Trajectory:
     poses: FloatArray
 
 
-@records_arguments
 class FittedRest(AppendedColumns):
     """Another prior for some parameters, and a fitted trajectory for the others, e.g. an arm of a balancing person.
 

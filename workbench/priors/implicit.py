@@ -9,7 +9,6 @@ import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, LOOKAHEAD_WINDOWS, Traits, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
 from workbench.core.state_space import StateSpace
@@ -32,7 +31,6 @@ INITIAL_POSITION_STD, INITIAL_ROTATION_STD, INITIAL_ANGLE_STD = 0.01, 0.02, 0.02
 MAX_EXAMPLES = 2000
 
 
-@records_arguments
 class Implicit:
     """The implicit prior over states {pose, c, contribution of the last d − 1 rows to the next coefficients} (C).
 

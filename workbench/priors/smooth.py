@@ -12,7 +12,6 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import BODY_PARTS, DENSITY, SEPARABLE, Traits, component_traits
-from workbench.core.keys import records_arguments
 from workbench.core.prior import PriorCapabilities
 from workbench.core.side_information import FIXED_OTHER_JOINTS
 from workbench.core.state_space import StateSpace
@@ -38,7 +37,6 @@ SIGMA_VELOCITY = MappingProxyType({
 """σ^V per frame at 30 Hz, m/s or rad/s: changes of velocities between frames in 24 CMU clips, half of them walks."""
 
 
-@records_arguments
 class Smooth(AllColumnsFree):
     """Constant velocity within hard limits for k of the pose's P parameters (paper A, section 6.1):
 

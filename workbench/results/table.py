@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from workbench.recording.migrations import renamed_summary
+from workbench.recording.format import check_format
 from workbench.recording.settings import choices_of, leaves
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
@@ -110,7 +110,11 @@ def _of_folder(folder: Path) -> dict[str, Any]:
         with suppress(FileNotFoundError):  # a run that ends renames its recording
             record |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
-        record |= _of_summary(renamed_summary(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))))
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        check_format(folder / SUMMARY, summary.get("format"), (summary.get("versions") or {}).get("workbench"))
+        record |= _of_summary(summary)
+    except InputError as error:
+        return record | {"error": str(error)}
     except (OSError, *_NOT_A_SUMMARY) as error:
         folder.stat()  # raises if the folder was removed
         reason = f"{folder / SUMMARY}: expected the summary of a run, found {type(error).__name__}: {error}"
@@ -157,7 +161,7 @@ def _unreadable(path: Path) -> dict[str, Any]:
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return FIELDS and SECTIONS from a summary of today's format; raises one of _NOT_A_SUMMARY for other content."""
+    """Return FIELDS and SECTIONS from a summary; raises one of _NOT_A_SUMMARY for other content."""
     origin = dict(summary.get("provenance") or {})
     choices = choices_of(origin.pop("choices", None) or [])
     origin.pop("difference", None)

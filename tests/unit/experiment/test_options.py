@@ -15,7 +15,6 @@ from workbench.experiment.config.instantiate import build, check_targets, config
 from workbench.experiment.config.options import GROUPS
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import runnable_config
-from workbench.recording.migrations import FORMAT
 from workbench.utils.errors import InputError
 
 MODULE = '''
@@ -169,7 +168,6 @@ def run_of(*, target):
     """Return the part of a recording that is checked before it is repeated."""
     return SimpleNamespace(
         path="some/x.rrd",
-        format=FORMAT,
         settings={"component_packages": ["my_components"], "prior": {"_target_": target}},
     )
 
@@ -187,13 +185,11 @@ def test_a_recording_cannot_allow_packages(package):
         runnable_config(run_of(target="my_components.mine.Still"), [], defaults())
     assert not imported(package)
     options_module.allow_packages(["my_components"])
-    assert (
-        runnable_config(run_of(target="my_components.mine.Still"), [], defaults()).prior._target_
-        == "my_components.mine.Still"
-    )
     with pytest.raises(InputError, match=r"'my_components\.mine\.Path' is no component of the workbench$"):
         runnable_config(run_of(target="my_components.mine.Path"), [], defaults())
     assert not imported(package)
+    config = runnable_config(run_of(target="my_components.mine.Still"), [], defaults())
+    assert config.prior._target_ == "my_components.mine.Still"
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,13 @@
 """Provenance records what a run needs to be repeated; runs with equal identities are equal."""
 
-import dataclasses
-import hashlib
 import shutil
 import subprocess
 
-import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.core.keys import constructor_arguments, records_arguments
-from workbench.core.observations import Keypoints
 from workbench.experiment import provenance as module
-from workbench.experiment.provenance import code_state, has_commit, identity, object_config
-from workbench.priors.smooth import Smooth
+from workbench.experiment.provenance import code_state, has_commit, identity
 
 
 def git(folder, *arguments):
@@ -157,44 +151,3 @@ def test_recordings_are_identified_by_the_contents_of_their_files(data, changes,
         assert identity(named) == before
     (data / read).write_text("changed")
     assert identity(named) != before
-
-
-class PartlyStored:
-    """A component that stores one of its two keys."""
-
-    def __init__(self, *, stored: float = 1.0, unstored: float = 2.0) -> None:
-        self.stored = stored
-
-
-def test_keys_have_the_objects_current_values():
-    prior = Smooth(damping=2.0)
-    recorded = object_config(prior)
-    assert recorded["_target_"] == "workbench.priors.smooth.Smooth"
-    assert (recorded["damping"], recorded["initial_pose_scale"], recorded["lower"]) == (2.0, 2.0, None)
-    assert "not_stored" not in recorded
-
-
-def test_a_key_that_the_object_does_not_store_is_listed():
-    assert object_config(PartlyStored(stored=3.0)) == {
-        "_target_": f"{__name__}.PartlyStored", "stored": 3.0, "not_stored": ["unstored"],
-    }  # fmt: skip
-
-
-def test_small_arrays_are_listed_and_large_arrays_are_hashed():
-    @dataclasses.dataclass
-    class Model:
-        few: np.ndarray
-        many: np.ndarray
-
-    many = np.arange(200.0).reshape(20, 10)
-    recorded = object_config(Model(np.arange(3), many))
-    assert recorded["few"] == [0, 1, 2]
-    assert recorded["many"] == f"20×10, sha256 {hashlib.sha256(many.tobytes()).hexdigest()}"
-    assert object_config(Model(np.arange(3), many + 1.0))["many"] != recorded["many"]
-
-
-def test_a_decorated_class_records_its_constructor_arguments():
-    component = records_arguments(type("Own", (PartlyStored,), {}))(unstored=5.0)
-    assert constructor_arguments(component) == {"stored": 1.0, "unstored": 5.0}
-    assert object_config(component)["unstored"] == 5.0
-    assert constructor_arguments(Keypoints) == {}

@@ -13,13 +13,12 @@ import rerun_cli
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
+from workbench.recording.format import FORMAT, check_format
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import read
-from workbench.recording.write.file import FORMAT, RecordingFile
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
-
-FORMAT_1 = Path(__file__).parent / "recordings" / "format_1.rrd"
 
 
 @pytest.fixture(scope="module")
@@ -163,23 +162,23 @@ def test_settings_are_the_configuration_as_plain_values(recorded):
     assert recording.result == {"error_mm": 1.0}
     assert recording.provenance["seed"] == 3
     assert not recording.is_study
-    assert recording.format == FORMAT
+    assert recording.properties["run"]["format"] == FORMAT
     assert recording.environment.keys() >= {"system", "blas", "numba_cpu", "numpy"}
 
 
-def test_a_recording_without_a_format_number_is_of_format_1():
-    recording = read(FORMAT_1)
-    assert (recording.format, recording.environment, recording.status) == (1, {}, "complete")
-    assert recording.poses[1].shape == (4, 25)
-    assert recording.joints.positions.shape == recording.true_joints.positions.shape == (4, 15, 3)
-    assert recording.marginals.log_mass.shape[2] == 4
-    assert recording.settings["inference"]["n_particles"] == 40
-    assert recording.result["mpjpe_abs_mm"] == pytest.approx(recording.metric("mpjpe_abs_mm")[1][1:].mean())
-
-
-@pytest.mark.parametrize("version", [FORMAT + 1, "two"])
-def test_a_newer_format_is_rejected(tmp_path, version):
-    with RecordingFile(tmp_path / "run.rrd", run_id="x", config_yaml="", provenance={}) as file:
+@pytest.mark.parametrize("version", [FORMAT - 1, FORMAT + 1, "two"])
+def test_another_format_is_refused_with_the_version_that_wrote_it(tmp_path, version):
+    provenance = {"workbench": "0.0.1"}
+    with RecordingFile(tmp_path / "run.rrd", run_id="x", config_yaml="", provenance=provenance) as file:
         file.send_property("run", {"format": version})
-    with pytest.raises(InputError, match=f"format 1 to {FORMAT}, found {version!r}"):
+    with pytest.raises(InputError) as error:
         read(tmp_path / "run.rrd")
+    assert str(error.value) == (
+        f"{tmp_path}/run.rrd: expected format {FORMAT}, found format {version}, written by workbench 0.0.1; "
+        "repeat its experiment, or use that version"
+    )
+
+
+def test_a_recording_without_a_number_has_format_1():
+    with pytest.raises(InputError, match="found format 1, written by an unknown version of workbench"):
+        check_format("run.rrd", None, None)

@@ -10,6 +10,7 @@ from run_folders import summary, write_run, write_sweep
 from small_recordings import write_recorded_run
 
 import workbench as wb
+from workbench.recording.format import FORMAT
 from workbench.results.table import FIELDS, read_run, read_runs, records_of
 from workbench.utils.errors import InputError
 from workbench.utils.run_lock import locked
@@ -98,3 +99,13 @@ def test_any_content_of_a_summary_leaves_the_other_runs_readable(tmp_path_factor
     assert len(status) == 2
     assert status[str(root / "valid")] == "complete"
     assert status[str(root / "invalid")] == "unreadable" or content.startswith("{")
+
+
+def test_a_summary_of_another_format_is_refused_with_the_version_that_wrote_it(tmp_path):
+    write_run(tmp_path / "old", format=2, versions={"workbench": "0.0.1"})
+    (row,) = read_runs(tmp_path).to_dict("records")
+    assert row["status"] == "unreadable"
+    assert row["error"] == (
+        f"{tmp_path}/old/summary.json: expected format {FORMAT}, found format 2, written by workbench 0.0.1; "
+        "repeat its experiment, or use that version"
+    )

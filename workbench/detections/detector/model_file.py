@@ -105,7 +105,7 @@ def _downloaded(model: PublishedModel, path: Path) -> bytes:
 
 def _of_pip(model: PublishedModel, folder: Path) -> bytes:
     """Return a model out of the wheel that pip downloads; raises OSError where it does not."""
-    command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", *_PLATFORM, "-d", str(folder)]
+    command = [sys.executable, "-P", "-m", "pip", "download", "--no-deps", "--quiet", *_PLATFORM, "-d", str(folder)]
     done = subprocess.run([*command, model.package], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
     wheels = list(folder.glob("*.whl"))
     if done.returncode or len(wheels) != 1:

@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.experiment.config.options import OURS, hint_to_allow, is_allowed, is_target
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import InputPath
 from workbench.utils.signals import deferred
 
 _LIVE = frozenset(
@@ -59,15 +60,16 @@ def build(node: DictConfig, **live: object) -> Any:
 
     Raises
     ------
-    InputError : a target that is not allowed, or a key that is no parameter of the target.
+    InputError : a target that is not allowed, or a key that is no configuration key of the target: the run alone
+        supplies live objects.
     """
     if not isinstance(node, DictConfig):
         raise InputError(f"config: expected a component with its keys, found {node!r}")
     component = import_target(node["_target_"])
     parameters = inspect.signature(component).parameters
     keys = [str(key) for key in node if key != "_target_"]
-    if unknown := sorted(key for key in keys if key not in parameters):
-        raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
+    if unknown := sorted(set(keys) - set(config_keys(component))):
+        raise InputError(f"config: {node['_target_']} has no key {unknown[0]!r}")  # +group.key=… skips the schema
     plain: Any = _with_text_keys(OmegaConf.to_container(node, resolve=True, throw_on_missing=True))
     built = {key: _built(node[key], live) for key in keys if _has_target(node[key])}
     matching = {name: value for name, value in live.items() if name in parameters}
@@ -109,6 +111,16 @@ def config_keys(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
     parameters = inspect.signature(target).parameters
     keys = {name: (types.get(name, Any), parameter.default) for name, parameter in parameters.items()}
     return {name: key for name, key in keys.items() if name not in _LIVE and not _is_live(key[0])}
+
+
+def path_keys(target: Callable[..., object]) -> frozenset[str]:
+    """Return the parameters that name files or folders to read: those of type `InputPath`."""
+    types = get_type_hints(target.__init__ if inspect.isclass(target) else target, include_extras=True)
+    return frozenset(name for name, hint in types.items() if _names_path(hint))
+
+
+def _names_path(hint: Any) -> bool:
+    return bool(hint == InputPath) or any(map(_names_path, get_args(hint)))
 
 
 def _is_live(hint: Any) -> bool:

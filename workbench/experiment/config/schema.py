@@ -7,7 +7,7 @@ override is therefore an error that names the key.
 import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, field, fields, make_dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -368,3 +368,62 @@ def typed(value: Any, file: str) -> Any:
         return merged
     except (InputError, OmegaConfBaseException) as error:
         raise ConfigCompositionException(f"{file}: {' '.join(str(error).split())}") from error
+
+
+def check_recorded(settings: Mapping[str, Any]) -> None:
+    """Raise InputError, with the key, for a recorded configuration with unknown keys or values of another type.
+
+    A recorded configuration has the keys of RunSchema, except for those of a sweep, and its components have values for
+    the configuration keys of their classes. The targets must be allowed; their modules are imported.
+    """
+    expected = [item.name for item in fields(RunSchema) if item.name != "sweep"]
+    if unknown := [key for key in settings if key not in expected]:
+        raise InputError(f"{unknown[0]}: a recorded configuration has no such key; it has {', '.join(expected)}")
+    for key in settings.keys() - set(options.GROUPS):
+        try:
+            OmegaConf.merge(OmegaConf.structured(RunSchema), {key: settings[key]})
+        except OmegaConfBaseException as error:
+            raise InputError(f"{error.full_key or key}: {str(error.msg).splitlines()[0]}") from None
+    for group in options.GROUPS:
+        if settings.get(group) is not None:
+            _check_component(settings[group], group)
+
+
+def _check_component(node: Any, place: str) -> None:
+    """Raise InputError unless plain values are a component with all keys that its class needs, and no others."""
+    if not (isinstance(node, Mapping) and isinstance(node.get("_target_"), str)):
+        raise InputError(f"{place}: expected a component with a _target_, found {node!r}")
+    target, keys = node["_target_"], config_keys(import_target(node["_target_"], f"{place}._target_ "))
+    if missing := [key for key, (_, default) in keys.items() if default is inspect.Parameter.empty and key not in node]:
+        raise InputError(f"{place}: {target} needs the key {missing[0]!r}, found none")
+    for key, value in node.items():
+        if key == "_target_":
+            continue
+        if key not in keys:
+            raise InputError(f"{place}.{key}: {target} has no such key; it has {', '.join(keys) or 'none'}")
+        if not _matches(value, hint := keys[key][0], f"{place}.{key}"):
+            expected = getattr(hint, "__name__", str(hint)) if inspect.isclass(hint) else str(hint)
+            raise InputError(f"{place}.{key}: expected {expected.replace('collections.abc.', '')}, found {value!r}")
+
+
+def _matches(value: Any, hint: Any, place: str) -> bool:
+    """Return whether a plain value has the type of a parameter; raises InputError for a wrong component in it."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any or (value is None and hint is NoneType):
+        return True
+    if origin in (Union, UnionType):
+        return any(_matches(value, each, place) for each in inner)
+    if hint in _PLAIN:
+        return type(value) is hint or (hint is float and type(value) is int)
+    if origin is Literal:
+        return value in inner
+    if origin in (tuple, list, Sequence):
+        fixed = origin is tuple and Ellipsis not in inner
+        fits = isinstance(value, list) and (not fixed or len(value) == len(inner))
+        return fits and all(_matches(item, inner[0], f"{place}[{k}]") for k, item in enumerate(value))
+    if origin in (dict, Mapping):
+        named = isinstance(value, Mapping)
+        return named and all(_matches(item, inner[1], f"{place}.{key}") for key, item in value.items())
+    if isinstance(value, Mapping):  # a nested component
+        _check_component(value, place)
+    return isinstance(value, Mapping)

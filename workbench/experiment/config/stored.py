@@ -1,22 +1,25 @@
 """Turn the configuration stored in a recording into one that is safe to run here.
 
 A recording may come from an untrusted source. Its configuration may build components that are options of the workbench
-or of a package that the user has allowed, read below the user's `paths.data`, and write to the cache and the run's
-folder.
+or of a package that the user has allowed, and read below the user's `paths.data`. It has only the keys of the schema,
+none of which names a place to write: the run writes to the user's cache and to its own folder.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import PurePosixPath, PureWindowsPath
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
+from workbench.experiment.config.instantiate import import_target, path_keys
 from workbench.experiment.config.options import GROUPS, OURS, hint_to_allow, is_target
-from workbench.experiment.config.schema import composed
+from workbench.experiment.config.schema import check_recorded, composed
 from workbench.experiment.provenance import PYTHON
-from workbench.recording.migrations import FORMAT, migrated
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
@@ -44,15 +47,18 @@ def runnable_config(
 
     Raises
     ------
-    InputError : with the recording and the key, for an interpolation, a target that is no option, an override of a
-        missing key, a removed key, or a path outside paths.data that is no override.
+    InputError : with the recording and the key, for an interpolation, a target that is no option, an unknown key, a
+        value of another type than its key's, an override of a missing key, or a path outside paths.data that is no
+        override.
     """
     settings = run.settings
     if settings.get("experiment") == PYTHON:
         raise InputError(f"{run.path}: its components were built in Python; run that code again")
-    if run.format < FORMAT:
-        settings = migrated(run.path, run.recorded_settings)
     _check_untrusted(run, settings)
+    try:
+        check_recorded(settings)
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
     folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
     moved = {
         **dict.fromkeys(GROUPS),
@@ -61,16 +67,15 @@ def runnable_config(
         "n_threads": None,
     }
     moved["paths"] = {"data": folders.get("data"), "cache": folders.get("cache")}
-    if isinstance(moved["recorder"], dict):
+    if "stream" in (moved["recorder"] or {}):
         moved["recorder"]["stream"] = False
     moved.setdefault("check", OmegaConf.to_container(current.check))
-    moved |= components or {}
-    config = OmegaConf.create(moved)
+    config = OmegaConf.create({**moved, **(components or {})})
     overridden = [_apply(run, config, text) for text in overrides]
-    for place, value in leaves(moved, lists=True):
-        trusted = any(f"{place}.".startswith((f"{key}.", f"{key}[")) for key in ("paths", *overridden))
-        if isinstance(value, str) and not trusted and _is_outside(value, folders.values()):
-            raise InputError(f"{run.path}: {place}: {value!r} is outside paths.data; if you trust it, add {place}=…")
+    trusted = ("paths", *(components or {}), *overridden)
+    for place, text in _outside(moved, folders.get("data")):
+        if not f"{place}.".startswith(tuple(f"{key}{end}" for key in trusted for end in ".[")):
+            raise InputError(f"{run.path}: {place}: {text!r} is outside paths.data; if you trust it, add {place}=…")
     return config
 
 
@@ -127,10 +132,57 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
     return key
 
 
-def _is_outside(text: str, allowed: Iterable[str]) -> bool:
-    """Return whether a text could be a path or address outside the allowed and the current folder."""
-    path, other = PurePosixPath(text), PureWindowsPath(text)
-    if ".." in other.parts or "://" in text:
+def _outside(node: Any, data: str | None, place: str = "", names_path: bool = False) -> Iterator[tuple[str, str]]:
+    """Yield the places and texts of a configuration that could name a file outside the folder `data`.
+
+    names_path: the texts are values of a key that names files or folders, see `path_keys`.
+    """
+    if isinstance(node, Mapping):
+        paths = path_keys(import_target(node["_target_"])) if "_target_" in node else frozenset()
+        for key, item in node.items():
+            below = f"{place}.{key}" if place else str(key)
+            if _is_elsewhere(str(key)):
+                yield below, str(key)
+            elif key == "data" and isinstance(item, str):  # the user may have linked databases below it
+                yield from [(below, item)] if data is None or not _is_below(item, data) else []
+            elif key not in ("_target_", "cache"):  # the cache is the user's
+                yield from _outside(item, data, below, names_path or key in paths)
+    elif isinstance(node, list):
+        for k, item in enumerate(node):
+            yield from _outside(item, data, f"{place}[{k}]", names_path)
+    elif isinstance(node, str) and _is_outside(node, data, names_path):
+        yield place, node
+
+
+def _is_outside(text: str, data: str | None, names_path: bool) -> bool:
+    """Return whether a text could name an existing file outside the folder `data`, perhaps by a symbolic link.
+
+    A word without dots and slashes may have the name of a folder, unless its key names files and folders.
+    """
+    if _is_elsewhere(text):
         return True
-    absolute = path.is_absolute() or bool(other.root) or text.startswith("~")
-    return absolute and not any(path.is_relative_to(folder) for folder in allowed)
+    library = text.rpartition(":")[0]  # of LIBRARY.h5:clip
+    paths = [os.path.expanduser(path) for path in (text or ".", *([library] if library else []))]
+    is_word = not (names_path or set(text) & set("./\\"))
+    exists = os.path.isfile if is_word else os.path.exists
+    named = [path for path in paths if os.path.isabs(path) or exists(path)]
+    return any(data is None or not all(_is_below(each, data) for each in (path, *_links(path))) for path in named)
+
+
+def _is_elsewhere(text: str) -> bool:
+    """Return whether a text is a path that leads upwards, one of another system, or an address."""
+    windows = PureWindowsPath(text)
+    of_windows = "\\" in text and bool(windows.root)
+    return ".." in windows.parts or of_windows or "\0" in text or bool(re.search(r"\w:/", text))
+
+
+def _is_below(path: str, folder: str) -> bool:
+    """Return whether a path is the folder or below it after symbolic links are resolved."""
+    root = os.path.realpath(os.path.expanduser(folder))
+    return Path(os.path.realpath(os.path.expanduser(path))).is_relative_to(root)
+
+
+def _links(folder: str) -> Iterator[str]:
+    """Yield the symbolic links below a folder."""
+    for place, *names in os.walk(folder):
+        yield from filter(os.path.islink, (os.path.join(place, name) for name in chain(*names)))

@@ -12,7 +12,6 @@ from workbench.body.surface import attach, person_surface, residual_jacobian, re
 from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
-from workbench.core.keys import records_arguments
 from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
@@ -34,7 +33,6 @@ _BLOCK = 256
 """Covariances decomposed together, which bounds the memory."""
 
 
-@records_arguments
 class LeastSquares:
     """Fit a person to all frames; an inference that yields its steps after solving.
 

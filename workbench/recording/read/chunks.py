@@ -18,7 +18,6 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.recording.migrations import FORMAT, entity_path, former_paths
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -29,7 +28,6 @@ _CONVERSION_ERRORS = (
 )  # fmt: skip
 """Errors raised by converting values of unexpected types."""
 
-_RUN = "/__properties/run"
 EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
 
@@ -65,10 +63,10 @@ def sound(path: Path) -> Iterator[None]:
 def read_chunks(path: Path, contents: Sequence[str], components: Sequence[str] | None = None) -> list[Chunk]:
     """Return the chunks of the entities `contents`, such as /metrics/**, of an .rrd or an incomplete .part.
 
-    components: those to read, such as Points2D:radii, from recordings of today's format; None: all.
+    components: those to read, such as Points2D:radii; None: all.
 
-    Entities of earlier formats have today's paths, see `migrations`. Of a .part all whole messages are read.
-    Raises InputError when there is no such file, or it is not a recording, or it is cut and no .part.
+    Of a .part all whole messages are read. Raises InputError when there is no such file, or it is not a recording, or
+    it is cut and no .part.
     """
 
     def read(reader: RrdReader, has_footer: bool) -> list[Chunk]:
@@ -76,32 +74,14 @@ def read_chunks(path: Path, contents: Sequence[str], components: Sequence[str] |
             unread = ", ".join(each.recording_id for each in runs[1:])
             _say_once(f"{path}: holds {len(runs)} merged recordings, of which the first is read; not read: {unread}")
         stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
-        return stream.filter(content=[*contents, *former_paths(contents), _RUN], components=components).to_chunks()
+        return stream.filter(content=[*contents], components=components).to_chunks()
 
-    chunks = _read_with(read, path)
-    if _is_former(chunks):
-        chunks = [_renamed(chunk) for chunk in chunks]
-    wants_run = any(content.startswith("/__properties/") for content in contents)
-    return [chunk for chunk in chunks if wants_run or chunk.entity_path != _RUN]
+    return _read_with(read, path)
 
 
 @lru_cache(maxsize=64)  # a recording is read in several parts
 def _say_once(message: str) -> None:
     log.warning("%s", message)
-
-
-def _is_former(chunks: Sequence[Chunk]) -> bool:
-    """Return whether the chunks are of a run of an earlier format."""
-    run = static_values(chunk for chunk in chunks if chunk.entity_path == _RUN).get(_RUN.removeprefix("/"))
-    if run is None:
-        return False
-    version = run["format"].as_py()[0] if "format" in run else 1
-    return isinstance(version, int) and version < FORMAT
-
-
-def _renamed(chunk: Chunk) -> Chunk:
-    path = entity_path(chunk.entity_path)
-    return chunk if path == chunk.entity_path else chunk.with_entity_path(path)
 
 
 def recording_of(path: Path) -> tuple[str, str]:

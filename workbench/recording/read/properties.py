@@ -50,8 +50,8 @@ _KINDS: Mapping[str, tuple[Mapping[str, _Kind], _Kind]] = {
     "environment": ({}, _TEXT),
     "config": ({"TextDocument:text": _TEXT}, _PLAIN),
     "provenance": (
-        {"experiment": _TEXT, "seed": _WHOLE, "assumptions": _TEXT, "given": _TEXT, "identity": _TEXT, "commit": _TEXT,
-         "changed": _TEXT, "difference": _TEXT, "choices": _WORDS, "inputs": _WORDS},
+        {"experiment": _TEXT, "seed": _WHOLE, "assumptions": _TEXT, "identity": _TEXT, "commit": _TEXT,
+         "changed": _TEXT, "difference": _TEXT, "choices": _WORDS, "inputs": _WORDS, "parent_frame": _WHOLE},
         _PLAIN,
     ),
     "body": ({"joints": _TEXTS, "pose": _TEXTS}, _PLAIN),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.study import Figure
-from workbench.recording.migrations import FORMAT, renamed, renamed_properties, with_level
+from workbench.recording.format import check_format
 from workbench.recording.read import chunks, frame_tables
 from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
@@ -56,7 +56,7 @@ class Run:
     metrics: the metrics recorded over frames, by name; a study's have one frame.
 
     These are read at once. Everything else is read from the file on first use and cached, which raises InputError where
-    the file can no longer be read. Recordings of earlier formats have today's names, see `migrations`.
+    the file can no longer be read.
     """
 
     path: Path
@@ -80,13 +80,8 @@ class Run:
         return str(self.properties["run"]["status"])
 
     @property
-    def format(self) -> int:
-        """The version of the recording's names; 1 without a number."""
-        return int(self.properties["run"].get("format", 1))
-
-    @property
     def environment(self) -> Mapping[str, str]:
-        """The versions and processor features that affect the last bits of numbers; empty in recordings of format 1."""
+        """The versions and processor features that affect the last bits of numbers."""
         return self.properties.get("environment", {})
 
     @property
@@ -106,15 +101,7 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """The resolved configuration as plain lists and dicts, with today's keys.
-
-        Raises InputError as `recorded_settings` does.
-        """
-        return renamed(self.recorded_settings) if self.format < FORMAT else self.recorded_settings
-
-    @cached_property
-    def recorded_settings(self) -> dict[str, Any]:
-        """The resolved configuration as plain lists and dicts, with the keys of the recording's format.
+        """The resolved configuration as plain lists and dicts.
 
         Nothing in it is resolved any further. Raises InputError when it is no YAML mapping, or has references.
         """
@@ -264,7 +251,7 @@ def read(path: str | Path) -> Run:
     """Return the run or study recorded at `path`, an .rrd, the .part of a run without a regular end, or a run's folder.
 
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
-    or a newer release wrote it.
+    or it has another format.
     """
     path = recording_at(Path(path))
     pieces = read_chunks(path, ["/__properties/**", "/metrics/**"])
@@ -273,11 +260,7 @@ def read(path: str | Path) -> Run:
         measured = curves(pieces)
     if "status" not in properties.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
-    if not isinstance(version := properties["run"].get("format", 1), int) or version > FORMAT:
-        raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
-    if version < FORMAT:
-        properties = renamed_properties(properties)
-    properties = with_level(properties)
+    check_format(path, properties["run"].get("format"), properties.get("provenance", {}).get("workbench"))
     metrics = {entity.removeprefix("metrics/"): curve for entity, curve in measured.items()}
     if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
         raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")

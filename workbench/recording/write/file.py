@@ -27,7 +27,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.recording.migrations import FORMAT
+from workbench.recording.format import FORMAT
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write import viewer
 from workbench.recording.write.columns import Columns, Entities

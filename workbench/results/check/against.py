@@ -72,10 +72,7 @@ def _run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> lis
     """
     folder = request.folder / name
     words = [*(str(run.path.resolve()) for run in runs), *request.overrides, "--run"]
-    if (code / "workbench" / "cli" / "main.py").is_file():
-        command = module("workbench", "check", *words, "-o", str(folder))
-    else:  # earlier versions have a module for each command
-        command = module("workbench.cli.check", *words, "--keep", str(folder))
+    command = module("workbench", "check", *words, "-o", str(folder))
     environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _blas_path()
     done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are printed
     made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]

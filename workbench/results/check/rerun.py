@@ -15,7 +15,6 @@ from tqdm import tqdm
 from workbench.experiment.config.stored import runnable_config
 from workbench.experiment.run import execute
 from workbench.recording.condense import condense, is_condensed
-from workbench.recording.migrations import renamed_metrics
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT
@@ -86,9 +85,7 @@ def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
     content: Any = parse_json(path, path.read_text(encoding="utf-8"))
     try:
         measured = content["tolerances"].get(run.path.stem, {})
-        return configured | {
-            str(name): Tolerance(absolute=float(value)) for name, value in renamed_metrics(measured).items()
-        }
+        return configured | {str(name): Tolerance(absolute=float(value)) for name, value in measured.items()}
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(f"{path}: expected numbers by recording and metric under 'tolerances'") from None
 
