@@ -8,7 +8,7 @@ import time
 import pytest
 
 from workbench.utils.environment import differing, environment
-from workbench.utils.processes import CAPTURED, end, module, pool, run, start
+from workbench.utils.processes import CAPTURED, end, module, run, start
 
 ENDLESS = [sys.executable, "-c", "import time; time.sleep(600)"]
 
@@ -37,17 +37,12 @@ def test_a_background_command_inherits_files_and_ends_with_its_input(tmp_path):
     (tmp_path / "file").write_text("content")
     code = "import os, sys; sys.exit(len(os.read(int(sys.argv[1]), 100)) + len(sys.stdin.read()))"
     with (tmp_path / "file").open("rb") as file:
-        process = start([sys.executable, "-c", code, str(file.fileno())], background=True, pass_fds=[file.fileno()])
+        process = start([sys.executable, "-c", code, str(file.fileno())], pass_fds=[file.fileno()])
     assert end(process, 60.0) == len("content")
 
 
 def test_a_background_command_that_does_not_end_is_killed():
-    assert end(start(ENDLESS, background=True), 0.2) < 0
-
-
-def test_a_pool_initializes_its_processes(tmp_path):
-    with pool(2, os.chdir, tmp_path) as executor:
-        assert list(executor.map(os.path.abspath, ["a", "b"])) == [str(tmp_path / "a"), str(tmp_path / "b")]
+    assert end(start(ENDLESS), 0.2) < 0
 
 
 PRINT = "from workbench.utils.environment import environment; print(environment()[{!r}])"
