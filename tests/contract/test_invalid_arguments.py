@@ -13,7 +13,6 @@ from workbench.body.shape import from_height
 from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
-from workbench.inference.smc.hybrid import Hybrid
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import Reinitializing
@@ -142,7 +141,6 @@ CONFLICTS = {
     ],
     "all of which are in one partition": [lambda: filtered(Partitioned())],
     "tail": [lambda: filtered(Partitioned(partitions=["root", "tail"]), TwoJoints())],
-    "prior=activity": [lambda: Hybrid(PLAIN, None)],
     "10000 frames": [
         lambda: Synthesis(Implicit(learn_windows(builtin_motions(n_subjects=1))), BODY, look_ahead=10000),
     ],

@@ -27,14 +27,14 @@ def run(
         raise TimeoutError(f"{command[0]}: killed after the time limit of {timeout_s:g} s") from None
 
 
-def start(command: Sequence[str], *, background: bool = False, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
-    """Start a command with a pipe as standard input, and return the process without waiting.
+def start(command: Sequence[str], *, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+    """Start a command in the background with a pipe as standard input, and return the process without waiting.
 
-    background: discard its outputs, and shield it from the terminal's signals. pass_fds: open files that it inherits.
+    Its outputs are discarded, and signals of the terminal do not reach it. pass_fds: open files that it inherits.
     """
-    output = subprocess.DEVNULL if background else None
+    null = subprocess.DEVNULL
     return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=output, stderr=output, start_new_session=background, pass_fds=pass_fds
+        command, stdin=subprocess.PIPE, stdout=null, stderr=null, start_new_session=True, pass_fds=pass_fds
     )
 
 

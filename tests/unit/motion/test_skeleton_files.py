@@ -64,7 +64,7 @@ def test_unit_and_vertical_axis_are_those_of_a_person(tmp_path, caplog, unit, pe
 
 
 def test_an_impossible_size_is_rejected_with_the_key(tmp_path):
-    with pytest.raises(InputError, match=r"expected a person of 0.9 to 2.3 m.*give the unit"):
+    with pytest.raises(InputError, match=r"expected a person of .* m.*give the unit"):
         load_motion(walk_bvh(tmp_path, unit=30_000.0))
 
 

@@ -37,12 +37,12 @@ def test_a_background_command_inherits_files_and_ends_with_its_input(tmp_path):
     (tmp_path / "file").write_text("content")
     code = "import os, sys; sys.exit(len(os.read(int(sys.argv[1]), 100)) + len(sys.stdin.read()))"
     with (tmp_path / "file").open("rb") as file:
-        process = start([sys.executable, "-c", code, str(file.fileno())], background=True, pass_fds=[file.fileno()])
+        process = start([sys.executable, "-c", code, str(file.fileno())], pass_fds=[file.fileno()])
     assert end(process, 60.0) == len("content")
 
 
 def test_a_background_command_that_does_not_end_is_killed():
-    assert end(start(ENDLESS, background=True), 0.2) < 0
+    assert end(start(ENDLESS), 0.2) < 0
 
 
 PRINT = "from workbench.utils.environment import environment; print(environment()[{!r}])"

@@ -84,12 +84,6 @@ def _say_once(message: str) -> None:
     log.warning("%s", message)
 
 
-def recording_of(path: Path) -> tuple[str, str]:
-    """Return application and recording id of an .rrd or an incomplete .part; raises as `read_chunks`."""
-    store = _read_with(lambda reader, _: reader.recordings()[0], path)
-    return store.application_id, store.recording_id
-
-
 def _read_with(read: Callable[[RrdReader, bool], _Result], path: Path) -> _Result:
     """Return read(reader, whether the file has a footer)."""
     if not path.is_file():

@@ -32,7 +32,7 @@ def start_sender(part: Path, url: str, application: str, recording: str) -> subp
     """
     with part.open("rb") as file:  # opened here, since it may be renamed before the process starts
         command = module(__name__, url, application, recording, str(file.fileno()))
-        return start(command, background=True, pass_fds=[file.fileno()])
+        return start(command, pass_fds=[file.fileno()])
 
 
 def _send(url: str, application: str, recording: str, descriptor: str) -> None:

@@ -22,7 +22,6 @@ from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
-from workbench.likelihoods.uniform import Uniform
 from workbench.utils.errors import InputError
 
 BODY, T = person(from_height(1.75)), 10
@@ -204,8 +203,6 @@ def test_invalid_options_and_empty_sequences_are_rejected():
         MotionFit(0)
     with pytest.raises(InputError, match="needs a motion model"):
         least_squares(MotionFit(), model=False)
-    with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
-        least_squares(likelihood=Uniform())
     with pytest.raises(InputError, match="at least one frame"):
         run(least_squares(), [])
     with pytest.raises(InputError, match="expected points to fit, found none in 2 frames"):
