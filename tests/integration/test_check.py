@@ -1,7 +1,6 @@
 """`workbench check`: repeats stored configurations, compares the results, and refuses unsafe configurations."""
 
 import shutil
-import subprocess
 import xml.etree.ElementTree as ET
 from functools import partial
 from pathlib import Path
@@ -241,20 +240,6 @@ def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_fai
     (line,) = [line for line in output.splitlines() if "  mpjpe_mm  " in line]
     assert "FAILED" in line
     assert against.git(clone, "worktree", "list").count("\n") == 1
-
-
-@pytest.mark.slow
-def test_an_earlier_commit_runs_with_its_own_command_line(capsys, tmp_path, monkeypatch):
-    """A commit without the command `workbench check` runs `python -m workbench.cli.check`."""
-    name = "recordings/baselines/walk_straight.rrd"
-    shown = subprocess.run(["git", "-C", against.ROOT, "show", f"2853064^:{name}"], capture_output=True, check=False)
-    if shown.returncode != 0:
-        pytest.skip("no clone with this commit")
-    (tmp_path / "walk.rrd").write_bytes(shown.stdout)
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes longer
-    shorter = ("dataset.n_frames=2", "inference.n_particles=20")
-    code, printed = check(capsys, tmp_path / "walk.rrd", *shorter, "--against", "2853064^")
-    assert code == 0, printed
 
 
 def test_a_damaged_recording_is_refused_and_the_others_are_checked(walk, capsys, tmp_path):
