@@ -259,10 +259,6 @@ METRICS = (
     ),
     Metric("iterations", "iterations", "", "steps of the least-squares solver", TRACKING, "lower"),
     Metric(
-        "occluded_fraction", "occluded part of the images", "fraction", "part of the images that occluders cover",
-        TRACKING,
-    ),
-    Metric(
         "variance_fraction_<cue>", "cues' parts of the log-likelihood's variance", "fraction",
         "part of the log likelihood's variance over particles that is due to a cue", TRACKING,
         plot="variance_fraction_<cue>",
