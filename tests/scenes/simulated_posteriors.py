@@ -101,8 +101,8 @@ def fitted(frames_per_style, n_frames, n_replicates, seed=0, correlation=0.0, **
         rng = np.random.default_rng([seed, replicate])
         states = walk_of_a_fit(n_frames, frames_per_style, rng)
         truth, ends = decoder.poses(states), (states[0, 2], states[-1, 2])
-        problem = MotionFit(frames_per_style, ends, **options)  # initial phases of the search
-        fit = LeastSquares(BODY, NORMAL, PriorStub(motion=SineModel()), problem=problem)
+        problem = MotionFit(frames_per_style, **options)
+        fit = LeastSquares(BODY, NORMAL, PriorStub(motion=SineModel()), phase_ends=ends, problem=problem)
         frames = simulated_frames(truth, REFERENCE_RATE_HZ, np.inf, rng, correlation)
         steps = fit.run(frames, truth[0], streams([seed, replicate, 1]))
         replicate_ranks.append(ranked(steps, truth, moving))

@@ -1,9 +1,12 @@
 """Importing the workbench, and a run inside another application, leave the process unchanged."""
 
+import os
 import subprocess
 import sys
 
 import pytest
+
+from workbench.cli.run import run
 
 STATE = """
 import gc, os, signal, sys
@@ -114,3 +117,10 @@ if __name__ == "__main__":
     *_, bits, callback = done.stdout.splitlines()  # after the log of the application
     assert f"{bits}\n" == plain == after_numpy
     assert callback == "callback 4"
+
+
+def test_the_command_leaves_the_environment_of_its_caller_unchanged(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    before = dict(os.environ)
+    assert run(["experiment=nothing"]) == 2
+    assert dict(os.environ) == before

@@ -63,8 +63,8 @@ def run(
       workbench run -m experiment=walk_straight prior=walking,smooth seed=1,2,3
       workbench run from=RUN.rrd seed=4        # a recorded run with another seed
     """
-    for name, value in _ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
+    added = {name: value for name, value in _ENVIRONMENT.items() if name not in os.environ}
+    os.environ.update(added)
     logging.raiseExceptions = False  # else every log line on a full disk prints a traceback
     Watch.progress = None
     code, arguments = 0, list[str]()
@@ -82,6 +82,8 @@ def run(
             if Watch.progress is not None:
                 left = close(Watch.progress, arguments)
                 code = code or left
+            for name in added:
+                os.environ.pop(name, None)  # a caller in the same process keeps its environment
     return code
 
 

@@ -215,7 +215,8 @@ def new_stream(application: str, recording: str, **options: Any) -> rr.Recording
     """
     if not _abandoned:
         rr.init("workbench", init_logging=False)
-    stream = rr.RecordingStream(application, recording_id=recording, **options)
+    with deferred():  # else the finalizer of a half-made stream prints a traceback
+        stream = rr.RecordingStream(application, recording_id=recording, **options)
     stream.set_log_time_enabled(False)
     return stream
 
