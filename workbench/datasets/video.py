@@ -257,11 +257,19 @@ class Video:
             return None
         return _select_frames(self._read(self.eval_annotations), self.eval_frames, bool(self.eval_frames))
 
-    def _read(self, path: str) -> JointAnnotations:
+    def _read(self, given: str) -> JointAnnotations:
+        path = given
         if path == DETECT:
-            path = str(cached_detections(self.path, self.detector, Path(self.cache)))
-        within = (self.first_frame, self._last)
-        return read_annotations(path, self.person, self.times, within, self.source_images, self.keypoint_layout)
+            path = str(cached_detections(self.path, self.detector, Path(self.cache), self._within))
+        return read_annotations(
+            path, self.person, self.times, self._within, self.source_images, self.keypoint_layout,
+            self.path if given == DETECT else None,
+        )  # fmt: skip
+
+    @property
+    def _within(self) -> tuple[int, int]:
+        """Numbers of the first and the last frame that are set."""
+        return self.first_frame, self._last
 
     def _estimated_camera(self, lenses: Sequence[Camera]) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints, with a known lens if

@@ -173,6 +173,7 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Com
         rate_hz=info.rate_hz,
         source_rate_hz=info.source_rate_hz,
         shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
+        input_counts=info.input_counts,
     )
 
 

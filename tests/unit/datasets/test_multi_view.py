@@ -104,7 +104,7 @@ def test_the_target_is_selected_by_an_index_in_any_view(scene, tmp_path):
         (2, "no person 2, expected 0 to 1"),
         ({"left": 2}, "left: no person 2 in frame 0, the first with detections; expected 0 to 1"),
         ({"left": 0, "right": 0}, "expected indices of one person, found 2 people: 0 of left, 0 of right"),
-        ("all", "sweep over the indices"),
+        ("all", "sweep over the numbers"),
         ({"middle": 0}, "some of left, right"),
     ):
         with pytest.raises(InputError, match=message):
