@@ -136,7 +136,9 @@ def read_view(
     people = read_people({name: path}, {name: images}, layout)
     if video is None:
         return people
-    rows = np.flatnonzero((people[name].frames >= within[0]) & (people[name].frames <= (np.inf if within[1] is None else within[1])))
+    rows = np.flatnonzero(
+        (people[name].frames >= within[0]) & (people[name].frames <= (np.inf if within[1] is None else within[1]))
+    )
     return {name: replace(people[name].at_rows(rows, people[name].frames[rows]), source=name)}
 
 

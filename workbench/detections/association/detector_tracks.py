@@ -1,9 +1,9 @@
-"""Tracks of people whom the detector itself follows from frame to frame in one view, and the joining of their fragments.
+"""Tracks of people whom the detector itself follows from frame to frame in one view, and the joining of fragments.
 
-A detector that searches each person in the region that follows from the frame before keeps hold of motions that no motion
-model predicts, such as a serve. Its tracks are therefore never split, except where its region moves from one person to
-another who covers them. Where it loses a person, the next track of this person is found by the predicted position and the
-size.
+A detector that searches each person in the region that follows from the frame before keeps hold of motions that no
+motion model predicts, such as a serve. Its tracks are therefore never split, except where its region moves from one
+person to another who covers them. Where it loses a person, the next track of this person is found by the predicted
+position and the size.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,8 @@ from workbench.detections.association.track_stitching import joined, log_odds_of
 from workbench.utils.arrays import FloatArray, IntArray
 
 _MIN_FRAMES, _MIN_S = 3, 0.5
-"""Shorter tracks are false detections: half a second is the time of a step. Where all are short, those of less than half
-the longest track's frames are."""
+"""Shorter tracks are false detections: half a second is the time of a step. Where all are short, those of less than
+half the longest track's frames are."""
 _SAME_PLACE = 0.15
 """Largest mean distance of two detections' joints, in heights, for which they show one person; the detector's own."""
 _END_S = 0.3
@@ -28,8 +28,8 @@ _END_S = 0.3
 _MAX_GAP_S = 5.0
 """Longest gap: after it the position and the size of a person who walks tell nothing."""
 _SIZE_SIGMA, _DEPTH_SIGMA_PER_S, _PEOPLE_SIGMA = 0.1, 0.2, 0.5
-"""Standard deviations of the log size of one person by the landmarks' error and by a walk of 1 m/s at a distance of 5 m,
-and of two people at different distances."""
+"""Standard deviations of the log size of one person by the landmarks' error and by a walk of 1 m/s at a distance of
+5 m, and of two people at different distances."""
 
 
 @dataclass

@@ -102,7 +102,9 @@ def _detect(
         files.complete(index + 1)
     seconds, n = perf_counter() - began_s, index + 1 - first
     _detection_s += seconds
-    log.info("%s: people detected in %d frames in %.1f s, %.0f ms a frame", video, n, seconds, 1e3 * seconds / max(n, 1))
+    log.info(
+        "%s: people detected in %d frames in %.1f s, %.0f ms a frame", video, n, seconds, 1e3 * seconds / max(n, 1)
+    )
 
 
 def _preview(bar: Any) -> Callable[[Sequence[Person]], None]:
