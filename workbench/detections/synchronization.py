@@ -1,7 +1,7 @@
 """Pairing of the frames of several cameras by time, and estimation of constant offsets between their clocks."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 

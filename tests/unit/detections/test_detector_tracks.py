@@ -75,10 +75,8 @@ def test_a_number_that_moves_to_a_person_whose_number_ends_continues_that_person
 def test_short_tracks_are_false_detections_unless_all_are(tmp_path):
     long, short = line((100.0, 100.0), (160.0, 100.0), 60), np.full((14, 2), 500.0)
     assert set().union(*people(detections(tmp_path / "a", (0, 0, long, 200.0), (1, 9, short, 50.0)))) == {0}
-    assert set().union(*people(detections(tmp_path / "b", (0, 0, long, 200.0), (1, 9, long[:15] + 300, 50.0)))) == {
-        0,
-        1,
-    }
+    enough = (1, 9, long[:15] + 300.0, 50.0)
+    assert set().union(*people(detections(tmp_path / "b", (0, 0, long, 200.0), enough))) == {0, 1}
     assert set().union(*people(detections(tmp_path / "c", (1, 9, short, 50.0)))) == {0}
 
 

@@ -52,8 +52,8 @@ def detect_video(video: Path, folder: Path, model: Path, within: tuple[int, int 
     video : a file, or a folder of images.
     folder : for the files, <video>_000000000000_keypoints.json and so on.
     model : a landmark model.
-    within : numbers of the first and the last frame needed, None for the end. All files in a folder begin with the chunk
-        of the same first frame.
+    within : numbers of the first and the last frame needed, None for the end. All files in a folder begin with the
+        chunk of the same first frame.
 
     Raises
     ------
@@ -102,9 +102,8 @@ def _detect(
         files.complete(index + 1)
     seconds, n = perf_counter() - began_s, index + 1 - first
     _detection_s += seconds
-    log.info(
-        "%s: people detected in %d frames in %.1f s, %.0f ms a frame", video, n, seconds, 1e3 * seconds / max(n, 1)
-    )
+    ms = 1e3 * seconds / max(n, 1)
+    log.info("%s: people detected in %d frames in %.1f s, %.0f ms a frame", video, n, seconds, ms)
 
 
 def _preview(bar: Any) -> Callable[[Sequence[Person]], None]:
