@@ -6,9 +6,14 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from workbench.detections.association.target_selection import TrackedPeople, tracked_people
 from workbench.detections.detector.detection_files import detect_video, has_people
 from workbench.detections.detector.model_file import model_file
+from workbench.detections.joint_annotations import AT_30_HZ, UNKNOWN_IMAGES, read_view
+from workbench.detections.people_picture import NAME, write_people
+from workbench.utils.decode import frame_rate, timestamps
 from workbench.utils.errors import InputError
+from workbench.utils.frame_times import frame_times
 from workbench.utils.signals import interruptible
 
 
@@ -24,8 +29,9 @@ def detect(
 ) -> None:
     """Detect the joints of every person in every frame, and write them as OpenPose's JSON files.
 
-    The files are an input of dataset.keypoints. A detection that was
-    interrupted is resumed. Rendered people are mostly not detected.
+    The files are an input of dataset.keypoints. people.png shows the people
+    with their numbers. A detection that was interrupted is resumed.
+    Rendered people are mostly not detected.
 
     \b
     Examples:
@@ -42,6 +48,15 @@ def detect(
         folder = output / name
         n_frames = detect_video(video, folder, path)
         if has_people(folder):
+            write_people(folder / NAME, video, people := _tracked(video, folder))
             print(f"{video}: {n_frames} frames: dataset.keypoints={folder}")
+            print(f"people: {len(people.numbers)}, with the numbers of dataset.person=N: {folder / NAME}")
         else:
             print(f"{video}: no person is detected in {n_frames} frames")
+
+
+def _tracked(video: Path, folder: Path) -> TrackedPeople:
+    """Return all people in the detections of a video."""
+    times = AT_30_HZ if frame_rate(video) is None else frame_times(video, timestamps(video))
+    people = read_view(folder, (0, None), UNKNOWN_IMAGES, None, video)
+    return tracked_people(people, None, times.rate_hz, uneven_s=times.uneven_s)

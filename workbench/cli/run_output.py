@@ -34,7 +34,7 @@ def summary_lines(summary: "Summary") -> Iterator[str]:
             yield f"  {name:<{width}} {factor * metrics[name]:8.1f} {unit:<9} {row.title}"
         rest = len(metrics) - len(printed)
         yield f"  {rest} more metrics: {_shortest(summary.recording.with_name(SUMMARY))}"
-    yield f"  {_times(summary.cost)}"
+    yield f"  {_times(summary.cost, summary.timing.get('detection', 0.0))}"
     yield "The page docs/recording.md explains the verdict, the metrics and the recording."
     yield f"view it: {_command()} view {quote(_shortest(summary.recording))}"
 
@@ -45,8 +45,11 @@ def print_warnings() -> None:
     warnings.formatwarning = lambda message, category, filename, lineno, line=None: str(message)
 
 
-def _times(cost: Mapping[str, float]) -> str:
-    text = f"took {cost.get('seconds', 0.0):.1f} s"
+def _times(cost: Mapping[str, float], detection_s: float) -> str:
+    seconds = cost.get("seconds", 0.0)
+    text = f"took {seconds:.1f} s"
+    if detection_s > 0.0:
+        text = f"took {detection_s + seconds:.1f} s: detection {detection_s:.1f} s, fit {seconds:.1f} s"
     if "ms_per_frame" in cost:
         text += f", {cost['ms_per_frame']:.0f} ms per frame"
     if "compile_s" in cost:

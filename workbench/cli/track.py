@@ -10,6 +10,8 @@ from typer import Argument, Exit, Option
 from workbench.cli.export import estimated_track
 from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
+from workbench.datasets.video import Video
+from workbench.detections.people_picture import NAME, write_people
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.decode import count_frames
@@ -62,6 +64,7 @@ def track(
     runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
     for complete in [place for place in runs if (read_summary(place) or {}).get("status") == "complete"]:
         _export(complete)
+        _show_people(complete)
     if code:
         raise Exit(code)
 
@@ -104,3 +107,15 @@ def _export(folder: Path) -> None:
     for name in _EXPORTS:
         export(folder / name, motion, metres=False)
     print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")
+
+
+def _show_people(folder: Path) -> None:
+    """Write the picture of all people into the folder of a complete run of a single video."""
+    keys = dict((read_summary(folder) or {})["settings"]["dataset"])
+    if not keys.pop("_target_").endswith(f".{Video.__name__}"):
+        return
+    video = Video(**keys)
+    if (people := video.people) is not None:
+        write_people(folder / NAME, video.path, people)
+        if (n_people := len(people.numbers)) > 1:
+            print(f"{n_people} people, with the numbers of dataset.person=N: {folder / NAME}")

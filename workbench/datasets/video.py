@@ -21,8 +21,10 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.visible_frames import visible_frames
+from workbench.detections.association.target_selection import TrackedPeople, tracked_people
 from workbench.detections.detector.detection_files import DETECT, cached_detections
-from workbench.detections.joint_annotations import JointAnnotations, read_annotations
+from workbench.detections.joint_annotations import JointAnnotations, read_annotations, read_view
+from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
 from workbench.detections.readers.people import SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
@@ -70,8 +72,9 @@ class Video:
     eval_frames : frames excluded from the keypoints; if any, eval_annotations is used in these frames alone.
     occluded_weight : weight of an annotation of an occluded joint relative to a visible one. It is 0.35 because
         occluded joints are annotated to 6–10 px, visible ones to 4. A detection's weight is its confidence.
-    person : index of the target among those detected in the first frame with a detection; None: the largest and most
-        confident one; "moving": of all in any frame the most prominent one who moves.
+    person : number of the target among the people in the frames that are set, in order of appearance, see
+        `people_picture`; None: the largest and most confident one in the first frame with a detection; "moving": the
+        most prominent one by size, visible time and motion.
     height_m : of the person, for a camera that is estimated; None: an adult's, ADULT_M.
     only_visible : omit the frames before and after the person is detected, and those in gaps longer than MAX_BRIDGE_S
         of `visible_frames`.
@@ -257,11 +260,30 @@ class Video:
             return None
         return _select_frames(self._read(self.eval_annotations), self.eval_frames, bool(self.eval_frames))
 
+    @property
+    def people(self) -> TrackedPeople | None:
+        """All people detected in the frames that are set, with the numbers of `person`; None without detections."""
+        if self.keypoints is None or not (self.keypoints == DETECT or is_detections(self.keypoints)):
+            return None
+        path, video = self._file(self.keypoints)
+        people = read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video)
+        return tracked_people(people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+
     def _read(self, path: str) -> JointAnnotations:
-        if path == DETECT:
-            path = str(cached_detections(self.path, self.detector, Path(self.cache)))
-        within = (self.first_frame, self._last)
-        return read_annotations(path, self.person, self.times, within, self.source_images, self.keypoint_layout)
+        path, video = self._file(path)
+        images, layout = self.source_images, self.keypoint_layout
+        return read_annotations(path, self.person, self.times, self._within, images, layout, video)
+
+    def _file(self, path: str) -> tuple[str, Path | None]:
+        """Return a file or folder of joints, which are detected if the path is DETECT, and then the video."""
+        if path != DETECT:
+            return path, None
+        return str(cached_detections(self.path, self.detector, Path(self.cache), self._within)), self.path
+
+    @property
+    def _within(self) -> tuple[int, int]:
+        """Numbers of the first and the last frame that are set."""
+        return self.first_frame, self._last
 
     def _estimated_camera(self, lenses: Sequence[Camera]) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints, with a known lens if

@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +86,7 @@ AT_30_HZ, UNKNOWN_IMAGES = FrameTimes(30.0), SourceImages()
 def read_annotations(
     path: str | Path, person: int | str | None = None, times: FrameTimes = AT_30_HZ,
     within: tuple[int, int | None] = (0, None), images: SourceImages = UNKNOWN_IMAGES, layout: str | None = None,
+    video: Path | None = None,
 ) -> JointAnnotations:  # fmt: skip
     """Read a CSV file of annotations, or one person's detections in a detector's folder or file.
 
@@ -96,6 +97,7 @@ def read_annotations(
     path : file or folder.
     person, times, within : of detections, see `select_target`.
     images, layout : of detections, see `read_people`.
+    video : in which the workbench's own detector detected them, for messages; only detections `within` are then read.
 
     Raises
     ------
@@ -105,9 +107,9 @@ def read_annotations(
     """
     path = Path(path)
     if is_detections(path):
-        people = read_people({path.name: path}, {path.name: images}, layout)
+        people = read_view(path, within, images, layout, video)
         target = select_target(people, None, times.rate_hz, person, within, times.uneven_s)
-        return target_annotations(people[path.name], target, 0)
+        return target_annotations(next(iter(people.values())), target, 0)
     annotations: dict[tuple[int, str], tuple[int, float, float, bool]] = {}
     for line, row in _rows(path):
         frame, joint, u, v, visible = _parse(f"{path}:{line}", row)
@@ -124,6 +126,20 @@ def read_annotations(
         place = frames.index(frame), JOINT_NAMES.index(joint)
         pixels[place], is_visible[place] = (u, v), visible
     return JointAnnotations(str(path), np.array(frames), pixels, is_visible)
+
+
+def read_view(
+    path: Path, within: tuple[int, int | None], images: SourceImages, layout: str | None, video: Path | None
+) -> dict[str, People]:
+    """Return the people detected in a single video by its name; parameters and errors as of `read_annotations`."""
+    name = path.name if video is None else str(video)
+    people = read_people({name: path}, {name: images}, layout)
+    if video is None:
+        return people
+    rows = np.flatnonzero(
+        (people[name].frames >= within[0]) & (people[name].frames <= (np.inf if within[1] is None else within[1]))
+    )
+    return {name: replace(people[name].at_rows(rows, people[name].frames[rows]), source=name)}
 
 
 def target_annotations(people: People, target: TargetPerson, view: int) -> JointAnnotations:

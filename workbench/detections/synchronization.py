@@ -1,7 +1,7 @@
 """Pairing of the frames of several cameras by time, and estimation of constant offsets between their clocks."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 
@@ -68,7 +68,7 @@ def people_at(people: People, frames: IntArray, reference: IntArray) -> People:
     rows = np.searchsorted(people.frames, frames)
     rows[rows == len(people.frames)] = 0
     present = np.flatnonzero(people.frames[rows] == frames)
-    return replace(people, frames=reference[present], joints=tuple(people.joints[rows[t]] for t in present))
+    return people.at_rows(rows[present], reference[present])
 
 
 def at_times(joints: FloatArray, joint_times_s: FloatArray, times_s: FloatArray) -> FloatArray:

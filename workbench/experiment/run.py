@@ -17,6 +17,7 @@ from workbench.body.angles import FLEXIONS
 from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_WEIGHTS
 from workbench.core.prior import Prior
 from workbench.core.study import Study
+from workbench.detections.detector.detection_files import detected_s
 from workbench.evaluation.metrics import HEADLINE_ERRORS, row_of
 from workbench.evaluation.verdict.run_findings import RunInputs
 from workbench.evaluation.verdict.run_measurements import MeasurementCollector
@@ -146,7 +147,10 @@ def _add_assumptions(config: DictConfig) -> None:
 
 
 def _track(config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, stop: _Stop | None) -> None:
+    before_s = detected_s()
     components = build_components(config, partial(_timed, summary))
+    if (detection_s := detected_s() - before_s) > 0.0:
+        summary.timing["detection"] = detection_s
     summary.input_counts = components.clip.info.input_counts
     if reason := evidence_problem(config, names):
         summary.omitted_metrics["log_evidence"] = reason
@@ -173,6 +177,7 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Com
         rate_hz=info.rate_hz,
         source_rate_hz=info.source_rate_hz,
         shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
+        input_counts=info.input_counts,
     )
 
 

@@ -98,12 +98,13 @@ def test_the_target_is_selected_by_an_index_in_any_view(scene, tmp_path):
     for person in (None, 1, {"right": 0}):  # the default is the higher confidence at equal sizes
         np.testing.assert_allclose(heads(person), [[250.0 + t, 300.0 + t] for t in range(5)])
     info = dataset(scene, keypoints=folders).info
-    assert info.input_counts == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}
+    assert info.input_counts == {"people": 2, "frames": 5, "frames_unseen": 0, "frames_lost": 0, "swapped_sides": 0}
     assert info.has_keypoints
     for person, message in (
-        (2, "left: no person 2 in frame 0, the first with detections; expected 0 to 1"),
+        (2, "no person 2, expected 0 to 1"),
+        ({"left": 2}, "left: no person 2 in frame 0, the first with detections; expected 0 to 1"),
         ({"left": 0, "right": 0}, "expected indices of one person, found 2 people: 0 of left, 0 of right"),
-        ("all", "sweep over the indices"),
+        ("all", "sweep over the numbers"),
         ({"middle": 0}, "some of left, right"),
     ):
         with pytest.raises(InputError, match=message):

@@ -56,7 +56,7 @@ def test_joints_of_a_single_person_are_unchanged():
     selected = target(single, 0)
     for view, name in enumerate(single.cameras):
         np.testing.assert_array_equal(selected.joints[view], [rows[0] for rows in single.people[name].joints])
-    assert selected.counts == {"people": 1, "frames_unseen": 0, "swapped_sides": 0}
+    assert selected.counts == {"people": 1, "frames": 30, "frames_unseen": 0, "frames_lost": 0, "swapped_sides": 0}
 
 
 def test_a_person_who_leaves_and_returns_has_one_track(caplog):
@@ -122,7 +122,9 @@ def test_the_order_of_people_and_empty_detections_do_not_matter():
     for people in (changed(lambda rows: rows[::-1]), padded):
         np.testing.assert_array_equal(select_target(people, crossing.cameras, RATE_HZ).joints, expected.joints)
     with pytest.raises(InputError, match="person 0 in frame 0 cannot be tracked"):
-        select_target(padded, crossing.cameras, RATE_HZ, 0)
+        select_target(padded, crossing.cameras, RATE_HZ, {"front": 0})
+    with pytest.raises(InputError, match="no person 2, expected 0 to 1"):
+        select_target(padded, crossing.cameras, RATE_HZ, 2)
 
 
 def test_rays_that_do_not_intersect_are_an_error():

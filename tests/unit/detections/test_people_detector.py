@@ -215,3 +215,48 @@ def test_frames_without_the_person_in_any_camera_are_omitted(gap, options, tmp_p
     dataset = MultiView({"walk": str(folder)}, only_visible=True, **options)
     assert [frame.index for frame in dataset.frames()] == PRESENT
     assert dataset.info.n_frames == len(PRESENT)
+
+
+def frames_of(folder):
+    return {path.name: path.read_text() for path in folder.glob("*.json")}
+
+
+def test_only_the_chunks_of_the_frames_used_are_detected_and_a_longer_run_continues(walk, options, detect, tmp_path):
+    detect("complete")
+    model, folder = Path(options["detector"]), tmp_path / "short"
+    assert detect_video(Path(walk), folder, model, (0, 4)) == 8
+    detected = frames_of(folder)
+    assert detect_video(Path(walk), folder, model, (2, 7)) == 8
+    assert detect_video(Path(walk), folder, model, (0, 8)) == 11
+    complete = frames_of(tmp_path / "complete")
+    assert frames_of(folder) == complete
+    assert detected == {name: complete[name] for name in sorted(complete)[:8]}
+    assert detect_video(Path(walk), tmp_path / "late", model, (6, 7)) == 4
+    assert sorted(frames_of(tmp_path / "late")) == sorted(complete)[4:8]
+
+
+def test_a_limited_dataset_has_the_same_keypoints_before_and_after_the_whole_is_detected(walk, options):
+    def keypoints():
+        limited = Video(walk, first_frame=5, n_frames=2, **options)
+        return np.nan_to_num([frame.views[0].keypoints for frame in limited.frames()]).tolist()
+
+    before = keypoints()
+    (folder,) = (Path(options["cache"]) / "detections").iterdir()
+    assert len(frames_of(folder)) == 4
+    assert Video(walk, **options).info.n_frames == 11
+    assert keypoints() == before
+
+
+def test_numbers_of_people_who_left_are_not_given_again(options, tmp_path):
+    moving = [[(40.0, 90.0)] * (t < 5) + [(200.0, 60.0)] * (t < 7) + [(120.0, 130.0)] * (t > 8) for t in range(12)]
+    video = Path(write_images(tmp_path / "people", [image(*centres) for centres in moving]))
+    model = Path(options["detector"])
+    detect_video(video, tmp_path / "complete", model)
+    for last in (3, 7, None):
+        detect_video(video, tmp_path / "resumed", model, (0, last))
+    assert frames_of(tmp_path / "resumed") == frames_of(tmp_path / "complete")
+
+
+def test_frames_without_a_person_are_reported_with_the_name_of_the_video(gap, options):
+    with pytest.raises(InputError, match=f"^{gap}: expected a person, found none in 2 frames$"):
+        _ = Video(gap, n_frames=2, **options).info

@@ -11,7 +11,8 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import Camera
 from workbench.detections.association.assignment import Assignment, track
-from workbench.detections.association.detector_view import detector_view, median_height, prominence
+from workbench.detections.association.detector_tracks import people_followed
+from workbench.detections.association.detector_view import DetectorView, detector_view, median_height, prominence
 from workbench.detections.association.left_right import PARTS, exchanged_labels, with_corrected_labels
 from workbench.detections.association.track_stitching import extended_backwards, stitched, without_short
 from workbench.detections.readers.formats import LAYOUTS
@@ -24,14 +25,19 @@ from workbench.utils.frame_times import FrameTimes
 log = logging.getLogger(__name__)
 
 MOVING = "moving"
-"""The person who is prominent and moves most in the image."""
+"""The most prominent person, by size, visible time and motion."""
 Choice = int | str | Mapping[str, int] | None
-"""Target: an index in the first camera's first frame with a detection, or indices in those of the cameras named."""
+"""Target: a number of `TrackedPeople`, or indices in the first frames with a detection of the cameras named."""
 
 _LONG_GAP_S = 0.5
 """Gaps in the detections of a view above this duration are reported."""
 _MIN_LOG_ODDS = np.log(20.0)
 """Assignments with lower log odds are reported as uncertain."""
+_MAX_PEOPLE = 200
+"""People considered in a frame and view, the likeliest, as the time grows with their square."""
+_WALK_SPREAD = 0.05
+"""Mean standard deviation of a walking person's joints about their centre, in heights: ankles swing by a quarter of the
+height, wrists by a sixth; head, shoulders and hips hardly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +49,8 @@ class TargetPerson:
     frames : (T,) numbers of the frames, increasing.
     joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection.
         (V, T, J, 6) with world landmarks, see `People`.
-    counts : numbers of people, of frames without a detection of the target, and of arms and legs in views with
-        exchanged left/right labels.
+    counts : numbers of people, of frames, of frames without a detection of the target (unseen), of those of them that
+        may show the target (lost), and of arms and legs in views with exchanged left/right labels.
     """
 
     frames: IntArray
@@ -53,14 +59,28 @@ class TargetPerson:
 
 
 @dataclass(frozen=True, eq=False)
-class _TrackedPeople:
-    """All detections. names: of the V views. frames: (T,) numbers. joints: (n, J, 3) by frame and view. assigned: track
-    numbers of the detections, by frame."""
+class TrackedPeople:
+    """All people detected, numbered from 0 in order of appearance.
+
+    Parameters
+    ----------
+    names : of the V views.
+    frames : (T,) numbers of the frames, increasing.
+    joints : (n, J, 3) by frame and view, see `People`.
+    assigned : people's numbers of the detections, by frame.
+    log_odds : (T,) of the assignments, see `Tracks`.
+    """
 
     names: Sequence[str]
     frames: IntArray
     joints: Sequence[Sequence[FloatArray]]
     assigned: Sequence[Assignment]
+    log_odds: FloatArray
+
+    @property
+    def numbers(self) -> list[int]:
+        """The people's numbers, increasing."""
+        return sorted({number for frame in self.assigned for number in frame.values()})
 
     def of(self, number: int) -> FloatArray:
         """Return one person's joints (V, T, J, 3), or (V, T, J, 6) if all views have world landmarks."""
@@ -83,8 +103,9 @@ def select_target(
     people : detections by view; with several views, a person is visible in at least two of them at once.
     cameras : of all views; None for a single view.
     rate_hz : frame rate.
-    person : index of the target; None for the person in the first frame with a detection who is largest and most
-        confidently detected over all frames and views.
+    person : number of the target, see `TrackedPeople`, or indices by camera; MOVING for the most prominent person; None
+        for the person in the first frame with a detection who is largest and most confidently detected over all frames
+        and views.
     within : numbers of the first frame and of the last, None for the end.
     uneven_s : times of all frames, s, where they are not at a constant rate; see `FrameTimes`.
 
@@ -93,60 +114,114 @@ def select_target(
     InputError
         Without any person, and for a target that is not detected in its view or in a second one.
     """
-    frames = np.unique(np.concatenate([each.frames for each in people.values()]))
-    frames = frames[(frames >= within[0]) & (frames <= (frames[-1] if within[1] is None else within[1]))]
-    several = cameras if len(people) > 1 else None
-    views = [detector_view(each, several[name] if several else None) for name, each in people.items()]
-    joints = [[_in_frame(each, frame) for each in people.values()] for frame in frames]
-    detections = [[list(map(v.detection, rows)) for v, rows in zip(views, each, strict=True)] for each in joints]
-    times_s = FrameTimes(rate_hz, uneven_s).at(frames)
-    tracks = without_short(track(views, detections, times_s))
-    assigned = stitched(extended_backwards(views, detections, times_s, tracks), times_s)
-    tracked = _TrackedPeople(list(people), frames, joints, assigned)
-    target = tracked.of(_selected(tracked, person))
+    tracked = tracked_people(people, cameras, rate_hz, within, uneven_s)
+    number = _selected(tracked, person)
+    target = tracked.of(number)
     detected = np.asarray(np.isfinite(target[..., 0]).any(axis=2), bool)  # (V, T)
+    views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
-    counts = {
-        "people": len({number for frame in assigned for number in frame.values()}),
-        "frames_unseen": int((~detected.any(axis=0)).sum()), "swapped_sides": int(swapped.sum()),
-    }  # fmt: skip
-    if counts["people"] > 1:
-        share = f"{100.0 * detected.any(axis=0).mean():.0f} % of {len(frames)} frames"
-        log.info("%s: %d people; the target is detected in %s", ", ".join(people), counts["people"], share)
-        uncertain = tracks.log_odds[tracks.log_odds < _MIN_LOG_ODDS]
-        if len(uncertain):
-            odds = np.exp(max(uncertain.min(), 0))
-            log.info("people may be exchanged in %d frames: odds %.1f to 1", len(uncertain), odds)
+    counts = _counts(tracked, number) | {"swapped_sides": int(swapped.sum())}
+    _report_people(tracked, detected.any(axis=0))
     _report_gaps(tracked, detected, rate_hz)
     _report_joints(people, target, swapped)
-    return TargetPerson(frames, with_corrected_labels(target, swapped), counts)
+    return TargetPerson(tracked.frames, with_corrected_labels(target, swapped), counts)
 
 
-def _in_frame(people: People, frame: int) -> FloatArray:
-    """Return the joints (n, J, 3) of the people detected in a frame."""
+def tracked_people(
+    people: Mapping[str, People], cameras: Mapping[str, Camera] | None, rate_hz: float,
+    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None,
+) -> TrackedPeople:  # fmt: skip
+    """Return all people detected in synchronized views; parameters as of `select_target`.
+
+    In a single view, people whom the detector follows by numbers of its own keep these tracks, see `people_followed`.
+    """
+    frames = np.unique(np.concatenate([each.frames for each in people.values()]))
+    frames = frames[(frames >= within[0]) & (frames <= (frames[-1] if within[1] is None else within[1]))]
+    times_s = FrameTimes(rate_hz, uneven_s).at(frames)
+    seen = [[_in_frame(each, frame) for each in people.values()] for frame in frames]
+    joints = [[rows for rows, _ in each] for each in seen]
+    if len(people) == 1 and all(each.identities is not None for each in people.values()):
+        (name,) = people
+        assigned = people_followed([rows for ((rows, _),) in seen], [numbers for ((_, numbers),) in seen], times_s)
+        return TrackedPeople([name], frames, joints, assigned, np.full(len(frames), np.inf))
+    views = _views(people, cameras)
+    detections = [[list(map(v.detection, rows)) for v, rows in zip(views, each, strict=True)] for each in joints]
+    tracks = without_short(track(views, detections, times_s))
+    assigned = stitched(extended_backwards(views, detections, times_s, tracks), times_s)
+    return TrackedPeople(list(people), frames, joints, assigned, tracks.log_odds)
+
+
+def _views(people: Mapping[str, People], cameras: Mapping[str, Camera] | None) -> list[DetectorView]:
+    several = cameras if len(people) > 1 else None
+    return [detector_view(each, several[name] if several else None) for name, each in people.items()]
+
+
+def _in_frame(people: People, frame: int) -> tuple[FloatArray, IntArray]:
+    """Return the joints (n, J, 3) of the likeliest _MAX_PEOPLE detected in a frame, and their identities (n,), -1
+    without."""
     row = int(np.searchsorted(people.frames, frame))
-    is_present = row < len(people.frames) and people.frames[row] == frame
-    return people.joints[row] if is_present else np.empty((0, len(JOINT_NAMES), 3))
+    if row == len(people.frames) or people.frames[row] != frame:
+        return np.empty((0, len(JOINT_NAMES), 3)), np.empty(0, dtype=np.intp)
+    joints = people.joints[row]
+    identities = np.full(len(joints), -1) if people.identities is None else people.identities[row]
+    likeliest = np.sort(np.argsort(-np.nansum(joints[..., 2], axis=1), kind="stable")[:_MAX_PEOPLE])
+    return joints[likeliest], identities[likeliest]
 
 
-def _selected(tracked: _TrackedPeople, person: Choice) -> int:
-    """Return the track number of the target."""
+def _counts(tracked: TrackedPeople, target: int) -> dict[str, int]:
+    """Return the counts of `TargetPerson` without the labels.
+
+    A frame without the target may show the target if it lies between the target's detections, or if a person is
+    detected in it who is in no frame with the target and may be the same person.
+    """
+    present = [set(frame.values()) for frame in tracked.assigned]
+    others = set[int]().union(*(frame for frame in present if target in frame))
+    shown = [t for t, frame in enumerate(present) if target in frame]
+    lost = [
+        t for t, frame in enumerate(present) if target not in frame and (shown[0] < t < shown[-1] or frame - others)
+    ]
+    return {
+        "people": len(tracked.numbers), "frames": len(present), "frames_unseen": len(present) - len(shown),
+        "frames_lost": len(lost),
+    }  # fmt: skip
+
+
+def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
+    """Log the number of people, the share of the frames with the target, (T,), and uncertain assignments."""
+    if (n_people := len(tracked.numbers)) < 2:
+        return
+    share = f"{100.0 * detected.mean():.0f} % of {len(detected)} frames"
+    log.info("%s: %d people; the target is detected in %s", ", ".join(tracked.names), n_people, share)
+    uncertain = tracked.log_odds[tracked.log_odds < _MIN_LOG_ODDS]
+    if len(uncertain):
+        odds = np.exp(max(uncertain.min(), 0))
+        log.info("people may be exchanged in %d frames: odds %.1f to 1", len(uncertain), odds)
+
+
+def _selected(tracked: TrackedPeople, person: Choice) -> int:
+    """Return the number of the target."""
     first = next((frame for frame in tracked.assigned if frame), None)
     if first is None:
         several = "two cameras at once; check that the videos are synchronized and match the calibration"
         expected = several if len(tracked.names) > 1 else "the frames used"
         raise InputError(f"{', '.join(tracked.names)}: expected a person in {expected}")
     if person == MOVING:
-        everyone = sorted({number for frame in tracked.assigned for number in frame.values()})
-        return max(everyone, key=lambda number: _presence(tracked.of(number)) * (1.0 + _way(tracked.of(number))))
+        return max(tracked.numbers, key=lambda number: _presence(tracked.of(number)) * _weight(tracked.of(number)))
     if person is None:
         return max(sorted(set(first.values())), key=lambda number: _presence(tracked.of(number)))
-    indices: dict[str, Any] = dict(person) if isinstance(person, Mapping) else {tracked.names[0]: person}
+    if isinstance(person, int) and not isinstance(person, bool):
+        if person not in tracked.numbers:
+            raise InputError(
+                f"{', '.join(tracked.names)}: no person {person}, expected 0 to {tracked.numbers[-1]}: people have "
+                "numbers in order of appearance, which people.png of workbench detect and workbench track shows"
+            )
+        return person
+    indices: dict[str, Any] = dict(person) if isinstance(person, Mapping) else {"": person}
     is_valid = all(isinstance(row, int) and not isinstance(row, bool) for row in indices.values())
     if not is_valid or not indices or not set(indices) <= set(tracked.names):
         raise InputError(
-            f"person: expected an index, or indices by some of {', '.join(tracked.names)}, found {person!r}; to track "
-            "all people, sweep over the indices: workbench run -m dataset.person=0,1"
+            f"person: expected a number, or indices by some of {', '.join(tracked.names)}, found {person!r}; to track "
+            "all people, sweep over the numbers: workbench run -m dataset.person=0,1"
         )
     numbers = {_track_number(tracked, name, row) for name, row in indices.items()}
     if len(numbers) > 1:
@@ -155,7 +230,7 @@ def _selected(tracked: _TrackedPeople, person: Choice) -> int:
     return numbers.pop()
 
 
-def _track_number(tracked: _TrackedPeople, name: str, row: int) -> int:
+def _track_number(tracked: TrackedPeople, name: str, row: int) -> int:
     """Return the track number of an index in a view's first frame with a detection."""
     view = list(tracked.names).index(name)
     t = next((t for t, views in enumerate(tracked.joints) if np.isfinite(views[view]).any()), None)
@@ -172,16 +247,23 @@ def _track_number(tracked: _TrackedPeople, name: str, row: int) -> int:
     return tracked.assigned[t][view, row]
 
 
-def _way(joints: FloatArray) -> float:
-    """Return the largest distance of one person's joints (V, T, J, 3) from their first place, in heights."""
+def _weight(joints: FloatArray) -> float:
+    """Return the weight of one person's motion, joints (V, T, J, 3): 1 at rest, 3 for one who walks by.
+
+    A walk's spread of the joints about their centre adds 1, and the largest distance of the centre from its first place
+    adds as many heights, up to 1: a moving camera moves all people, small ones by many heights.
+    """
     largest = 0.0
     for view in joints[..., :2]:
         detected = view[np.isfinite(view[..., 0]).any(axis=1)]
         if len(detected):
-            centres = np.nanmean(detected, axis=1)
-            height = max(median_height(detected), 1.0)
-            largest = max(largest, float(np.linalg.norm(centres - centres[0], axis=1).max()) / height)
-    return largest
+            centres, height = np.nanmean(detected, axis=1), max(median_height(detected), 1.0)
+            way = float(np.linalg.norm(centres - centres[0], axis=1).max()) / height
+            seen = np.isfinite(detected[..., 0]).all(axis=0)
+            limbs = (detected - centres[:, None])[:, seen] / height
+            spread = float(np.linalg.norm(limbs.std(axis=0), axis=1).mean()) if seen.any() else 0.0
+            largest = max(largest, min(way, 1.0) + min(spread / _WALK_SPREAD, 1.0))
+    return 1.0 + largest
 
 
 def _presence(joints: FloatArray) -> float:
@@ -203,7 +285,7 @@ def most_prominent(people: Iterable[People]) -> FloatArray:
     return pixels
 
 
-def _report_gaps(tracked: _TrackedPeople, detected: BoolArray, rate_hz: float) -> None:
+def _report_gaps(tracked: TrackedPeople, detected: BoolArray, rate_hz: float) -> None:
     """Log long gaps of the target's detections (V, T)."""
     for name, in_view in zip(tracked.names, detected, strict=True):
         for is_gap, run in groupby(range(len(in_view)), key=lambda t: not in_view[t]):

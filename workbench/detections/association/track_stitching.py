@@ -1,6 +1,6 @@
 """Track post-processing: removal of short tracks, extension backwards, and stitching of a returning person's tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,16 +88,36 @@ def stitched(tracks: Tracks, times_s: FloatArray) -> tuple[Assignment, ...]:
     frames = _frames_of(tracks)
     numbers = sorted(sorted(frames), key=lambda number: frames[number][0])
     each = [_track(frames[number], [tracks.joints[t][number] for t in frames[number]]) for number in numbers]
-    n = len(each)
+    spans = [(int(one.frames[0]), int(one.frames[-1])) for one in each]
+    people = joined(spans, lambda earlier, later: _log_odds(each[earlier], each[later], times_s))
+    person = dict(zip(numbers, people, strict=True))
+    return tuple({place: person[number] for place, number in frame.items()} for frame in tracks.assigned)
+
+
+def joined(spans: Sequence[tuple[int, int]], log_odds: Callable[[int, int], float]) -> list[int]:
+    """Return the person of each of n tracks, numbered from 0 in order of appearance.
+
+    Parameters
+    ----------
+    spans : first and last frame of the tracks, in order of the first.
+    log_odds : that an earlier and a later track are of one person rather than of two, by their indices.
+    """
+    n = len(spans)
     costs = np.full((n, 2 * n), np.inf)
     np.fill_diagonal(costs[:, n:], 0.0)
     for later, earlier in np.ndindex(n, n):
-        if each[earlier].frames[-1] < each[later].frames[0]:
-            costs[later, earlier] = -_log_odds(each[earlier], each[later], times_s)
-    person = dict[int, int]()
-    for later, earlier in zip(*scipy.optimize.linear_sum_assignment(costs), strict=True):
-        person[numbers[later]] = person[numbers[earlier]] if earlier < n else len(set(person.values()))
-    return tuple({place: person[number] for place, number in frame.items()} for frame in tracks.assigned)
+        if spans[earlier][1] < spans[later][0]:
+            costs[later, earlier] = -log_odds(earlier, later)
+    people = list[int]()
+    for _, earlier in zip(*scipy.optimize.linear_sum_assignment(costs), strict=True):
+        people.append(people[earlier] if earlier < n else len(set(people)))
+    return people
+
+
+def log_odds_of_place(shift_m: FloatArray, gap_s: float) -> float:
+    """Return the log odds that a person reappears at this distance (D,), m, after a gap, s, rather than anywhere."""
+    variance = _PLACE_M**2 + (_WALK_M_S * gap_s) ** 2
+    return float(-0.5 * shift_m @ shift_m / variance - np.log(2.0 * np.pi * variance) - _LOG_ANYWHERE)
 
 
 def _frames_of(tracks: Tracks) -> dict[int, IntArray]:
@@ -118,7 +138,6 @@ def _track(frames: IntArray, joints: Sequence[FloatArray]) -> _Track:
 def _log_odds(earlier: _Track, later: _Track, times_s: FloatArray) -> float:
     """Return the log odds that two tracks are of one person rather than of two."""
     gap_s = times_s[later.frames[0]] - times_s[earlier.frames[-1]]
-    variance, shift = _PLACE_M**2 + (_WALK_M_S * gap_s) ** 2, later.first - earlier.last
-    place = -0.5 * shift @ shift / variance - np.log(2.0 * np.pi * variance) - _LOG_ANYWHERE
+    place = log_odds_of_place(later.first - earlier.last, gap_s)
     squares, ratio = (later.sizes - earlier.sizes) ** 2, _PEOPLE_SIGMA / _SIZE_SIGMA
     return float(place + (0.5 * squares * (_PEOPLE_SIGMA**-2 - _SIZE_SIGMA**-2) + np.log(ratio)).sum())

@@ -7,7 +7,7 @@ backwards to its start, so that no person appears late.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
@@ -42,27 +42,36 @@ class PeopleDetector:
     ----------
     network : returns the landmarks of the person in a region of an image.
     chunk_frames : frames between two searches of the whole image, at least 1; they are in memory at once.
+    found : called with the people found by every search of a whole image.
     """
 
-    def __init__(self, network: Network, chunk_frames: int) -> None:
-        self.network, self.chunk_frames = network, chunk_frames
+    def __init__(
+        self, network: Network, chunk_frames: int, found: Callable[[Sequence[Person]], None] = lambda _: None
+    ) -> None:
+        self.network, self.chunk_frames, self.found = network, chunk_frames, found
         self._n_people = 0
 
-    def detect(self, images: Iterable[ByteArray], previous: Sequence[Person] = ()) -> Iterator[list[Person]]:
+    def detect(
+        self, images: Iterable[ByteArray], previous: Sequence[Person] | None = None, n_people: int = 0
+    ) -> Iterator[list[Person]]:
         """Yield the people in each image (height, width, 3), RGB.
 
-        previous: those in the frame before the first, from whom the detection is resumed.
+        previous: those in the frame before the first, from whom the detection is resumed; None for a new one.
+        n_people: number of people in all frames before.
         """
-        self._n_people = 1 + max((person.number for person in previous), default=-1)
-        people, source, first = list(previous), iter(images), not previous
+        self._n_people, people, source = n_people, list(previous or ()), iter(images)
+        if previous is None:
+            start = list(islice(source, 1))  # searched before further images are decoded, as a user waits for it
+            people = [person for image in start for person in self._search(image, [])]
+            self.found(people)
+            source = chain(start, source)
         while chunk := list(islice(source, self.chunk_frames)):
-            if first:
-                people, first = self._search(chunk[0], []), False
             frames = []
             for image in chunk:
                 people = self._follow(image, people)
                 frames.append(people)
             new = self._search(chunk[-1], people)
+            self.found(new)
             for t in range(len(chunk) - 1, -1, -1):
                 new = self._follow(chunk[t], new, frames[t]) if new else []
                 frames[t] = [*frames[t], *new]

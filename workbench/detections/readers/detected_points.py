@@ -26,12 +26,14 @@ class DetectedPoints:
     points : points (K, 3) of every person by frame, [u, v, confidence], NaN without detection; (0, 3) for an empty one;
         (K, 6) with world landmarks.
     names : names of the K points, where the file has them.
+    identities : the detector's numbers (n,) of the people by frame, of those that it follows; None without.
     """
 
     source: str
     frames: IntArray
     points: tuple[Sequence[FloatArray], ...]
     names: tuple[str, ...] = ()
+    identities: tuple[IntArray, ...] | None = None
 
     @property
     def detected(self) -> list[FloatArray]:

@@ -56,3 +56,6 @@ PERSON_KEYS: Mapping[str, str | None] = {
 person has it: then the coordinates are u, v."""
 WORLD_KEY = "world_landmarks"
 """Key of the points in space that the workbench's own detector adds, see `People`."""
+NUMBER_KEY, REGION_KEY = "person_id", "region"
+"""Keys of a person's number, a list of one, and of the region in which the workbench's own detector looks for the
+person next; the number then identifies a person whom it follows. OpenPose's own number is -1."""

@@ -9,9 +9,16 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names
-from workbench.detections.readers.formats import IMAGE_KEY, PEOPLE_KEYS, PERSON_KEYS, WORLD_KEY
+from workbench.detections.readers.formats import (
+    IMAGE_KEY,
+    NUMBER_KEY,
+    PEOPLE_KEYS,
+    PERSON_KEYS,
+    REGION_KEY,
+    WORLD_KEY,
+)
 from workbench.detections.readers.layout_by_anatomy import check_number_of_points
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file, parse_json
 
@@ -58,16 +65,19 @@ def read_points(path: str | Path) -> DetectedPoints:
 def _json_folder(folder: Path) -> DetectedPoints:
     """Return the points in a folder of JSON files with the people of one frame each."""
     files = _numbered(folder)
-    people = []
+    people, identities = [], list[IntArray | None]()
     for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None):
         content = _parsed(files[frame])
         try:
             people.append(_people(content))
+            identities.append(_identities(content))
         except _INVALID as error:
             raise _unexpected(files[frame], error) from None
         for n_points in {len(points) for points in people[-1]} - {0}:
             check_number_of_points(files[frame], n_points)
-    return DetectedPoints(str(folder), np.array(sorted(files)), tuple(people))
+    known = tuple(each for each in identities if each is not None)
+    by_frame = known if len(known) == len(files) else None
+    return DetectedPoints(str(folder), np.array(sorted(files)), tuple(people), identities=by_frame)
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
@@ -126,6 +136,17 @@ def _people(image: Any) -> list[FloatArray]:
     """Return the points of the people of one image, a list or a mapping with a list, see `_points`."""
     people = image if isinstance(image, list) else image[next((key for key in PEOPLE_KEYS if key in image), "people")]
     return [_points(person) for person in people]
+
+
+def _identities(image: Any) -> IntArray | None:
+    """Return the numbers (n,) by which the workbench's detector follows the people of one image; None for others'."""
+    people = image.get("people") if isinstance(image, dict) else None
+    if people is None or not all(REGION_KEY in person for person in people):
+        return None
+    numbers = [int(number) for person in people for number in person[NUMBER_KEY]]
+    if len(numbers) != len(people):
+        raise ValueError(f"{NUMBER_KEY} of {len(numbers)} numbers for {len(people)} people")
+    return np.array(numbers, dtype=np.intp)
 
 
 def _points(person: Mapping[str, Any]) -> FloatArray:

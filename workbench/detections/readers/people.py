@@ -46,12 +46,19 @@ class People:
     joints : (n, J, 3) per frame, for n people in the order of the file, [u px, v px, confidence 0..1] in the order of
         JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person. (n, J, 6) where the
         files have world landmarks, [x, y, z] m about the middle of the hips along the camera's axes.
+    identities : see `DetectedPoints`.
     """
 
     source: str
     layout: str
     frames: IntArray
     joints: tuple[FloatArray, ...]
+    identities: tuple[IntArray, ...] | None = None
+
+    def at_rows(self, rows: IntArray, frames: IntArray) -> "People":
+        """Return the people of some rows of the frames, numbered anew."""
+        identities = None if self.identities is None else tuple(self.identities[row] for row in rows)
+        return replace(self, frames=frames, joints=tuple(self.joints[row] for row in rows), identities=identities)
 
 
 def read_people(
@@ -91,7 +98,7 @@ def read_people(
 def _at_frames(people: People, frames: IntArray) -> People:
     """Return people at other numbers of frames, without those of a negative one."""
     rows = np.flatnonzero(frames >= 0)
-    return replace(people, frames=frames[rows], joints=tuple(people.joints[row] for row in rows))
+    return people.at_rows(rows, frames[rows])
 
 
 def people_of_points(
@@ -141,4 +148,4 @@ def _people_of(points: DetectedPoints, name: str) -> People:
     width = min(person.shape[1] for person in points.detected)
     joints = [[joints_of_points(numbers, person, width) for person in frame] for frame in points.points]
     by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
-    return People(points.source, name, points.frames, by_frame)
+    return People(points.source, name, points.frames, by_frame, points.identities)

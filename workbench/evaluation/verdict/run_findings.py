@@ -1,7 +1,7 @@
 """Findings on a run: contradictions between its inputs, its observations, its estimate and its stated uncertainty."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_
 from workbench.evaluation.verdict.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
-from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, Finding, level_of
 
 _LIMB_TOLERANCE = 0.20
 """Tolerance of a single limb against the others: three deviations, and the error of a detector's joint."""
@@ -52,6 +52,9 @@ _MAX_SLIDING = 0.5
 """Median speed of the slower foot of a walking person over the pelvis' speed. One foot stands at any time of a walk,
 and in two thirds of the time of a run."""
 _MIN_WALK_FRAMES = 20
+_MOSTLY_TRACKED, _HARDLY_TRACKED = 0.8, 0.4
+"""Fractions of the frames that may show the person in which the person must be detected: with less than the first, more
+than every fifth step is missing; with less than the second, most of the motion."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ class RunInputs:
     """Configured inputs of a run.
 
     height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: configured rate of the frames, and the
-    rate in their source's file. shows_person: the dataset has observations of the person.
+    rate in their source's file. shows_person: the dataset has observations of the person. input_counts: of the frames
+    in which a person was selected among the detected ones, see `TargetPerson`; empty without detections.
     """
 
     height_m: float | None = None
@@ -67,12 +71,33 @@ class RunInputs:
     rate_hz: float | None = None
     source_rate_hz: float | None = None
     shows_person: bool = True
+    input_counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def coverage(inputs: RunInputs) -> Finding | None:
+    """Return in how many frames of the video the person is detected; None if in all, or without detections.
+
+    Frames that may show the person, but without a detection, lower the verdict; others, before the person enters or
+    after the person leaves, do not.
+    """
+    n, unseen = inputs.input_counts.get("frames", 0), inputs.input_counts.get("frames_unseen", 0)
+    if not unseen:
+        return None
+    lost = inputs.input_counts.get("frames_lost", 0)
+    share = (n - unseen) / (n - unseen + lost)
+    level = NOTE if share >= _MOSTLY_TRACKED else DOUBTFUL if share >= _HARDLY_TRACKED else NOT_USABLE
+    text = f"tracked in {n - unseen} of {n} frames of the video"
+    if 0 < lost < unseen:
+        text += f", lost in {lost}"
+    return Finding("person lost", text, level)
 
 
 def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
     """Yield the findings on a run, those on its inputs first."""
     of_inputs = [*_inputs(measured, inputs), *_times(measured, inputs)]
     yield from of_inputs
+    if (covered := coverage(inputs)) is not None:
+        yield covered
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from _limbs(measured)
         yield from _walk(measured)

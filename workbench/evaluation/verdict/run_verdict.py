@@ -5,10 +5,10 @@ case the configured inputs are compared with the measurements. Thresholds come f
 people and detectors, or from reasoning; none was fitted to failed runs.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
+from workbench.evaluation.verdict.run_findings import RunInputs, coverage, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
@@ -55,5 +55,7 @@ class Verdict:
 def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     """Return the verdict on a run from its measurements and inputs."""
     result, states = outcome(measured, inputs.shows_person)
+    if (covered := coverage(inputs)) is not None and not covered.is_problem:
+        result = replace(result, message=f"{result.message}, {covered.message}")
     worst = {each.kind: each for each in reversed(problems(run_findings(measured, inputs)))}  # the first of a kind
     return Verdict(tuple(reversed(worst.values())), result, states)
