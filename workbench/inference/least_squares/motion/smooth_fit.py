@@ -32,6 +32,7 @@ from workbench.inference.least_squares.video.hypotheses import (
     upright_poses,
 )
 from workbench.inference.least_squares.video.landmark_depths import DepthArrays
+from workbench.inference.least_squares.video.landmark_poses import landmark_paths
 from workbench.inference.least_squares.video.limb_flips import flip_limbs
 from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.utils.arrays import FloatArray
@@ -103,9 +104,14 @@ class SmoothFit:
 
 
 def _initial_candidates(task: Task, start: FloatArray | None) -> FloatArray:
-    """Return candidate poses (n, P) of the first frame."""
+    """Return candidate poses (n, P) of the first frame, or with a single camera's world landmarks (n, T, P) of all."""
     if start is not None:
         return start[None]
+    if (
+        _depths(task) is not None
+        and (paths := landmark_paths(task.skeleton, task.observations, task.times_s)) is not None
+    ):
+        return paths
     if keypoints := first_keypoints(task.observations):
         return first_poses(task.skeleton, keypoints, task.sigma_px, task.likelihood.observables.depth_sigma_m)
     return first_pose(task)[None]
@@ -182,10 +188,11 @@ def fit_smooth(
 
 
 def candidates(problem: PoseProblem, starts: FloatArray, max_iterations: int) -> list[tuple[FloatArray, float]]:
-    """Return the poses (T, P) fitted from each of the poses `starts` (n, P), with their costs, the lowest first."""
+    """Return the poses (T, P) fitted from each of `starts`, poses (n, P) of the first frame or (n, T, P) of all, with
+    their costs, the lowest first."""
     fits = []
     for start in starts:
-        poses = problem.fit_sequentially(start)
+        poses = problem.fit_sequentially(start) if start.ndim == 1 else start
         minimum = _fit_all(problem, poses, max_iterations, tolerance=1e-3)
         fits.append((_poses(minimum, poses), minimum.costs[-1]))
     return sorted(fits, key=lambda fit: fit[1])
@@ -218,7 +225,7 @@ def _initial_poses(
     """Return poses (T, P) fitted from the best of `starts` (n, P), with flipped limbs if there is a single camera."""
     frames = select_spaced((bool(observed_kinds([frame])) for frame in observations), problem.times_s)
     spaced_problem = replace(problem, loss=SEARCH_LOSS).select_frames(frames)
-    poses, _ = candidates(spaced_problem, starts, max_iterations)[0]
+    poses, _ = candidates(spaced_problem, starts[:, frames] if starts.ndim == 3 else starts, max_iterations)[0]
     if single_camera is not None and not spaced_problem.residual_functions:
         poses = _poses(_fit_all(spaced_problem, poses, max_iterations, tolerance=0.0), poses)
         poses = flip_limbs(spaced_problem, single_camera, poses)

@@ -388,14 +388,40 @@ def reach_targets(
     targets : (n, 2, 3) of the middle and the last joint, m.
     sigma_m : standard deviation of the distance, m.
     """
-    n_dofs, fitted = poses.shape[1], poses.copy()
-    active = np.isin(skeleton.dof_joints, limb[:2])
+    fitted, active = poses.copy(), np.isin(skeleton.dof_joints, limb[:2])
     precisions = np.repeat(np.where(active, 0.0, _FIXED_PRECISION)[None], len(poses), axis=0)
-    target_terms = (np.asarray(limb[1:]), np.ascontiguousarray(targets), np.array([sigma_m**-2.0]))
-    prior = limits(skeleton, np.zeros((1, n_dofs)), np.zeros((1, n_dofs, n_dofs)))
-    depths = DepthArrays.none(len(poses)).arrays
-    loss, keypoints = (LOSSES[SQUARED.name], SQUARED.scale), KeypointArrays.none(len(poses)).arrays
-    terms = (chain(skeleton), keypoints, loss, target_terms, prior, depths, NO_STANCE)
+    prior = (np.zeros(poses.shape[1]), np.zeros((poses.shape[1], poses.shape[1])))
+    terms = _target_terms(skeleton, np.asarray(limb[1:]), targets, sigma_m, *prior)
     kernels.fit_frames(fitted, False, precisions, terms, 8, 1e-2, np.empty(len(poses)))
     fitted[:, ~active] = poses[:, ~active]
     return fitted
+
+
+def reach_in_sequence(skeleton: Skeleton, targets: FloatArray, sigma_m: float) -> FloatArray:
+    """Return poses (n, P) with the root at the origin whose joints reach targets (n, J, 3), m, as far as their limits
+    allow, each fitted from the previous one. sigma_m: standard deviation of the distance, m, against nominal angles."""
+    nominal, n_dofs = nominal_pose_prior(skeleton), len(skeleton.dof_names)
+    poses = np.zeros((len(targets), n_dofs))
+    poses[0, N_ROOT:] = np.clip(0.5, *skeleton.limits[N_ROOT:].T)  # bent, away from singular straight limbs
+    precisions = np.where(np.arange(n_dofs) < N_ROOT, _FIXED_PRECISION, 0.0) + np.zeros((len(targets), 1))
+    terms = _target_terms(
+        skeleton,
+        np.arange(len(skeleton.names)),
+        targets,
+        sigma_m,
+        nominal.mean,
+        nominal.whitening.T @ nominal.whitening,
+    )
+    kernels.fit_frames(poses, True, precisions, terms, 20, 1e-3, np.empty(len(poses)))
+    return poses
+
+
+def _target_terms(
+    skeleton: Skeleton, reaching: IntArray, targets: FloatArray, sigma_m: float, mean: FloatArray, precision: FloatArray
+) -> tuple[Any, ...]:
+    """Return the kernels' arguments for joints (A,) with targets (n, A, 3), m, and a Gaussian of poses, mean (P,) and
+    precision (P, P), and nothing else."""
+    depths, keypoints = DepthArrays.none(len(targets)).arrays, KeypointArrays.none(len(targets)).arrays
+    target_terms = (reaching, np.ascontiguousarray(targets), np.array([sigma_m**-2.0]))
+    loss, prior = (LOSSES[SQUARED.name], SQUARED.scale), limits(skeleton, mean[None], precision[None])
+    return chain(skeleton), keypoints, loss, target_terms, prior, depths, NO_STANCE

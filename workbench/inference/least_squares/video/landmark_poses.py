@@ -1,0 +1,143 @@
+"""Initial poses of every frame from a detector's world landmarks, for a single camera.
+
+Landmarks give the directions of torso and limbs frame by frame, without the ambiguity of the image; lengths are the
+person's own, and the position is that of the keypoints' rays.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.cameras.camera import Camera
+from workbench.core.observations import Keypoints, Observed
+from workbench.inference.least_squares.video.pose_problem import reach_in_sequence
+from workbench.utils.arrays import FloatArray
+
+TORSO = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+LIMB_SIGMA_M = 0.03
+"""Standard deviation of the joints from the directions by the landmarks, against nominal angles."""
+MEDIAN_WINDOW_S = 0.5
+"""Duration over which a torso's rotation is the median of the frames': longer than a detector's confusions of front and
+back, shorter than a half turn, which takes people about a second."""
+
+
+def landmark_paths(skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray) -> FloatArray | None:
+    """Return the paths (2, T, P) of `landmark_poses`, as observed and mirrored in depth; None without landmarks."""
+    if (path := landmark_poses(skeleton, observations, times_s)) is None:
+        return None
+    mirrored = landmark_poses(skeleton, observations, times_s, mirrored=True)
+    return np.stack([path, mirrored])
+
+
+def landmark_poses(
+    skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray, mirrored: bool = False
+) -> FloatArray | None:
+    """Return poses (T, P) of all frames by the world landmarks of a single camera, or None without any.
+
+    The root's rotation is the median over MEDIAN_WINDOW_S of the rotations that align the skeleton's shoulders and hips
+    with the landmarks' (Kabsch 1976). Limbs have the landmarks' directions as far as the limits allow, and the person's
+    own lengths. The root's position is the linear least-squares solution for the keypoints' rays. Frames without
+    landmarks of the torso are interpolated.
+
+    Parameters
+    ----------
+    observations : of T frames with at most one view each.
+    times_s : (T,), increasing.
+    mirrored : reflect the landmarks in depth, the other pose with about the same image.
+    """
+    frames = [t for t, frame in enumerate(observations) if _shows_torso(skeleton, frame)]
+    if not frames:
+        return None
+    views = [observations[t].keypoints[0] for t in frames]
+    places = np.array([_places(skeleton, view, mirrored) for view in views])
+    rotations = median_rotations(torso_rotations(skeleton, places), times_s[frames])
+    poses = np.zeros((len(frames), len(skeleton.dof_names)))
+    poses[:, N_ROOT:] = reach_in_sequence(skeleton, _limb_targets(skeleton, places @ rotations), LIMB_SIGMA_M)[
+        :, N_ROOT:
+    ]
+    poses[:, 3:N_ROOT] = _euler_angles(rotations)
+    for pose, view in zip(poses, views, strict=True):
+        pose[:3] = _position(skeleton, view, pose)
+    return np.column_stack([np.interp(times_s, times_s[frames], column) for column in poses.T])
+
+
+def viewing_axes(camera: Camera, direction: FloatArray) -> FloatArray:
+    """Return the axes (3, 3), rows in the world, of the camera turned by the smallest rotation that points it along a
+    unit direction (3,) in the world."""
+    x, y, z = camera.rotation @ direction
+    # Rodrigues' formula for the rotation of the optical axis (0, 0, 1) to (x, y, z) in the camera's frame
+    turn = np.array([[1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x], [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
+                     [-x, -y, z]])  # fmt: skip
+    return np.asarray(turn.T @ camera.rotation)
+
+
+def torso_rotations(skeleton: Skeleton, places: FloatArray) -> FloatArray:
+    """Return the rotations (n, 3, 3) from the pelvis' frame to that of joints (n, J, 3), by shoulders and hips."""
+    torso = [skeleton.joint(name) for name in TORSO]
+    rest = joints(skeleton, np.zeros((1, len(skeleton.dof_names))))[0, torso]
+    observed = places[:, torso]
+    covariances = (observed - observed.mean(axis=1, keepdims=True)).swapaxes(1, 2) @ (rest - rest.mean(axis=0))
+    left, _, right = np.linalg.svd(covariances)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return np.asarray(left @ right)
+
+
+def median_rotations(rotations: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Return rotations (n, 3, 3) at times (n,), each replaced by that within half of MEDIAN_WINDOW_S which has the
+    smallest sum of angles to all others there."""
+    cosines = np.einsum("iab,jab->ij", rotations, rotations) - 1.0
+    angles = np.arccos(np.clip(0.5 * cosines, -1.0, 1.0))
+    near = np.abs(times_s[:, None] - times_s) <= 0.5 * MEDIAN_WINDOW_S
+    sums = np.where(near[:, None, :], angles[None], 0.0).sum(axis=2)
+    return rotations[np.where(near, sums, np.inf).argmin(axis=1)]
+
+
+def _shows_torso(skeleton: Skeleton, frame: Observed) -> bool:
+    views = [view for view in frame.keypoints if view.world_landmarks is not None]
+    return bool(views) and {skeleton.joint(name) for name in TORSO} <= set(views[0].joints.tolist())
+
+
+def _places(skeleton: Skeleton, view: Keypoints, mirrored: bool) -> FloatArray:
+    """Return the landmarks (J, 3) along the world's axes; NaN for joints without."""
+    assert view.world_landmarks is not None
+    direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
+    landmarks = view.world_landmarks * [1.0, 1.0, -1.0 if mirrored else 1.0]
+    places = np.full((len(skeleton.names), 3), np.nan)
+    places[view.joints] = landmarks @ viewing_axes(view.camera, direction)
+    return places
+
+
+def _limb_targets(skeleton: Skeleton, places: FloatArray) -> FloatArray:
+    """Return positions (n, J, 3) of the joints in the pelvis' frame, with the skeleton's lengths and the directions of
+    landmarks (n, J, 3) in that frame; bones of the torso and without landmarks are at rest."""
+    targets = np.zeros_like(places)
+    for parent, child in skeleton.bones:
+        offset = skeleton.offsets[child]
+        bone = np.broadcast_to(offset, targets[:, child].shape)
+        if parent != 0:
+            direction = places[:, child] - places[:, parent]
+            length = np.linalg.norm(direction, axis=1, keepdims=True)
+            bone = np.where(length > 0.0, np.linalg.norm(offset) * direction / np.maximum(length, 1e-9), bone)
+        targets[:, child] = targets[:, parent] + bone
+    return targets
+
+
+def _euler_angles(rotations: FloatArray) -> FloatArray:
+    """Return heading, pitch and roll (n, 3) of rotations Rz Ry Rx (n, 3, 3), heading and roll without jumps."""
+    heading = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+    pitch = -np.arcsin(np.clip(rotations[:, 2, 0], -1.0, 1.0))
+    roll = np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2])
+    return np.column_stack([np.unwrap(heading), pitch, np.unwrap(roll)])
+
+
+def _position(skeleton: Skeleton, view: Keypoints, pose: FloatArray) -> FloatArray:
+    """Return the root's position (3,), m, at which the joints of a pose (P,) are nearest to the keypoints' rays."""
+    camera, body = view.camera, joints(skeleton, np.concatenate([np.zeros(3), pose[3:]])[None])[0, view.joints]
+    weights = np.sqrt(view.detections[:, 2])[:, None]
+    normalized = camera.undistorted(view.detections[:, :2])
+    # x − a z = 0 and y − b z = 0 in the camera's frame, for a ray through (a, b, 1)
+    rows = camera.rotation[None, :2] - normalized[:, :, None] * camera.rotation[2]
+    offsets = (rows @ (body - camera.position)[:, :, None])[:, :, 0]
+    return np.linalg.lstsq((rows * weights[:, :, None]).reshape(-1, 3), -(offsets * weights).ravel(), rcond=None)[0]
