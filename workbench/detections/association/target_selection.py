@@ -121,7 +121,7 @@ def select_target(
     views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
     counts = _counts(tracked, number) | {"swapped_sides": int(swapped.sum())}
-    _report_people(tracked, detected.any(axis=0))
+    _report_people(tracked, np.asarray(detected.any(axis=0), bool))
     _report_gaps(tracked, detected, rate_hz)
     _report_joints(people, target, swapped)
     return TargetPerson(tracked.frames, with_corrected_labels(target, swapped), counts)

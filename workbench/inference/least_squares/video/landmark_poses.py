@@ -25,10 +25,8 @@ back, shorter than a half turn, which takes people about a second."""
 
 def landmark_paths(skeleton: Skeleton, observations: Sequence[Observed], times_s: FloatArray) -> FloatArray | None:
     """Return the paths (2, T, P) of `landmark_poses`, as observed and mirrored in depth; None without landmarks."""
-    if (path := landmark_poses(skeleton, observations, times_s)) is None:
-        return None
-    mirrored = landmark_poses(skeleton, observations, times_s, mirrored=True)
-    return np.stack([path, mirrored])
+    paths = [landmark_poses(skeleton, observations, times_s, mirrored) for mirrored in (False, True)]
+    return np.stack([path for path in paths if path is not None]) if paths[0] is not None else None
 
 
 def landmark_poses(
