@@ -68,7 +68,7 @@ def summary(tmp_path):
     return SimpleNamespace(
         verdict=Verdict((), Finding("tracked", "in all 9 frames"), ()), metrics=metrics,
         uninformative_metrics=frozenset({"ess_mean"}),
-        study=None, cost={"seconds": 2.0, "ms_per_frame": 200.0, "compile_s": 7.0},
+        study=None, cost={"seconds": 2.0, "ms_per_frame": 200.0, "compile_s": 7.0}, timing={},
         recording=tmp_path / "a folder" / "run.rrd",
     )  # fmt: skip
 

@@ -12,14 +12,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.association.assignment import Tracks
 from workbench.detections.association.detector_view import DetectorView
 from workbench.detections.association.keypoint_kalman import LEGS
-from workbench.detections.association.left_right import (
-    PARTS,
-    _cheapest,
-    _cost,
-    contradicted,
-    exchanged_labels,
-    with_corrected_labels,
-)
+from workbench.detections.association.left_right import PARTS, _cheapest, _cost, exchanged_labels, with_corrected_labels
 from workbench.detections.association.target_selection import select_target
 from workbench.detections.association.track_stitching import stitched, without_short
 from workbench.detections.readers.people import People
@@ -241,33 +234,4 @@ def test_arms_resolve_an_ambiguous_labelling_of_the_legs():
     swapped = np.zeros((1, n, len(PARTS)), bool)
     swapped[0, [13, 14, 15, 17, 18, 20, 21, 22, 24, 25, 27]] = True
     estimated = exchanged_labels([view], with_corrected_labels(joints, swapped), 60.0)
-    np.testing.assert_array_equal(estimated, swapped)
-
-
-@pytest.mark.parametrize(("n_frames", "expected"), [(12, True), (18, False)])
-def test_an_exchange_is_possible_where_the_torso_turns_against_the_frames_around(n_frames, expected):
-    """Shoulders and hips point the other way in n of the 31 frames of _TORSO_WINDOW_S at 30 Hz about the middle one."""
-    landmarks = np.full((61, len(JOINT_NAMES), 3), np.nan)
-    for name in ("shoulder", "hip"):
-        for side, x in (("left", 0.2), ("right", -0.2)):
-            landmarks[:, JOINT_NAMES.index(f"{side}_{name}")] = [0.1, 0.0, x]
-    first = 30 - n_frames // 2
-    landmarks[first : first + n_frames] *= -1.0
-    impossible = contradicted(landmarks, 30.0)
-    assert (not impossible[30].any()) == expected
-    assert impossible[[0, 60]].all()
-
-
-def test_landmarks_of_a_single_view_rule_out_exchanges_against_the_torso():
-    views, joints = detected_walker(["left"])
-    swapped = np.zeros((1, 40, len(PARTS)), dtype=bool)
-    swapped[0, 12:20] = True
-    detected = with_corrected_labels(joints, swapped)
-    world = np.zeros((*detected.shape[:3], 3))
-    for name in ("shoulder", "hip"):
-        for side, x in (("left", 0.2), ("right", -0.2)):
-            world[:, :, JOINT_NAMES.index(f"{side}_{name}"), 2] = x
-    assert not exchanged_labels(views, np.concatenate([detected, world], axis=3), RATE_HZ).any()
-    of_the_detector = np.where(swapped.any(axis=2)[..., None, None], -world, world)
-    estimated = exchanged_labels(views, np.concatenate([detected, of_the_detector], axis=3), RATE_HZ)
     np.testing.assert_array_equal(estimated, swapped)

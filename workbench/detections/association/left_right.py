@@ -3,8 +3,7 @@
 The labels of arms and legs in each view are a hidden Markov chain: each part is "as detected" or "exchanged", and half
 of the changes concern both, because a detector of whole people exchanges a person's sides at once. The most likely path
 (Viterbi) has small second differences of the joints in the image and, with several cameras, small distances between
-rays. In a single view with world landmarks, no exchange turns shoulders or hips against the torso's direction by the
-landmarks of the frames around it: legs that cross in the image move alike with either labels, the torso does not.
+rays.
 """
 
 from collections.abc import Sequence
@@ -35,9 +34,6 @@ _ACCELERATION_M_S2 = 15.0
 _MAX_COST = 4.5
 """Largest cost of a joint, nats, for robustness against outliers."""
 _MAX_CHANGES = 20
-_TORSO_WINDOW_S = 1.0
-"""Duration over which the torso's direction is averaged: that of a half turn in walking, so that the direction in the
-middle is the mean one, and exchanged labels of up to half of it do not change its sign."""
 _ROWS = tuple(np.array([j for j, name in enumerate(JOINT_NAMES) if name.split("_")[-1] in part]) for part in PARTS)
 """Joints of the parts, in the order of JOINT_NAMES."""
 
@@ -47,13 +43,9 @@ def exchanged_labels(views: Sequence[DetectorView], joints: FloatArray, rate_hz:
 
     Paths are first computed from each view's motion alone, then one at a time given all others, the one with the
     largest gain first, until there is no gain. joints: (V, T, J, 3), [u px, v px, confidence]; NaN without a detection.
-    (V, T, J, 6) with world landmarks, see `People`, which rule out exchanges of a single view, see `contradicted`.
     """
     places = np.array([[view.detection(one).places for one in rows] for view, rows in zip(views, joints, strict=True)])
     motion_costs = [_motion_costs(one, rate_hz) for one in places]
-    if len(views) == 1 and joints.shape[3] > 3:
-        impossible = (contradicted(joints[0, :, :, 3:], rate_hz)[:, None] & _STATES).any(axis=2)  # (T, 4)
-        motion_costs[0] += np.where(impossible, np.inf, 0.0)[:, None, None, :]
     states = np.array([_cheapest(costs) for costs in motion_costs])
     for _ in range(_MAX_CHANGES if len(views) > 1 else 0):
         current, best_gain, best = with_corrected_labels(places, _STATES[states]), 1e-6, None
@@ -67,23 +59,6 @@ def exchanged_labels(views: Sequence[DetectorView], joints: FloatArray, rate_hz:
             break
         states[best[0]] = best[1]
     return np.asarray(_STATES[states])
-
-
-def contradicted(landmarks: FloatArray, rate_hz: float) -> BoolArray:
-    """Return in which frames (T, 2) an exchange of arms or legs contradicts the torso's direction by landmarks (T, J,
-    3): their line from right to left, of shoulders or hips, already agrees with its mean over _TORSO_WINDOW_S."""
-    lines = np.stack([_leftward(landmarks, name) for name in ("shoulder", "hip")], axis=1)  # (T, 2, 3)
-    half = round(0.5 * _TORSO_WINDOW_S * rate_hz)
-    window = np.ones(2 * half + 1)
-    means = np.stack([np.convolve(axis, window)[half : half + len(axis)] for axis in lines.sum(axis=1).T], axis=1)
-    return np.asarray((lines * means[:, None]).sum(axis=2) > 0.0)
-
-
-def _leftward(landmarks: FloatArray, name: str) -> FloatArray:
-    """Return unit vectors (T, 3) from the right to the left joint; 0 where unknown."""
-    right, left = (landmarks[:, JOINT_NAMES.index(f"{side}_{name}")] for side in ("right", "left"))
-    line = np.nan_to_num(left - right)
-    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9))
 
 
 def with_corrected_labels(joints: FloatArray, swapped: BoolArray) -> FloatArray:
