@@ -6,18 +6,18 @@ FORMAT = 4
 """Number of the format, in the property `run` of a recording and in summary.json; other formats are not read."""
 
 
-def check_format(place: object, found: object, workbench: object) -> None:
+def check_format(place: object, number: object, workbench: object) -> None:
     """Raise InputError, with the version of the workbench that wrote it, for a recording or summary of another format.
 
     Parameters
     ----------
     place : of the recording or summary, for the message.
-    found : its format; None: without a number, as in format 1.
+    number : of its format; None: without a number, as in format 1.
     workbench : the version of the workbench that wrote it; None: unknown.
     """
-    if found != FORMAT:
+    if number != FORMAT:
         version = "an unknown version of workbench" if workbench is None else f"workbench {workbench}"
         raise InputError(
-            f"{place}: expected format {FORMAT}, found format {1 if found is None else found}, written by {version}; "
+            f"{place}: expected format {FORMAT}, found format {1 if number is None else number}, written by {version}; "
             "repeat its experiment, or use that version"
         )

@@ -1,4 +1,4 @@
-"""Writing a recording leaves no threads behind, and writing another one beside it does not end it."""
+"""Writing a recording leaves no threads behind, and writing another one at the same time does not end it."""
 
 import os
 import subprocess

@@ -2,7 +2,7 @@
 
 A detector that searches each person in the region that follows from the frame before keeps hold of motions that no
 motion model predicts, such as a serve. Its tracks are therefore never split, except where its region moves from one
-person to another who covers them. Where it loses a person, the next track of this person is found by the predicted
+person to another who covers them. Where it loses a person, the next track of this person is chosen by the predicted
 position and the size.
 """
 

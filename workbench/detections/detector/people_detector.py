@@ -42,13 +42,13 @@ class PeopleDetector:
     ----------
     network : returns the landmarks of the person in a region of an image.
     chunk_frames : frames between two searches of the whole image, at least 1; they are in memory at once.
-    found : called with the people found by every search of a whole image.
+    on_search : called with the people found by every search of a whole image.
     """
 
     def __init__(
-        self, network: Network, chunk_frames: int, found: Callable[[Sequence[Person]], None] = lambda _: None
+        self, network: Network, chunk_frames: int, on_search: Callable[[Sequence[Person]], None] = lambda _: None
     ) -> None:
-        self.network, self.chunk_frames, self.found = network, chunk_frames, found
+        self.network, self.chunk_frames, self.on_search = network, chunk_frames, on_search
         self._n_people = 0
 
     def detect(
@@ -63,7 +63,7 @@ class PeopleDetector:
         if previous is None:
             start = list(islice(source, 1))  # searched before further images are decoded, as a user waits for it
             people = [person for image in start for person in self._search(image, [])]
-            self.found(people)
+            self.on_search(people)
             source = chain(start, source)
         while chunk := list(islice(source, self.chunk_frames)):
             frames = []
@@ -71,7 +71,7 @@ class PeopleDetector:
                 people = self._follow(image, people)
                 frames.append(people)
             new = self._search(chunk[-1], people)
-            self.found(new)
+            self.on_search(new)
             for t in range(len(chunk) - 1, -1, -1):
                 new = self._follow(chunk[t], new, frames[t]) if new else []
                 frames[t] = [*frames[t], *new]

@@ -1,1 +1,1 @@
-"""Readers of joints that other detectors found: their formats, the layouts of their points, the pairing with images."""
+"""Readers of the joints of other detectors: their formats, the layouts of their points, the pairing with images."""

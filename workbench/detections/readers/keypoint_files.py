@@ -83,11 +83,11 @@ def _json_folder(folder: Path) -> DetectedPoints:
 def _numbered(folder: Path) -> dict[int, Path]:
     """Return the files of a folder by frame, the number in their names; files without a number and hidden files are
     skipped."""
-    found = sorted(folder.glob("*.json")) if folder.is_dir() else []
-    found = [file for file in found if not file.name.startswith(".")]
-    numbers = numbers_in_names(file.stem for file in found)
+    files_in_folder = sorted(folder.glob("*.json")) if folder.is_dir() else []
+    files_in_folder = [file for file in files_in_folder if not file.name.startswith(".")]
+    numbers = numbers_in_names(file.stem for file in files_in_folder)
     files: dict[int, Path] = {}
-    for file in found:
+    for file in files_in_folder:
         number = numbers.get(file.stem)
         if number is None:
             continue
@@ -96,8 +96,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
         if number >= _MAX_NUMBER:
             raise InputError(f"{file}: expected the frame's number in the file's name, found {number}")
         files[number] = file
-    if found and not files:
-        raise InputError(f"{found[0]}: expected the frame's number in the file's name, found none")
+    if files_in_folder and not files:
+        raise InputError(f"{files_in_folder[0]}: expected the frame's number in the file's name, found none")
     if not files:
         raise InputError(f"{folder}: expected a folder of a detector's JSON files, found none")
     return files
@@ -153,9 +153,9 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     """Return a person's points (K, 3), NaN without detection, or (K, 6) with world landmarks; K is 0 for an empty
     person."""
     key = next((key for key in PERSON_KEYS if key in person), "keypoints")
-    coordinates, apart = person[key], PERSON_KEYS[key]
-    if apart is not None and apart in person:
-        coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), person[apart]])
+    coordinates, confidence_key = person[key], PERSON_KEYS[key]
+    if confidence_key is not None and confidence_key in person:
+        coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), person[confidence_key]])
     points = keypoints_of(coordinates)
     if not len(person.get(WORLD_KEY, ())):
         return points

@@ -29,9 +29,9 @@ def named_points(names: Sequence[str]) -> PointsOfJoints:
     number_of = {plain_name(name): number for number, name in reversed(list(enumerate(names)))}
     joints: dict[str, tuple[int, ...]] = {}
     for joint in JOINT_NAMES:
-        found = [option for option in _spellings(joint) if all(name in number_of for name in option)]
-        if found:
-            joints[joint] = tuple(number_of[name] for name in found[0])
+        complete = [option for option in _spellings(joint) if all(name in number_of for name in option)]
+        if complete:
+            joints[joint] = tuple(number_of[name] for name in complete[0])
     return joints
 
 

@@ -56,7 +56,7 @@ class People:
     identities: tuple[IntArray, ...] | None = None
 
     def at_rows(self, rows: IntArray, frames: IntArray) -> "People":
-        """Return the people of some rows of the frames, numbered anew."""
+        """Return the people of some rows of the frames, at other numbers of frames."""
         identities = None if self.identities is None else tuple(self.identities[row] for row in rows)
         return replace(self, frames=frames, joints=tuple(self.joints[row] for row in rows), identities=identities)
 
@@ -83,8 +83,8 @@ def read_people(
         if scaling:
             log.warning("%s: %s", each.source, scaling)
     people, decisions = people_of_points(points, layout)
-    for found in people.values():
-        log.info("%s: %s, %d frames", found.source, found.layout, len(found.frames))
+    for view in people.values():
+        log.info("%s: %s, %d frames", view.source, view.layout, len(view.frames))
     for name, decision in decisions.items():
         log.info("layout %s of all cameras by anatomy: %s", name, decision)
     numbers = {name: images[name].numbers for name in people}

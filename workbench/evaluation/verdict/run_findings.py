@@ -19,7 +19,7 @@ from workbench.cameras.calibration_findings import (
 from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
-from workbench.evaluation.verdict.multiview_consistency import bends
+from workbench.evaluation.verdict.knee_bends import bends
 from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
 from workbench.evaluation.verdict.track_outcome import depth_drift, has_values
 from workbench.utils.arrays import BoolArray, FloatArray

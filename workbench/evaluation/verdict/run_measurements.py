@@ -17,7 +17,6 @@ from workbench.core.frame import View
 from workbench.core.step import Step
 from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
 from workbench.evaluation.uncertainty.step_calibration import GROUPS
-from workbench.evaluation.verdict.multiview_consistency import keypoint_pixels
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3
@@ -144,7 +143,7 @@ class MeasurementCollector:
         """Return keypoint_error_px and in_image of a view; joints_m: (J, 3), estimated."""
         pixels = view.camera.project(joints_m)
         inside = (pixels >= 0.0).all(axis=1) & (pixels < [view.camera.width, view.camera.height]).all(axis=1)
-        residuals = np.linalg.norm(pixels[self._body_joints] - keypoint_pixels(view)[self._named], axis=1)
+        residuals = np.linalg.norm(pixels[self._body_joints] - _keypoint_pixels(view)[self._named], axis=1)
         error_px = float(np.nanmedian(residuals)) / self._scale if np.isfinite(residuals).any() else np.nan
         return error_px, bool(inside.mean() > 0.5)
 
@@ -250,3 +249,11 @@ def walking_velocity(pelvis: FloatArray, times_s: FloatArray) -> FloatArray:
 def foot_speeds(ankles: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return the horizontal speeds (F, 2), m/s, of ankles (F, 2, 3), m."""
     return np.asarray(np.linalg.norm(_velocity(ankles, times_s, _STEP_S)[..., :2], axis=-1))
+
+
+def _keypoint_pixels(view: View) -> FloatArray:
+    """Return the pixels (J, 2) of a view's keypoints, NaN where the weight is 0 or there is none."""
+    if view.keypoints is None:
+        return np.full((len(JOINT_NAMES), 2), np.nan)
+    has_weight = np.nan_to_num(view.keypoints[:, 2:]) > 0.0
+    return np.where(has_weight, view.keypoints[:, :2], np.nan)

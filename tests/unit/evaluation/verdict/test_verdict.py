@@ -15,7 +15,7 @@ from workbench.cameras.camera_agreement import pair_separations
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
-from workbench.evaluation.verdict.multiview_consistency import bends
+from workbench.evaluation.verdict.knee_bends import bends
 from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.utils.finding import (
     DOUBTFUL,

@@ -1,23 +1,14 @@
-"""Directions of knees, and pixels of keypoints, without a tracker."""
+"""The directions in which knees bend, by positions of joints alone."""
 
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import SIDES
-from workbench.core.frame import View
 from workbench.utils.arrays import FloatArray
 
 _MIN_BEND = 0.05
 """Distance of a knee from the line from hip to ankle, over its length, from which on the leg is bent: some 12
 degrees."""
-
-
-def keypoint_pixels(view: View) -> FloatArray:
-    """Return the pixels (J, 2) of a view's keypoints, NaN where the weight is 0 or there is none."""
-    if view.keypoints is None:
-        return np.full((len(JOINT_NAMES), 2), np.nan)
-    has_weight = np.nan_to_num(view.keypoints[:, 2:]) > 0.0
-    return np.where(has_weight, view.keypoints[:, :2], np.nan)
 
 
 def bends(joints: FloatArray) -> FloatArray:
