@@ -5,18 +5,22 @@ such head–foot segments in the image determine the focal length, the tilt and 
 (Criminisi, Reid & Zisserman, *Single View Metrology*, IJCV 2000; Lv, Zhao & Nevatia, *Camera Calibration from Video of
 a Walking Human*, PAMI 2006). All parameters and the positions of all segments are estimated in one least-squares
 problem, whose Jacobian gives standard deviations. Priors cover what the segments leave undetermined: with a level
-camera or equal distances only the focal length over the distance is observable.
+camera or equal distances only the focal length over the distance is observable, and without segments nothing is.
+
+Segments of detections come from frames in which the person is upright by the detector's world landmarks, because a
+shorter segment is else taken for a larger distance, and in which head and feet are in the image.
 """
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import TO_LEVEL, Camera
-from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 _MIN_SEGMENTS, _MAX_SEGMENTS = 3, 60
@@ -35,6 +39,23 @@ _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD = 1.4, 0.7
 """Median height above the floor, and standard deviation of its logarithm."""
 _TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
 """Cameras that are set up to film people are about level."""
+_DISTANCE_SPREAD = 1.0
+"""Standard deviation of the logarithm of a distance, over the focal length, from that of a level camera: a factor of e.
+The length of a segment determines it far better, unless the camera looks along the segment."""
+_OUTLIER = 3.0
+"""Standard deviations at which Huber's loss of an error becomes linear: confused joints are no evidence."""
+_OUTLIER_SQUARE = _OUTLIER**2 / np.log(2.0)
+"""Squared error of an outlier over the median, of two numbers: the other two of a segment determine its place."""
+_STEP = 1e-6
+"""Of the unknowns, for numerical derivatives."""
+_N_SHARED, _N_PRIORS = 5, 5
+"""Numbers of unknowns shared by all segments, and of their priors."""
+_UPRIGHT_RATIO = 0.9
+"""Smallest distance from the ankles' midpoint to the head over the length of legs, trunk and neck in between. It is
+0.97 in stance and above 0.92 in a walk's longest step. Bent by 60° at the hips, or by 75° at the knees, a body of the
+usual proportions has less."""
+_MIN_CONFIDENCE = 0.5
+"""Of a head or foot that is evidence: below, the detector rates it as rather invisible."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +98,16 @@ class HeightCalibration:
 
     @property
     def error_px(self) -> float:
-        """RMS distance of heads and feet."""
-        return float(np.sqrt(2.0 * np.mean(self.errors_px**2)))
+        """RMS distance of heads and feet; 0 without segments."""
+        return float(np.sqrt(2.0 * np.mean(self.errors_px**2))) if len(self.errors_px) else 0.0
 
 
-def head_foot_segments(
-    frames: IntArray, pixels: FloatArray, source: str
-) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
-    """Return frames, feet (the mean of both ankles) and heads, (F, 2), px, of frames with all of these joints.
+Segments: TypeAlias = tuple[tuple[int, ...], FloatArray, FloatArray]
+"""Frames, feet (the mean of both ankles) and heads, (F, 2), px."""
+
+
+def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Segments:
+    """Return the segments of the frames with all of these joints annotated.
 
     Parameters
     ----------
@@ -95,16 +118,77 @@ def head_foot_segments(
     Raises
     ------
     InputError
-        For fewer than _MIN_SEGMENTS frames.
+        For fewer than _MIN_SEGMENTS frames, and where a head is not above the feet.
     """
-    ankles = [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")]
-    feet, heads = pixels[:, ankles].mean(axis=1), pixels[:, JOINT_NAMES.index("head_centre")]
-    rows = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
-    if len(rows) < _MIN_SEGMENTS:
+    rows = np.isfinite(_head_and_feet(pixels)).all(axis=(1, 2))
+    if rows.sum() < _MIN_SEGMENTS:
         expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
-        raise InputError(f"{source}: expected {expected}, found {len(rows)}")
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))]
-    return tuple(frames[rows].tolist()), feet[rows], heads[rows]
+        raise InputError(f"{source}: expected {expected}, found {rows.sum()}")
+    segments = _segments(frames, pixels, rows)
+    if (inverted := np.flatnonzero(segments[2][:, 1] >= segments[1][:, 1])).size:
+        raise InputError(f"frame {segments[0][inverted[0]]}: expected the head above the ankles, found it below")
+    return segments
+
+
+def detected_segments(
+    frames: IntArray, pixels: FloatArray, confidence: FloatArray, world_landmarks: FloatArray | None,
+    size: tuple[int, int],
+) -> Segments:  # fmt: skip
+    """Return the segments of detections that show an upright person from head to feet, possibly none.
+
+    Parameters
+    ----------
+    frames, pixels : as for `head_foot_segments`.
+    confidence : (T, J), 0..1.
+    world_landmarks : (T, J, 3), see `upright`; None: unknown, every person is taken for upright.
+    size : (width, height) of the images, px; a joint outside is the detector's guess.
+    """
+    ends = _head_and_feet(pixels)
+    shown = ((ends >= 0.0) & (ends <= np.array(size) - 1.0)).all(axis=(1, 2))  # False for NaN
+    confident = (_head_and_feet(confidence) >= _MIN_CONFIDENCE).all(axis=1)
+    head_above = ends[:, 0, 1] < ends[:, 1:, 1].min(axis=1)
+    rows = shown & confident & head_above
+    return _segments(frames, pixels, rows if world_landmarks is None else rows & upright(world_landmarks))
+
+
+def upright(world_landmarks: FloatArray) -> BoolArray:
+    """Return in which frames (T,) of world landmarks (T, J, 3), m, the person is upright with straight legs.
+
+    The distance from the ankles' midpoint to the head is then that over legs, trunk and neck, up to _UPRIGHT_RATIO. It
+    is independent of the camera's attitude and of the landmarks' scale. False for unknown landmarks.
+    """
+
+    def joint(name: str) -> FloatArray:
+        return world_landmarks[:, JOINT_NAMES.index(name)]
+
+    def pair(name: str) -> FloatArray:
+        return 0.5 * (joint(f"left_{name}") + joint(f"right_{name}"))
+
+    def length(first: FloatArray, last: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(last - first, axis=1))
+
+    legs = [
+        length(joint(f"{side}_{first}"), joint(f"{side}_{last}"))
+        for side in ("left", "right")
+        for first, last in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    head, shoulders, hips = joint("head_centre"), pair("shoulder"), pair("hip")
+    along = 0.5 * sum(legs) + length(hips, shoulders) + length(shoulders, head)
+    return np.asarray(length(pair("ankle"), head) > _UPRIGHT_RATIO * along)
+
+
+def _head_and_feet(values: FloatArray) -> FloatArray:
+    """Return the values (T, 3, ...) of head, left and right ankle among those of the joints (T, J, ...)."""
+    names = ("head_centre", "left_ankle", "right_ankle")
+    return values[:, [JOINT_NAMES.index(name) for name in names]]
+
+
+def _segments(frames: IntArray, pixels: FloatArray, usable: BoolArray) -> Segments:
+    """Return at most _MAX_SEGMENTS segments of the usable frames (T,), evenly spread."""
+    rows = np.flatnonzero(usable)
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))
+    ends = _head_and_feet(pixels[rows[chosen]])
+    return tuple(frames[rows[chosen]].tolist()), ends[:, 1:].mean(axis=1), ends[:, 0]
 
 
 def calibrate_by_height(
@@ -115,34 +199,36 @@ def calibrate_by_height(
     Parameters
     ----------
     size : (width, height) of the images, px
-    frames, feet, heads : of F segments; feet and heads (F, 2), px
+    frames, feet, heads : of F segments; feet and heads (F, 2), px. Without any, the camera is that of the priors: level
+        at an assumed height.
 
     Raises
     ------
     InputError
-        Where a head is not above the feet, and where no camera above the floor explains the segments.
+        Where no camera above the floor explains the segments.
     """
-    if (inverted := np.flatnonzero(heads[:, 1] >= feet[:, 1])).size:
-        raise InputError(f"frame {frames[inverted[0]]}: expected the head above the ankles, found it below")
     problem = _Problem(size, feet, heads, data)
-    first = least_squares(problem.residuals, problem.initial(), x_scale="jac", args=(SIGMA_PX,), max_nfev=2000)
-    # two of the four numbers of a segment determine its place, hence the factor
-    rms_px = float(np.sqrt(2.0 * np.mean(problem.errors(first.x) ** 2)))
-    n_steps = min(max((frames[-1] - frames[0]) / data.step_frames, 1.0), len(frames))
-    gait_px = data.gait * float(np.median(np.linalg.norm(heads - feet, axis=1))) * np.sqrt(len(frames) / n_steps)
-    sigma_px = max(rms_px, float(gait_px), 1.0)
-    solution = least_squares(problem.residuals, first.x, x_scale="jac", args=(sigma_px,), max_nfev=2000)
+    first = problem.fit(problem.initial(), SIGMA_PX)
+    sigma_px = SIGMA_PX
+    if frames:
+        squares = np.sum(problem.errors(first.x) ** 2, axis=1)
+        spread_px = np.sqrt(float(np.mean(squares[squares <= _OUTLIER_SQUARE * np.median(squares)])) / 2.0)
+        n_steps = min(max((frames[-1] - frames[0]) / data.step_frames, 1.0), len(frames))
+        gait_px = data.gait * float(np.median(np.linalg.norm(heads - feet, axis=1))) * np.sqrt(len(frames) / n_steps)
+        sigma_px = max(spread_px, float(gait_px), 1.0)
+    solution = problem.fit(first.x, sigma_px)
     errors = problem.errors(solution.x)
-    if not solution.success or np.abs(errors).max() > 0.25 * max(size):
+    if not solution.success or (frames and np.median(np.abs(errors).max(axis=1)) > 0.25 * max(size)):
         raise InputError(
             "height: no camera above a level floor explains the segments for this height; check the annotations"
         )
     jacobian = np.asarray(solution.jac, np.float64)
-    deviations = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[:4, :4]
+    deviations = np.sqrt(np.diag(covariance))
     focal, tilt, roll, height = np.exp(solution.x[0]), *solution.x[1:3], np.exp(solution.x[3])
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
-    sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
+    sigma = dict(zip(names, (deviations * (focal, degree, degree, height)).tolist(), strict=True))
     information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
     return HeightCalibration(camera, values, sigma, frames, errors, information)
@@ -175,13 +261,43 @@ class _Problem:
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
 
+        lengths_px = np.linalg.norm(heads - feet, axis=1).clip(min=1.0)
+        self.log_ahead = np.log(self.focal_px * (self.high - self.low) / lengths_px)
+
     def initial(self) -> FloatArray:
         """Return a level camera with the expected focal length, and distances from the lengths of the segments."""
-        ahead = self.focal_px * (self.high - self.low) / np.linalg.norm(self.heads - self.feet, axis=1)
-        left = -(self.feet[:, 0] - self.centre[0]) / self.focal_px
-        height = np.median(self.low + (self.feet[:, 1] - self.centre[1]) * ahead / self.focal_px)
-        common = [np.log(self.focal_px), 0.0, 0.0, np.log(max(height, 0.3)), 0.0]
-        return np.concatenate([common, np.column_stack([np.log(ahead), left]).ravel()])
+        left, height = -(self.feet[:, 0] - self.centre[0]) / self.focal_px, _CAMERA_HEIGHT_M
+        if len(self.feet):
+            below = (self.feet[:, 1] - self.centre[1]) * np.exp(self.log_ahead) / self.focal_px
+            height = max(float(np.median(self.low + below)), 0.3)
+        common = [np.log(self.focal_px), 0.0, 0.0, np.log(height), 0.0]
+        return np.concatenate([common, np.column_stack([self.log_ahead, left]).ravel()])
+
+    def fit(self, x: FloatArray, sigma_px: float) -> OptimizeResult:
+        """Return the minimum near x for errors of standard deviation sigma_px."""
+        return least_squares(self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), max_nfev=500)
+
+    def jacobian(self, x: FloatArray, sigma_px: float) -> FloatArray:
+        """Return the Jacobian of `residuals` by central differences, those of all places at once, as each changes the
+        residuals of its own segment only."""
+        n, n_errors = len(self.feet), 4 * len(self.feet)
+        jacobian = np.zeros((len(self.residuals(x, sigma_px)), len(x)))
+
+        def difference(columns: slice) -> FloatArray:
+            step = np.zeros(len(x))
+            step[columns] = _STEP
+            return (self.residuals(x + step, sigma_px) - self.residuals(x - step, sigma_px)) / (2.0 * _STEP)
+
+        for k in range(_N_SHARED):
+            jacobian[:, k] = difference(slice(k, k + 1))
+        for k in range(2):
+            columns, change = slice(_N_SHARED + k, None, 2), difference(slice(_N_SHARED + k, None, 2))
+            jacobian[:n_errors, columns] = np.repeat(np.eye(n), 4, axis=0) * change[:n_errors, None]
+            jacobian[-n:, columns] = np.diag(change[-n:]) if n else 0.0
+        if self.data.distance_m is not None:  # of the first segment, and the only prior of a place
+            row, place = n_errors + _N_PRIORS, slice(_N_SHARED, _N_SHARED + 2)
+            jacobian[row, place] = [difference(slice(c, c + 1))[row] for c in range(_N_SHARED, _N_SHARED + 2)]
+        return jacobian
 
     def camera(self, x: FloatArray) -> Camera:
         """Return the camera of a solution."""
@@ -213,4 +329,12 @@ class _Problem:
         if self.data.distance_m is not None:
             log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
             prior.append((log_distance - np.log(self.data.distance_m)) / _MEASUREMENT_SPREAD)
-        return np.concatenate([self.errors(x).ravel() / sigma_px, prior])
+        distances = (x[5::2] - x[0] - self.log_ahead + np.log(self.focal_px)) / _DISTANCE_SPREAD
+        return np.concatenate([_huber(self.errors(x).ravel() / sigma_px), prior, distances])
+
+
+def _huber(errors: FloatArray) -> FloatArray:
+    """Return residuals whose half squares are Huber's loss of whitened errors."""
+    sizes = np.abs(errors)
+    beyond = np.sign(errors) * np.sqrt(np.maximum(_OUTLIER * (2.0 * sizes - _OUTLIER), 0.0))
+    return np.where(sizes <= _OUTLIER, errors, beyond)

@@ -14,7 +14,14 @@ import numpy as np
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
-from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
+from workbench.cameras.person_height import (
+    Measurements,
+    Segments,
+    calibrate_by_height,
+    detected_segments,
+    head_foot_segments,
+    pose_by_height,
+)
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
 from workbench.core.dataset import SequenceInfo
@@ -294,7 +301,7 @@ class Video:
                 "dataset.keypoints to estimate the camera from"
             )
         height_m = ADULT_M if self.height_m is None else self.height_m
-        segments = head_foot_segments(self._keypoints.frames, self._keypoints.pixels, self._keypoints.source)
+        segments = self._segments(self._keypoints)
         measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.times.rate_hz)
         if lenses:
             lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
@@ -309,7 +316,16 @@ class Video:
             f", with the lens of {self.calibration_file}" if lenses else "", value["focal_px"], sigma["focal_px"],
             value["tilt_deg"], sigma["tilt_deg"], value["height_m"], sigma["height_m"],
         )  # fmt: skip
+        if not estimate.frames:
+            log.info("no frame shows the person upright from head to feet: a level camera at a usual height is assumed")
         return estimate.camera
+
+    def _segments(self, joints: JointAnnotations) -> Segments:
+        """Return the head–foot segments for a camera that is estimated."""
+        if joints.confidence is None:
+            return head_foot_segments(joints.frames, joints.pixels, joints.source)
+        detected = (joints.frames, joints.pixels, joints.confidence, joints.world_landmarks)
+        return detected_segments(*detected, self.image_size)
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]

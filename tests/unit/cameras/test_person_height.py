@@ -6,10 +6,20 @@ import numpy as np
 import pytest
 from observed_walkers import HEIGHT_M
 
-from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, from_height
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras import person_height
 from workbench.cameras.camera import plain_camera
-from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
+from workbench.cameras.person_height import (
+    Measurements,
+    calibrate_by_height,
+    detected_segments,
+    head_foot_segments,
+    pose_by_height,
+    upright,
+)
 from workbench.utils.errors import InputError
 
 SIZE = (1280, 720)
@@ -111,7 +121,7 @@ def test_invalid_input_is_an_error():
     with pytest.raises(InputError, match="positive distance"):
         Measurements(1.7, distance_m=-1.0)
     with pytest.raises(InputError, match="head above the ankles"):
-        calibrate(standing()[::-1])
+        head_foot_segments(*annotations(3, {"left_ankle": (9, 5), "right_ankle": (9, 5), "head_centre": (9, 90)}))
 
 
 def test_gait_increases_the_uncertainty_and_the_weight_of_the_prior():
@@ -122,3 +132,123 @@ def test_gait_increases_the_uncertainty_and_the_weight_of_the_prior():
     )
     assert no_gait.sigma["tilt_deg"] < gait.sigma["tilt_deg"] < slow.sigma["tilt_deg"]
     assert abs(slow.values["focal_px"] - SIZE[0]) <= abs(no_gait.values["focal_px"] - SIZE[0])
+
+
+SKELETON = person(from_height(HEIGHT_M)).skeleton
+POSTURES = {
+    "upright": (0.0, 0.0),
+    "bent knees": (0.9, 0.4),
+    "squat": (2.0, 1.5),
+    "sitting": (1.5, 1.5),
+    "bow": (0.0, 1.4),
+}
+"""Flexions of knees and hips, rad."""
+UPRIGHT_POSTURES = ("upright", "bent knees")
+
+
+def posture(name):
+    """Return joints (J, 3), m, with the lower ankle at its height above the floor z = 0."""
+    pose = np.zeros(len(SKELETON.dof_names))
+    for joint, angle in zip(("knee", "hip"), POSTURES[name], strict=True):
+        for side in ("left", "right"):
+            pose[SKELETON.dof_names.index(f"{side}_{joint}_flexion")] = angle
+    places = joints(SKELETON, pose[None])[0]
+    return places - [0.0, 0.0, places[:, 2].min() - ANKLE_HEIGHT * HEIGHT_M]
+
+
+def detected(rng, names, near_m=4.0, far_m=9.0, confidence=0.95):
+    """Return a random camera, its size and detections of one person in postures at random places."""
+    height_m, tilt = rng.uniform(0.8, 2.5), np.radians(rng.uniform(0.0, 12.0))
+    camera = plain_camera(*SIZE, rng.uniform(800.0, 1400.0), (0.0, 0.0, height_m), (1.0, 0.0, height_m - np.tan(tilt)))
+    places = np.array([posture(name) for name in names])
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    across = rng.uniform(-0.2, 0.2, len(names))
+    ahead = rng.uniform(near_m, far_m, len(names))
+    world = places @ turn.T + np.stack([ahead, across * ahead, np.zeros(len(names))], axis=1)[:, None]
+    pixels = camera.project(world) + rng.normal(0.0, 2.0, (*world.shape[:2], 2))
+    order = [SKELETON.joint(name) for name in JOINT_NAMES]
+    landmarks = 0.9 * (world @ camera.rotation.T)[:, order]
+    certain = np.full(pixels.shape[:2], confidence)
+    return camera, (np.arange(len(names)), pixels[:, order], certain[:, order], landmarks, SIZE)
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_an_upright_person_is_known_by_the_landmarks(name):
+    _, detections = detected(np.random.default_rng(1), [name] * 3)
+    assert upright(detections[3]).all() == (name in UPRIGHT_POSTURES)
+    assert not upright(np.full((1, len(JOINT_NAMES), 3), np.nan)).any()
+
+
+def test_only_detections_of_an_upright_person_from_head_to_feet_are_evidence():
+    names = ["upright", "squat"] * 8
+    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(2), names, 5.0)
+    shown, hidden, below = pixels.copy(), confidence.copy(), pixels.copy()
+    hidden[2, JOINT_NAMES.index("left_ankle")] = 0.3
+    below[4, JOINT_NAMES.index("right_ankle"), 1] = size[1] + 5.0
+    upright_frames = tuple(range(0, 16, 2))
+    assert detected_segments(frames, shown, confidence, landmarks, size)[0] == upright_frames
+    assert detected_segments(frames, shown, confidence, None, size)[0] == tuple(range(16))
+    assert detected_segments(frames, shown, hidden, landmarks, size)[0] == tuple(f for f in upright_frames if f != 2)
+    assert detected_segments(frames, below, confidence, landmarks, size)[0] == tuple(
+        f for f in upright_frames if f != 4
+    )
+
+
+def test_squats_do_not_change_the_camera():
+    """The squatting person's segments are a third shorter, as if the person were farther away."""
+    rng = np.random.default_rng(3)
+    _, detections = detected(rng, ["upright"] * 10 + ["squat"] * 20, near_m=5.0)
+    with_squats = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+    upright_only = tuple(array[:10] for array in detections[:4])
+    without = calibrate_by_height("one", SIZE, *detected_segments(*upright_only, SIZE), Measurements(HEIGHT_M))
+    assert with_squats.values == without.values
+
+
+def test_the_stated_standard_deviations_cover_random_cameras():
+    z = []
+    for seed in range(40):
+        camera, detections = detected(np.random.default_rng(seed), ["upright"] * 12, near_m=4.5)
+        estimate = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+        z.append((estimate.values["focal_px"] - camera.matrix[0, 0]) / estimate.sigma["focal_px"])
+    assert np.mean(np.abs(z) < 1.645) >= 0.8
+
+
+@pytest.mark.parametrize("name", ["squat", "sitting"])
+def test_without_an_upright_person_the_camera_is_level_and_uncertain(name):
+    _, detections = detected(np.random.default_rng(4), [name] * 10)
+    estimate = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+    assert estimate.frames == ()
+    assert estimate.values["tilt_deg"] == estimate.values["roll_deg"] == 0.0
+    assert estimate.sigma["tilt_deg"] == pytest.approx(10.0)
+    assert estimate.sigma["focal_px"] > 0.3 * estimate.values["focal_px"]
+    assert estimate.error_px == 0.0
+
+
+def test_outliers_are_no_evidence():
+    feet, heads = standing(sigma_px=2.0)
+    heads_wrong, feet_wrong = heads.copy(), feet.copy()
+    heads_wrong[3], feet_wrong[7] = feet[3] + [5.0, 40.0], feet[7] + [200.0, -150.0]
+    right, robust = calibrate((feet, heads)), calibrate((feet_wrong, heads_wrong))
+    for name, value in right.values.items():
+        assert abs(robust.values[name] - value) < 2.0 * right.sigma[name]
+
+
+@pytest.mark.parametrize("height_m", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("n", [1, 2, 12])
+def test_every_height_and_any_number_of_small_or_large_segments_has_a_finite_camera(height_m, n):
+    rng = np.random.default_rng(n)
+    for lengths in (3.0, 60.0, 700.0):
+        feet = rng.uniform(0.0, 719.0, (n, 2))
+        heads = feet - [0.0, 1.0] * rng.uniform(0.5 * lengths, lengths, (n, 1))
+        estimate = calibrate_by_height("one", SIZE, tuple(range(n)), feet, heads, Measurements(height_m, gait=0.04))
+        assert np.isfinite([*estimate.values.values(), *estimate.sigma.values()]).all()
+
+
+def test_the_jacobian_is_that_of_the_residuals():
+    problem = person_height._Problem(SIZE, *standing(sigma_px=8.0), Measurements(HEIGHT_M, distance_m=4.0))
+    x = problem.initial() + 0.01
+    steps = 1e-6 * np.eye(len(x))
+    numerical = (
+        np.stack([problem.residuals(x + step, 2.0) - problem.residuals(x - step, 2.0) for step in steps]).T / 2e-6
+    )
+    np.testing.assert_allclose(problem.jacobian(x, 2.0), numerical, rtol=1e-4, atol=1e-3)
