@@ -54,6 +54,8 @@ _UPRIGHT_RATIO = 0.9
 """Smallest distance from the ankles' midpoint to the head over the length of legs, trunk and neck in between. It is
 0.97 in stance and above 0.92 in a walk's longest step. Bent by 60° at the hips, or by 75° at the knees, a body of the
 usual proportions has less."""
+_SAME_PLACE = 0.03
+"""Distance of feet at one place in the image, over the segment's length: two standard deviations of detected joints."""
 _MIN_CONFIDENCE = 0.5
 """Of a head or foot that is evidence: below, the detector rates it as rather invisible."""
 
@@ -148,7 +150,10 @@ def detected_segments(
     confident = (_head_and_feet(confidence) >= _MIN_CONFIDENCE).all(axis=1)
     head_above = ends[:, 0, 1] < ends[:, 1:, 1].min(axis=1)
     rows = shown & confident & head_above
-    return _segments(frames, pixels, rows if world_landmarks is None else rows & upright(world_landmarks))
+    if world_landmarks is not None:
+        rows &= upright(world_landmarks)
+    rows[rows] = _longest(ends[rows, 1:].mean(axis=1), ends[rows, 0])
+    return _segments(frames, pixels, rows)
 
 
 def upright(world_landmarks: FloatArray) -> BoolArray:
@@ -181,6 +186,18 @@ def _head_and_feet(values: FloatArray) -> FloatArray:
     """Return the values (T, 3, ...) of head, left and right ankle among those of the joints (T, J, ...)."""
     names = ("head_centre", "left_ankle", "right_ankle")
     return values[:, [JOINT_NAMES.index(name) for name in names]]
+
+
+def _longest(feet: FloatArray, heads: FloatArray) -> BoolArray:
+    """Return the segments (F,) without those that have a longer one at the same place on the floor, within _SAME_PLACE.
+
+    Every other posture of a person who stands still is shorter than the upright one.
+    """
+    lengths, longest = np.linalg.norm(heads - feet, axis=1), np.zeros(len(feet), bool)
+    for k in np.argsort(-lengths, kind="stable"):
+        distances = np.linalg.norm(feet[longest] - feet[k], axis=1)
+        longest[k] = not (distances < _SAME_PLACE * lengths[longest]).any()
+    return longest
 
 
 def _segments(frames: IntArray, pixels: FloatArray, usable: BoolArray) -> Segments:

@@ -213,6 +213,18 @@ def test_the_stated_standard_deviations_cover_random_cameras():
     assert np.mean(np.abs(z) < 1.645) >= 0.8
 
 
+def test_of_one_place_the_longest_segment_is_evidence():
+    """A slight bend that passes for upright is not taken for distance; a step aside is another place."""
+    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(5), ["upright"] * 4, near_m=6.0)
+    head = JOINT_NAMES.index("head_centre")
+    pixels[:] = pixels[0]
+    pixels[1, head, 1] += 20.0
+    height_px = np.linalg.norm(pixels[0, head] - pixels[0, JOINT_NAMES.index("left_ankle")])
+    pixels[2, :, 0] += 0.02 * height_px
+    pixels[3, :, 0] += 0.05 * height_px
+    assert detected_segments(frames, pixels, confidence, landmarks, size)[0] == (0, 3)
+
+
 @pytest.mark.parametrize("name", ["squat", "sitting"])
 def test_without_an_upright_person_the_camera_is_level_and_uncertain(name):
     _, detections = detected(np.random.default_rng(4), [name] * 10)
