@@ -12,6 +12,8 @@ from workbench.utils.errors import InputError
 
 TO_LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From a world with x ahead and z up to a level camera."""
+N_ROW_POSE = 12
+"""Numbers of rotation and translation, the first of `Camera.row`; the focal lengths follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,7 @@ class Camera:
     rotation: FloatArray
     translation: FloatArray
     distortion: FloatArray
+    uncertainty: FloatArray | None = None
 
     @property
     def position(self) -> FloatArray:
@@ -79,7 +82,11 @@ class Camera:
         matrix[:2, :2] *= factor
         matrix[:2, 2] = (self.matrix[:2, 2] + 0.5) * factor - 0.5
         width, height = round(self.width * factor), round(self.height * factor)
-        return replace(self, width=width, height=height, matrix=matrix)
+        uncertainty = self.uncertainty
+        if uncertainty is not None:
+            uncertainty = uncertainty.copy()
+            uncertainty[:, N_ROW_POSE : N_ROW_POSE + 4] *= factor
+        return replace(self, width=width, height=height, matrix=matrix, uncertainty=uncertainty)
 
 
 def plain_camera(

@@ -19,7 +19,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cameras.camera import TO_LEVEL, Camera
+from workbench.cameras.camera import N_ROW_POSE, TO_LEVEL, Camera
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -39,6 +39,8 @@ _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD = 1.4, 0.7
 """Median height above the floor, and standard deviation of its logarithm."""
 _TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
 """Cameras that are set up to film people are about level."""
+_START_TILTS = (0.0, *np.radians([20.0, 40.0]))
+"""Of the search, downwards."""
 _DISTANCE_SPREAD = 1.0
 """Standard deviation of the logarithm of a distance, over the focal length, from that of a level camera: a factor of e.
 The length of a segment determines it far better, unless the camera looks along the segment."""
@@ -225,7 +227,7 @@ def calibrate_by_height(
         Where no camera above the floor explains the segments.
     """
     problem = _Problem(size, feet, heads, data)
-    first = problem.fit(problem.initial(), SIGMA_PX)
+    first = problem.search()
     sigma_px = SIGMA_PX
     if frames:
         squares = np.sum(problem.errors(first.x) ** 2, axis=1)
@@ -235,7 +237,7 @@ def calibrate_by_height(
         sigma_px = max(spread_px, float(gait_px), 1.0)
     solution = problem.fit(first.x, sigma_px)
     errors = problem.errors(solution.x)
-    if not solution.success or (frames and np.median(np.abs(errors).max(axis=1)) > 0.25 * max(size)):
+    if frames and np.median(np.abs(errors).max(axis=1)) > 0.25 * max(size):
         raise InputError(
             "height: no camera above a level floor explains the segments for this height; check the annotations"
         )
@@ -247,7 +249,8 @@ def calibrate_by_height(
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations * (focal, degree, degree, height)).tolist(), strict=True))
     information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
-    camera = replace(problem.camera(solution.x), name=name)
+    uncertainty = problem.row_changes(solution.x, np.linalg.cholesky(covariance))
+    camera = replace(problem.camera(solution.x), name=name, uncertainty=uncertainty)
     return HeightCalibration(camera, values, sigma, frames, errors, information)
 
 
@@ -264,7 +267,11 @@ def pose_by_height(
     feet, heads = (lens.undistorted(pixels) * focal_px + middle for pixels in (feet, heads))
     known = replace(data, focal_px=focal_px, focal_spread=_KNOWN_FOCAL_SPREAD)
     estimate = calibrate_by_height(lens.name, size, frames, feet, heads, known)
-    placed = replace(lens, rotation=estimate.camera.rotation, translation=estimate.camera.translation)
+    uncertainty = estimate.camera.uncertainty
+    if uncertainty is not None:
+        uncertainty = np.where(np.arange(uncertainty.shape[1]) < N_ROW_POSE, uncertainty, 0.0)
+    pose = {"rotation": estimate.camera.rotation, "translation": estimate.camera.translation}
+    placed = replace(lens, **pose, uncertainty=uncertainty)
     return replace(estimate, camera=placed)
 
 
@@ -281,18 +288,26 @@ class _Problem:
         lengths_px = np.linalg.norm(heads - feet, axis=1).clip(min=1.0)
         self.log_ahead = np.log(self.focal_px * (self.high - self.low) / lengths_px)
 
-    def initial(self) -> FloatArray:
-        """Return a level camera with the expected focal length, and distances from the lengths of the segments."""
+    def initial(self, tilt: float) -> FloatArray:
+        """Return a camera of this tilt, rad, with the expected focal length, and distances by the segments' lengths."""
         left, height = -(self.feet[:, 0] - self.centre[0]) / self.focal_px, _CAMERA_HEIGHT_M
+        log_ahead = self.log_ahead + 2.0 * np.log(np.cos(tilt))  # of a segment and a line of sight that are inclined
         if len(self.feet):
-            below = (self.feet[:, 1] - self.centre[1]) * np.exp(self.log_ahead) / self.focal_px
-            height = max(float(np.median(self.low + below)), 0.3)
-        common = [np.log(self.focal_px), 0.0, 0.0, np.log(height), 0.0]
-        return np.concatenate([common, np.column_stack([self.log_ahead, left]).ravel()])
+            below = tilt + np.arctan((self.feet[:, 1] - self.centre[1]) / self.focal_px)
+            height = max(float(np.median(self.low + np.exp(log_ahead) * np.tan(below))), 0.3)
+        common = [np.log(self.focal_px), tilt, 0.0, np.log(height), 0.0]
+        return np.concatenate([common, np.column_stack([log_ahead, left]).ravel()])
+
+    def search(self) -> OptimizeResult:
+        """Return the best minimum from _START_TILTS, for errors of SIGMA_PX: a camera near the floor, tilted up, and
+        one high above it, tilted down, both explain some segments."""
+        fits = [self.fit(self.initial(tilt), SIGMA_PX) for tilt in (_START_TILTS if len(self.feet) else (0.0,))]
+        return min(fits, key=lambda fit: float(fit.cost))
 
     def fit(self, x: FloatArray, sigma_px: float) -> OptimizeResult:
         """Return the minimum near x for errors of standard deviation sigma_px."""
-        return least_squares(self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), max_nfev=500)
+        tolerance = {"ftol": 1e-7, "xtol": 1e-7, "gtol": 1e-7, "max_nfev": 100}
+        return least_squares(self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), **tolerance)
 
     def jacobian(self, x: FloatArray, sigma_px: float) -> FloatArray:
         """Return the Jacobian of `residuals` by central differences, those of all places at once, as each changes the
@@ -324,6 +339,13 @@ class _Problem:
         rotation = roll @ tilt @ TO_LEVEL
         matrix = np.array([[focal, 0.0, self.centre[0]], [0.0, focal, self.centre[1]], [0.0, 0.0, 1.0]])
         return Camera("", *self.size, matrix, rotation, -rotation @ [0.0, 0.0, height], np.zeros(5))
+
+    def row_changes(self, x: FloatArray, deviations: FloatArray) -> FloatArray:
+        """Return the changes (G, 23) of `Camera.row` by the columns (4, G) of the first unknowns' deviations."""
+        steps = np.zeros((deviations.shape[1], len(x)))
+        steps[:, : len(deviations)] = _STEP * deviations.T
+        changes = [self.camera(x + step).row - self.camera(x - step).row for step in steps]
+        return np.stack(changes) / (2.0 * _STEP)
 
     def errors(self, x: FloatArray) -> FloatArray:
         """Return the residuals of heads and feet, (F, 4), px."""

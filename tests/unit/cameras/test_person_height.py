@@ -236,6 +236,15 @@ def test_without_an_upright_person_the_camera_is_level_and_uncertain(name):
     assert estimate.error_px == 0.0
 
 
+def test_a_high_camera_is_found():
+    camera = plain_camera(*SIZE, 1000.0, (0.0, 0.0, 6.0), (10.0, 0.0, 0.0))
+    feet = np.column_stack([np.linspace(7.0, 16.0, 12), np.linspace(-2.0, 2.0, 12), np.full(12, 0.039 * HEIGHT_M)])
+    heads = feet + np.array([0.0, 0.0, (HEAD_HEIGHT - ANKLE_HEIGHT) * HEIGHT_M])
+    estimate = calibrate((camera.project(feet), camera.project(heads)))
+    assert estimate.values["tilt_deg"] == pytest.approx(np.degrees(np.arctan2(6.0, 10.0)), abs=2.0)
+    assert estimate.values["height_m"] == pytest.approx(6.0, rel=0.1)
+
+
 def test_outliers_are_no_evidence():
     feet, heads = standing(sigma_px=2.0)
     heads_wrong, feet_wrong = heads.copy(), feet.copy()
@@ -258,9 +267,22 @@ def test_every_height_and_any_number_of_small_or_large_segments_has_a_finite_cam
 
 def test_the_jacobian_is_that_of_the_residuals():
     problem = person_height._Problem(SIZE, *standing(sigma_px=8.0), Measurements(HEIGHT_M, distance_m=4.0))
-    x = problem.initial() + 0.01
+    x = problem.initial(0.1) + 0.01
     steps = 1e-6 * np.eye(len(x))
     numerical = (
         np.stack([problem.residuals(x + step, 2.0) - problem.residuals(x - step, 2.0) for step in steps]).T / 2e-6
     )
     np.testing.assert_allclose(problem.jacobian(x, 2.0), numerical, rtol=1e-4, atol=1e-3)
+
+
+def test_the_uncertainty_of_the_camera_is_that_of_its_values():
+    """The row's focal length is number 12; number 10 is the camera's height, for a level camera."""
+    estimate = calibrate(standing(sigma_px=2.0))
+    spread = np.sqrt((estimate.camera.uncertainty**2).sum(axis=0))
+    assert spread[12] == pytest.approx(estimate.sigma["focal_px"], rel=1e-3)
+    half = estimate.camera.scaled(0.5)
+    assert np.sqrt((half.uncertainty**2).sum(axis=0))[12] == pytest.approx(0.5 * spread[12])
+    np.testing.assert_array_equal(half.uncertainty[:, :12], estimate.camera.uncertainty[:, :12])
+    known = pose_by_height(estimate.camera, FRAMES, *standing(sigma_px=2.0), Measurements(HEIGHT_M))
+    assert not known.camera.uncertainty[:, 12:].any()
+    assert known.camera.uncertainty[:, :12].any()

@@ -35,6 +35,7 @@ from workbench.inference.least_squares.video.landmark_depths import DepthArrays
 from workbench.inference.least_squares.video.landmark_poses import landmark_paths
 from workbench.inference.least_squares.video.limb_flips import flip_limbs
 from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
+from workbench.inference.least_squares.video.systematic_errors import estimated_camera_sensitivity
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
@@ -161,7 +162,8 @@ def fit_smooth(
     length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
         None. The covariances of a fit to joints alone include them: limbs that are all 5 % too long place the person
         5 % too far away, however many frames there are.
-    systematic_errors : whether the covariances of a fit to joints alone include `detector_covariances`.
+    systematic_errors : whether the covariances of a fit to joints alone include `detector_covariances`. Those of an
+        only camera that is estimated are always included, see `estimated_camera_sensitivity`.
 
     Raises
     ------
@@ -181,6 +183,9 @@ def fit_smooth(
         return result
     if length_uncertainty is not None:
         errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
+        result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
+    if single_camera is not None and single_camera.uncertainty is not None:
+        errors = estimated_camera_sensitivity(problem, fit.poses, single_camera.uncertainty)
         result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
     if systematic_errors:
         result = replace(result, covariances=result.covariances + detector_covariances(problem, fit.poses))

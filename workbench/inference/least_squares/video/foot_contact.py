@@ -18,7 +18,8 @@ ANKLES = ("left_ankle", "right_ankle")
 MAX_CONTACT_SPEED = 0.15
 """In heights of the person per second, 0.25 m/s: a slower ankle, in every view that shows it, is in contact."""
 WINDOW_S = 0.1
-"""Time before and after a frame over which an ankle's speed in the image is estimated, because detections are noisy."""
+"""Time before and after a frame over which an ankle's speed in the image is estimated, because detections are noisy; at
+lower rates the time of one frame, up to MAX_PAIR_S."""
 MIN_VISIBLE_FRAMES = 3
 """Smallest number of frames in that time which show the ankle."""
 MIN_CONTACT_S = 0.25
@@ -50,8 +51,10 @@ def image_speeds(positions: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return the speeds (T,), px/s, of a point (T, 2), px, NaN where invisible: the slope of a line fitted within
     WINDOW_S, NaN for too few frames."""
     speeds = np.full(len(times_s), np.nan)
+    step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    window_s = max(WINDOW_S, min(step_s, MAX_PAIR_S))
     for t, time_s in enumerate(times_s):
-        nearby = np.flatnonzero((np.abs(times_s - time_s) < 1.01 * WINDOW_S) & np.isfinite(positions).all(axis=1))
+        nearby = np.flatnonzero((np.abs(times_s - time_s) < 1.01 * window_s) & np.isfinite(positions).all(axis=1))
         if len(nearby) >= MIN_VISIBLE_FRAMES:
             offsets = times_s[nearby] - times_s[nearby].mean()
             speeds[t] = np.linalg.norm(offsets @ positions[nearby]) / (offsets @ offsets)
