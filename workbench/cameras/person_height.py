@@ -124,7 +124,7 @@ def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Seg
     InputError
         For fewer than _MIN_SEGMENTS frames, and where a head is not above the feet.
     """
-    rows = np.isfinite(_head_and_feet(pixels)).all(axis=(1, 2))
+    rows = np.asarray(np.isfinite(_head_and_feet(pixels)).all(axis=(1, 2)), bool)
     if rows.sum() < _MIN_SEGMENTS:
         expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
         raise InputError(f"{source}: expected {expected}, found {rows.sum()}")
@@ -180,8 +180,8 @@ def upright(world_landmarks: FloatArray) -> BoolArray:
         for first, last in (("hip", "knee"), ("knee", "ankle"))
     ]
     head, shoulders, hips = joint("head_centre"), pair("shoulder"), pair("hip")
-    along = 0.5 * sum(legs) + length(hips, shoulders) + length(shoulders, head)
-    return np.asarray(length(pair("ankle"), head) > _UPRIGHT_RATIO * along)
+    along = 0.5 * np.sum(legs, axis=0) + length(hips, shoulders) + length(shoulders, head)
+    return np.asarray(length(pair("ankle"), head) > _UPRIGHT_RATIO * along, bool)
 
 
 def _head_and_feet(values: FloatArray) -> FloatArray:
@@ -244,7 +244,7 @@ def calibrate_by_height(
     jacobian = np.asarray(solution.jac, np.float64)
     covariance = np.linalg.inv(jacobian.T @ jacobian)[:4, :4]
     deviations = np.sqrt(np.diag(covariance))
-    focal, tilt, roll, height = np.exp(solution.x[0]), *solution.x[1:3], np.exp(solution.x[3])
+    focal, tilt, roll, height = map(float, (np.exp(solution.x[0]), *solution.x[1:3], np.exp(solution.x[3])))
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations * (focal, degree, degree, height)).tolist(), strict=True))
@@ -270,8 +270,8 @@ def pose_by_height(
     uncertainty = estimate.camera.uncertainty
     if uncertainty is not None:
         uncertainty = np.where(np.arange(uncertainty.shape[1]) < N_ROW_POSE, uncertainty, 0.0)
-    pose = {"rotation": estimate.camera.rotation, "translation": estimate.camera.translation}
-    placed = replace(lens, **pose, uncertainty=uncertainty)
+    rotation, translation = estimate.camera.rotation, estimate.camera.translation
+    placed = replace(lens, rotation=rotation, translation=translation, uncertainty=uncertainty)
     return replace(estimate, camera=placed)
 
 
