@@ -12,7 +12,7 @@ shorter segment is else taken for a larger distance, and in which head and feet 
 """
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -31,14 +31,18 @@ _FOCAL_MEDIAN, _FOCAL_SPREAD = 1.0, 0.35
 camcorders: 68 % within 0.70 and 1.42."""
 _KNOWN_FOCAL_SPREAD = 1e-4
 """Of a calibrated lens, below the precision of any calibration, so that its focal length is not estimated again."""
-_POSTURE_SPREAD = 0.02
-"""Relative standard deviation of a person's length from ankles to head: shorter when walking than when standing."""
+_POSTURE_SPREAD, _UNKNOWN_POSTURE_SPREAD = 0.02, 0.15
+"""Relative standard deviation of a person's length from ankles to head: shorter when walking than when standing; and of
+a person in an unknown posture, in a chair for example 20 % shorter."""
 _MEASUREMENT_SPREAD = 0.05
 """Relative standard deviation of a paced or measured distance."""
 _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD = 1.4, 0.7
 """Median height above the floor, and standard deviation of its logarithm."""
-_TILT_SPREAD, _ROLL_SPREAD = np.radians(10.0), np.radians(5.0)
-"""Cameras that are set up to film people are about level."""
+_TILT_SPREAD, _ROLL_SPREAD = np.radians(15.0), np.radians(5.0)
+"""Cameras that are set up to film people are about level; those on a wall or a mast look down by 20 to 45°."""
+_LEAN_SPREAD = 0.03
+"""Smallest standard deviation, rad, of the direction from feet to head from the vertical, which all segments share:
+people lean forward while they walk and to a side while they stand."""
 _START_TILTS = (0.0, *np.radians([20.0, 40.0]))
 """Of the search, downwards."""
 _DISTANCE_SPREAD = 1.0
@@ -50,7 +54,7 @@ _OUTLIER_SQUARE = _OUTLIER**2 / np.log(2.0)
 """Squared error of an outlier over the median, of two numbers: the other two of a segment determine its place."""
 _STEP = 1e-6
 """Of the unknowns, for numerical derivatives."""
-_N_SHARED, _N_PRIORS = 5, 5
+_N_SHARED, _N_PRIORS = 7, 7
 """Numbers of unknowns shared by all segments, and of their priors."""
 _UPRIGHT_RATIO = 0.9
 """Smallest distance from the ankles' midpoint to the head over the length of legs, trunk and neck in between. It is
@@ -106,8 +110,14 @@ class HeightCalibration:
         return float(np.sqrt(2.0 * np.mean(self.errors_px**2))) if len(self.errors_px) else 0.0
 
 
-Segments: TypeAlias = tuple[tuple[int, ...], FloatArray, FloatArray]
-"""Frames, feet (the mean of both ankles) and heads, (F, 2), px."""
+class Segments(NamedTuple):
+    """Frames (F), feet (the mean of both ankles) and heads, (F, 2), px, and the relative standard deviation of the
+    length from ankles to head that all share."""
+
+    frames: tuple[int, ...]
+    feet: FloatArray
+    heads: FloatArray
+    posture_spread: float = _POSTURE_SPREAD
 
 
 def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Segments:
@@ -129,8 +139,8 @@ def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Seg
         expected = f"both ankles and the head_centre annotated in {_MIN_SEGMENTS} frames or more"
         raise InputError(f"{source}: expected {expected}, found {rows.sum()}")
     segments = _segments(frames, pixels, rows)
-    if (inverted := np.flatnonzero(segments[2][:, 1] >= segments[1][:, 1])).size:
-        raise InputError(f"frame {segments[0][inverted[0]]}: expected the head above the ankles, found it below")
+    if (inverted := np.flatnonzero(segments.heads[:, 1] >= segments.feet[:, 1])).size:
+        raise InputError(f"frame {segments.frames[inverted[0]]}: expected the head above the ankles, found it below")
     return segments
 
 
@@ -138,7 +148,8 @@ def detected_segments(
     frames: IntArray, pixels: FloatArray, confidence: FloatArray, world_landmarks: FloatArray | None,
     size: tuple[int, int],
 ) -> Segments:  # fmt: skip
-    """Return the segments of detections that show an upright person from head to feet, possibly none.
+    """Return the segments of detections that show a person from head to feet, possibly none: of an upright one if at
+    least _MIN_SEGMENTS frames show that, else of one in an unknown posture.
 
     Parameters
     ----------
@@ -151,11 +162,12 @@ def detected_segments(
     shown = ((ends >= 0.0) & (ends <= np.array(size) - 1.0)).all(axis=(1, 2))  # False for NaN
     confident = (_head_and_feet(confidence) >= _MIN_CONFIDENCE).all(axis=1)
     head_above = ends[:, 0, 1] < ends[:, 1:, 1].min(axis=1)
-    rows = shown & confident & head_above
+    rows, spread = shown & confident & head_above, _POSTURE_SPREAD
     if world_landmarks is not None:
-        rows &= upright(world_landmarks)
+        stands = rows & upright(world_landmarks)
+        rows, spread = (stands, spread) if stands.sum() >= _MIN_SEGMENTS else (rows, _UNKNOWN_POSTURE_SPREAD)
     rows[rows] = _longest(ends[rows, 1:].mean(axis=1), ends[rows, 0])
-    return _segments(frames, pixels, rows)
+    return _segments(frames, pixels, rows)._replace(posture_spread=spread)
 
 
 def upright(world_landmarks: FloatArray) -> BoolArray:
@@ -207,35 +219,33 @@ def _segments(frames: IntArray, pixels: FloatArray, usable: BoolArray) -> Segmen
     rows = np.flatnonzero(usable)
     chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SEGMENTS)).round().astype(int))
     ends = _head_and_feet(pixels[rows[chosen]])
-    return tuple(frames[rows[chosen]].tolist()), ends[:, 1:].mean(axis=1), ends[:, 0]
+    return Segments(tuple(frames[rows[chosen]].tolist()), ends[:, 1:].mean(axis=1), ends[:, 0])
 
 
-def calibrate_by_height(
-    name: str, size: tuple[int, int], frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
-) -> HeightCalibration:
+def calibrate_by_height(name: str, size: tuple[int, int], segments: Segments, data: Measurements) -> HeightCalibration:
     """Calibrate a camera with its principal point in the image's middle, square pixels and no distortion.
 
     Parameters
     ----------
     size : (width, height) of the images, px
-    frames, feet, heads : of F segments; feet and heads (F, 2), px. Without any, the camera is that of the priors: level
-        at an assumed height.
+    segments : without any, the camera is that of the priors: level at an assumed height.
 
     Raises
     ------
     InputError
         Where no camera above the floor explains the segments.
     """
-    problem = _Problem(size, feet, heads, data)
+    problem, (frames, feet, heads, _) = _Problem(size, segments, data), segments
     first = problem.search()
-    sigma_px = SIGMA_PX
+    sigma_px, lean = SIGMA_PX, _LEAN_SPREAD
     if frames:
         squares = np.sum(problem.errors(first.x) ** 2, axis=1)
         spread_px = np.sqrt(float(np.mean(squares[squares <= _OUTLIER_SQUARE * np.median(squares)])) / 2.0)
+        length_px = float(np.median(np.linalg.norm(heads - feet, axis=1)))
         n_steps = min(max((frames[-1] - frames[0]) / data.step_frames, 1.0), len(frames))
-        gait_px = data.gait * float(np.median(np.linalg.norm(heads - feet, axis=1))) * np.sqrt(len(frames) / n_steps)
-        sigma_px = max(spread_px, float(gait_px), 1.0)
-    solution = problem.fit(first.x, sigma_px)
+        sigma_px = max(spread_px, data.gait * length_px, 1.0) * np.sqrt(len(frames) / n_steps)
+        lean = max(lean, spread_px / length_px)
+    solution = problem.fit(first.x, sigma_px, lean)
     errors = problem.errors(solution.x)
     if frames and np.median(np.abs(errors).max(axis=1)) > 0.25 * max(size):
         raise InputError(
@@ -254,9 +264,7 @@ def calibrate_by_height(
     return HeightCalibration(camera, values, sigma, frames, errors, information)
 
 
-def pose_by_height(
-    lens: Camera, frames: tuple[int, ...], feet: FloatArray, heads: FloatArray, data: Measurements
-) -> HeightCalibration:
+def pose_by_height(lens: Camera, segments: Segments, data: Measurements) -> HeightCalibration:
     """Return the pose of a camera whose matrix and distortion are known, by `calibrate_by_height`.
 
     The segments are moved to where a camera without distortion, of the same focal length and with its principal point
@@ -264,9 +272,9 @@ def pose_by_height(
     """
     size, focal_px = (lens.width, lens.height), float(lens.matrix[0, 0])
     middle = (np.array(size) - 1.0) / 2.0
-    feet, heads = (lens.undistorted(pixels) * focal_px + middle for pixels in (feet, heads))
+    feet, heads = (lens.undistorted(pixels) * focal_px + middle for pixels in (segments.feet, segments.heads))
     known = replace(data, focal_px=focal_px, focal_spread=_KNOWN_FOCAL_SPREAD)
-    estimate = calibrate_by_height(lens.name, size, frames, feet, heads, known)
+    estimate = calibrate_by_height(lens.name, size, segments._replace(feet=feet, heads=heads), known)
     uncertainty = estimate.camera.uncertainty
     if uncertainty is not None:
         uncertainty = np.where(np.arange(uncertainty.shape[1]) < N_ROW_POSE, uncertainty, 0.0)
@@ -277,15 +285,16 @@ def pose_by_height(
 
 class _Problem:
     """Least squares over log focal length, px, tilt downwards and roll, rad, log height of the camera, m, log of the
-    segments' relative length, and the places (F, 2) on the floor: log distance ahead, and left over ahead."""
+    segments' relative length, their lean ahead and to the left, rad, and the places (F, 2) on the floor: log distance
+    ahead, and left over ahead."""
 
-    def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, data: Measurements) -> None:
-        self.size, self.feet, self.heads, self.data = size, feet, heads, data
+    def __init__(self, size: tuple[int, int], segments: Segments, data: Measurements) -> None:
+        self.size, self.data = size, data
+        _, self.feet, self.heads, self.posture_spread = segments
         self.focal_px = data.focal_px or _FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
-
-        lengths_px = np.linalg.norm(heads - feet, axis=1).clip(min=1.0)
+        lengths_px = np.linalg.norm(self.heads - self.feet, axis=1).clip(min=1.0)
         self.log_ahead = np.log(self.focal_px * (self.high - self.low) / lengths_px)
 
     def initial(self, tilt: float) -> FloatArray:
@@ -295,7 +304,7 @@ class _Problem:
         if len(self.feet):
             below = tilt + np.arctan((self.feet[:, 1] - self.centre[1]) / self.focal_px)
             height = max(float(np.median(self.low + np.exp(log_ahead) * np.tan(below))), 0.3)
-        common = [np.log(self.focal_px), tilt, 0.0, np.log(height), 0.0]
+        common = [np.log(self.focal_px), tilt, 0.0, np.log(height), 0.0, 0.0, 0.0]
         return np.concatenate([common, np.column_stack([log_ahead, left]).ravel()])
 
     def search(self) -> OptimizeResult:
@@ -304,23 +313,23 @@ class _Problem:
         fits = [self.fit(self.initial(tilt), SIGMA_PX) for tilt in (_START_TILTS if len(self.feet) else (0.0,))]
         return min(fits, key=lambda fit: float(fit.cost))
 
-    def fit(self, x: FloatArray, sigma_px: float) -> OptimizeResult:
-        """Return the minimum near x for errors of standard deviation sigma_px."""
+    def fit(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> OptimizeResult:
+        """Return the minimum near x for errors and a lean of standard deviations sigma_px and lean, rad."""
         return least_squares(
-            self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px,), ftol=1e-7, xtol=1e-7, gtol=1e-7,
+            self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px, lean), ftol=1e-7, xtol=1e-7, gtol=1e-7,
             max_nfev=100,
         )  # fmt: skip
 
-    def jacobian(self, x: FloatArray, sigma_px: float) -> FloatArray:
+    def jacobian(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> FloatArray:
         """Return the Jacobian of `residuals` by central differences, those of all places at once, as each changes the
         residuals of its own segment only."""
         n, n_errors = len(self.feet), 4 * len(self.feet)
-        jacobian = np.zeros((len(self.residuals(x, sigma_px)), len(x)))
+        jacobian = np.zeros((len(self.residuals(x, sigma_px, lean)), len(x)))
 
         def difference(columns: slice) -> FloatArray:
             step = np.zeros(len(x))
             step[columns] = _STEP
-            return (self.residuals(x + step, sigma_px) - self.residuals(x - step, sigma_px)) / (2.0 * _STEP)
+            return (self.residuals(x + step, sigma_px, lean) - self.residuals(x - step, sigma_px, lean)) / (2.0 * _STEP)
 
         for k in range(_N_SHARED):
             jacobian[:, k] = difference(slice(k, k + 1))
@@ -351,26 +360,26 @@ class _Problem:
 
     def errors(self, x: FloatArray) -> FloatArray:
         """Return the residuals of heads and feet, (F, 4), px."""
-        camera, ahead = self.camera(x), np.exp(x[5::2])
-        feet = np.stack([ahead, x[6::2] * ahead, np.full(len(ahead), self.low)], axis=1)
-        heads = feet + np.array([0.0, 0.0, (self.high - self.low) * np.exp(x[4])])
+        camera, ahead = self.camera(x), np.exp(x[_N_SHARED::2])
+        feet = np.stack([ahead, x[_N_SHARED + 1 :: 2] * ahead, np.full(len(ahead), self.low)], axis=1)
+        heads = feet + (self.high - self.low) * np.exp(x[4]) * np.array([x[5], x[6], 1.0])
         pixels = [camera.pixels(camera.to_camera(points), -np.inf) for points in (heads, feet)]
         return np.concatenate([pixels[0] - self.heads, pixels[1] - self.feet], axis=1)
 
-    def residuals(self, x: FloatArray, sigma_px: float) -> FloatArray:
+    def residuals(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> FloatArray:
         """Return whitened errors and whitened distances from priors and measurements."""
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
         if self.data.camera_height_m is not None:
             height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
         focal_spread = self.data.focal_spread if self.data.focal_px else _FOCAL_SPREAD
         prior = [
-            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
+            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / self.posture_spread, x[5] / lean, x[6] / lean,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
         if self.data.distance_m is not None:
-            log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
+            log_distance = x[_N_SHARED] + 0.5 * np.log1p(x[_N_SHARED + 1] ** 2)
             prior.append((log_distance - np.log(self.data.distance_m)) / _MEASUREMENT_SPREAD)
-        distances = (x[5::2] - x[0] - self.log_ahead + np.log(self.focal_px)) / _DISTANCE_SPREAD
+        distances = (x[_N_SHARED::2] - x[0] - self.log_ahead + np.log(self.focal_px)) / _DISTANCE_SPREAD
         return np.concatenate([_huber(self.errors(x).ravel() / sigma_px), prior, distances])
 
 

@@ -119,7 +119,7 @@ def _height(
         raise InputError(f"{video}: expected images, found none that can be decoded")
     size, joints = (image.shape[1], image.shape[0]), read_annotations(annotations)
     segments = person_height.head_foot_segments(joints.frames, joints.pixels, joints.source)
-    calibration = person_height.calibrate_by_height(name, size, *segments, measurements)
+    calibration = person_height.calibrate_by_height(name, size, segments, measurements)
     notes = {"made_by": "workbench calibrate height"} | {
         key: f"{calibration.values[key]:.4g} ± {deviation:.2g}" for key, deviation in calibration.sigma.items()
     }

@@ -305,9 +305,9 @@ class Video:
         measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.times.rate_hz)
         if lenses:
             lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
-            estimate = pose_by_height(fitted(lens, self.image_size, self.source), *segments, measured)
+            estimate = pose_by_height(fitted(lens, self.image_size, self.source), segments, measured)
         else:
-            estimate = calibrate_by_height("camera", self.image_size, *segments, measured)
+            estimate = calibrate_by_height("camera", self.image_size, segments, measured)
         value, sigma = estimate.values, estimate.sigma
         assumed = " of an adult, which is assumed" if self.height_m is None else ""
         log.info(

@@ -14,6 +14,7 @@ from workbench.cameras import person_height
 from workbench.cameras.camera import plain_camera
 from workbench.cameras.person_height import (
     Measurements,
+    Segments,
     calibrate_by_height,
     detected_segments,
     head_foot_segments,
@@ -39,17 +40,18 @@ def standing(focal_px=1100.0, height_m=1.5, near_m=4.0, far_m=9.0, sigma_px=0.0,
 
 
 def calibrate(segments, **measurements):
-    return calibrate_by_height("one", SIZE, FRAMES, *segments, Measurements(HEIGHT_M, **measurements))
+    return calibrate_by_height("one", SIZE, Segments(FRAMES, *segments), Measurements(HEIGHT_M, **measurements))
 
 
 def test_exact_segments_determine_the_camera():
+    """As far as an unknown lean of the person allows."""
     calibration = calibrate(standing())
-    assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.01)
-    assert calibration.values["tilt_deg"] == pytest.approx(5.0, abs=0.2)
+    assert calibration.values["focal_px"] == pytest.approx(1100.0, rel=0.05)
+    assert calibration.values["tilt_deg"] == pytest.approx(5.0, abs=0.5)
     assert calibration.values["roll_deg"] == pytest.approx(0.0, abs=0.1)
     assert calibration.values["height_m"] == pytest.approx(1.5, rel=0.02)
     assert calibration.error_px < 0.5
-    assert calibration.focal_information > 0.9
+    assert calibration.focal_information > 0.75
     assert calibration.camera.position[2] == pytest.approx(calibration.values["height_m"])
 
 
@@ -62,7 +64,7 @@ def test_the_pose_of_a_camera_with_known_intrinsics_is_recovered():
                    distortion=np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))  # fmt: skip
     rays = [np.concatenate([camera.undistorted(pixels), np.ones((12, 1))], axis=1) for pixels in ideal]
     feet, heads = (lens.project(points) for points in rays)
-    calibration = pose_by_height(lens, FRAMES, feet, heads, Measurements(HEIGHT_M))
+    calibration = pose_by_height(lens, Segments(FRAMES, feet, heads), Measurements(HEIGHT_M))
     np.testing.assert_array_equal(calibration.camera.matrix, matrix)
     np.testing.assert_array_equal(calibration.camera.distortion, lens.distortion)
     np.testing.assert_allclose(calibration.camera.rotation, camera.rotation, atol=0.01)
@@ -105,7 +107,7 @@ def annotations(frames, joints):
 
 
 def test_a_segment_connects_the_midpoint_of_the_ankles_and_the_head():
-    frames, feet, heads = head_foot_segments(
+    frames, feet, heads, _ = head_foot_segments(
         *annotations(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
     )
     assert frames == (0, 1, 2)
@@ -198,9 +200,9 @@ def test_squats_do_not_change_the_camera():
     """The squatting person's segments are a third shorter, as if the person were farther away."""
     rng = np.random.default_rng(3)
     _, detections = detected(rng, ["upright"] * 10 + ["squat"] * 20, near_m=5.0)
-    with_squats = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+    with_squats = calibrate_by_height("one", SIZE, detected_segments(*detections), Measurements(HEIGHT_M))
     upright_only = tuple(array[:10] for array in detections[:4])
-    without = calibrate_by_height("one", SIZE, *detected_segments(*upright_only, SIZE), Measurements(HEIGHT_M))
+    without = calibrate_by_height("one", SIZE, detected_segments(*upright_only, SIZE), Measurements(HEIGHT_M))
     assert with_squats.values == without.values
 
 
@@ -208,7 +210,7 @@ def test_the_stated_standard_deviations_cover_random_cameras():
     z = []
     for seed in range(40):
         camera, detections = detected(np.random.default_rng(seed), ["upright"] * 12, near_m=4.5)
-        estimate = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+        estimate = calibrate_by_height("one", SIZE, detected_segments(*detections), Measurements(HEIGHT_M))
         z.append((estimate.values["focal_px"] - camera.matrix[0, 0]) / estimate.sigma["focal_px"])
     assert np.mean(np.abs(z) < 1.645) >= 0.8
 
@@ -226,12 +228,23 @@ def test_of_one_place_the_longest_segment_is_evidence():
 
 
 @pytest.mark.parametrize("name", ["squat", "sitting"])
-def test_without_an_upright_person_the_camera_is_level_and_uncertain(name):
-    _, detections = detected(np.random.default_rng(4), [name] * 10)
-    estimate = calibrate_by_height("one", SIZE, *detected_segments(*detections), Measurements(HEIGHT_M))
+def test_an_unknown_posture_makes_the_camera_uncertain(name):
+    camera, detections = detected(np.random.default_rng(4), [name] * 10)
+    estimate = calibrate_by_height("one", SIZE, detected_segments(*detections), Measurements(HEIGHT_M))
+    known = calibrate_by_height("one", SIZE, detected_segments(*detections[:3], None, SIZE), Measurements(HEIGHT_M))
+    assert estimate.frames == known.frames
+    for each in estimate.sigma:
+        assert estimate.sigma[each] > known.sigma[each]
+    assert abs(estimate.values["focal_px"] - camera.matrix[0, 0]) < 3.0 * estimate.sigma["focal_px"]
+
+
+def test_without_a_person_from_head_to_feet_the_camera_is_level_and_uncertain():
+    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(4), ["upright"] * 10)
+    segments = detected_segments(frames, pixels, np.zeros_like(confidence), landmarks, size)
+    estimate = calibrate_by_height("one", SIZE, segments, Measurements(HEIGHT_M))
     assert estimate.frames == ()
     assert estimate.values["tilt_deg"] == estimate.values["roll_deg"] == 0.0
-    assert estimate.sigma["tilt_deg"] == pytest.approx(10.0)
+    assert estimate.sigma["tilt_deg"] == pytest.approx(15.0)
     assert estimate.sigma["focal_px"] > 0.3 * estimate.values["focal_px"]
     assert estimate.error_px == 0.0
 
@@ -251,7 +264,7 @@ def test_outliers_are_no_evidence():
     heads_wrong[3], feet_wrong[7] = feet[3] + [5.0, 40.0], feet[7] + [200.0, -150.0]
     right, robust = calibrate((feet, heads)), calibrate((feet_wrong, heads_wrong))
     for name, value in right.values.items():
-        assert abs(robust.values[name] - value) < 2.0 * right.sigma[name]
+        assert abs(robust.values[name] - value) < 3.0 * right.sigma[name]
 
 
 @pytest.mark.parametrize("height_m", [0.5, 1.0, 2.5])
@@ -261,12 +274,16 @@ def test_every_height_and_any_number_of_small_or_large_segments_has_a_finite_cam
     for lengths in (3.0, 60.0, 700.0):
         feet = rng.uniform(0.0, 719.0, (n, 2))
         heads = feet - [0.0, 1.0] * rng.uniform(0.5 * lengths, lengths, (n, 1))
-        estimate = calibrate_by_height("one", SIZE, tuple(range(n)), feet, heads, Measurements(height_m, gait=0.04))
+        estimate = calibrate_by_height(
+            "one", SIZE, Segments(tuple(range(n)), feet, heads), Measurements(height_m, gait=0.04)
+        )
         assert np.isfinite([*estimate.values.values(), *estimate.sigma.values()]).all()
 
 
 def test_the_jacobian_is_that_of_the_residuals():
-    problem = person_height._Problem(SIZE, *standing(sigma_px=8.0), Measurements(HEIGHT_M, distance_m=4.0))
+    problem = person_height._Problem(
+        SIZE, Segments(FRAMES, *standing(sigma_px=8.0)), Measurements(HEIGHT_M, distance_m=4.0)
+    )
     x = problem.initial(0.1) + 0.01
     steps = 1e-6 * np.eye(len(x))
     numerical = (
@@ -283,6 +300,6 @@ def test_the_uncertainty_of_the_camera_is_that_of_its_values():
     half = estimate.camera.scaled(0.5)
     assert np.sqrt((half.uncertainty**2).sum(axis=0))[12] == pytest.approx(0.5 * spread[12])
     np.testing.assert_array_equal(half.uncertainty[:, :12], estimate.camera.uncertainty[:, :12])
-    known = pose_by_height(estimate.camera, FRAMES, *standing(sigma_px=2.0), Measurements(HEIGHT_M))
+    known = pose_by_height(estimate.camera, Segments(FRAMES, *standing(sigma_px=2.0)), Measurements(HEIGHT_M))
     assert not known.camera.uncertainty[:, 12:].any()
     assert known.camera.uncertainty[:, :12].any()
