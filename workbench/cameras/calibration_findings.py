@@ -263,8 +263,9 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
         lean,
         distance(camera, places, assumed),
         _camera_height(camera, floor_m),
-        *_slope(places[_stands(keypoints[complete])]),
     ]
+    if camera.uncertainty is None:  # an estimated camera follows from the same heads and feet
+        findings += _slope(places[_stands(keypoints[complete])])
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 

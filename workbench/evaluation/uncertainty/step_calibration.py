@@ -162,8 +162,9 @@ def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
     return {group: np.array(each, np.int64) for group, each in (members | {"root": [0]}).items() if each}
 
 
-def expected_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
-    """Return expected_error_<group>_mm: the posterior's expected distance of joints from those of the expected pose.
+def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> dict[str, float]:
+    """Return expected_error_<group>_mm: the posterior's expected distance of joints from those of the expected pose,
+    with `relative` of their positions relative to the root.
 
     It is the group's joint error that the posterior predicts. More than _MAX_PARTICLES particles are represented by as
     many at evenly spaced quantiles of their weights.
@@ -173,8 +174,10 @@ def expected_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
         levels = (np.arange(_MAX_PARTICLES) + 0.5) / _MAX_PARTICLES * weights.sum()
         rows = np.searchsorted(np.cumsum(weights), levels).clip(max=len(poses) - 1)
         poses, weights = poses[rows], np.full(_MAX_PARTICLES, 1.0 / _MAX_PARTICLES)
-    expected = step.expected_joints(skeleton)
-    distances = 1e3 * (weights @ np.linalg.norm(joints(skeleton, poses) - expected, axis=2))
+    errors = joints(skeleton, poses) - step.expected_joints(skeleton)
+    if relative:
+        errors = errors - errors[:, :1]
+    distances = 1e3 * (weights @ np.linalg.norm(errors, axis=2))
     return {
         f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
         for group, members in _joint_groups(skeleton).items()

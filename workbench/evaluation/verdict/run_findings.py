@@ -256,7 +256,10 @@ def _uncertainty(measured: RunMeasurements) -> Iterator[Finding]:
         yield Finding("large expected error", text)
     depth_m = measured.depth_std_m[shown]
     if has_values(depth_m) and (std := float(np.nanmedian(depth_m))) > 1e-3 * UNCERTAIN_MM:
-        yield Finding("uncertain depth", f"the person's depth is known to ± {std:.2f} m only")
+        estimated = measured.observed.cameras[0].uncertainty is not None
+        text = f"the person's depth is known to ± {std:.2f} m only"
+        reason = ", because the camera is estimated" if estimated else ""
+        yield Finding("uncertain depth", text + reason, NOTE if estimated else DOUBTFUL)
 
 
 def _missing(measured: RunMeasurements) -> Iterator[Finding]:

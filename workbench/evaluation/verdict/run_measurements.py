@@ -16,7 +16,7 @@ from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.frame import View
 from workbench.core.step import Step
 from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
-from workbench.evaluation.uncertainty.step_calibration import GROUPS
+from workbench.evaluation.uncertainty.step_calibration import GROUPS, expected_errors
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3
@@ -39,7 +39,8 @@ class RunMeasurements:
     annotation_height_px: (F,) height of the person in the annotations that errors are measured by.
     lengths_m: of the tracked body, by limb.
     inlier_fraction: (F,) fraction of the observations near the body.
-    uncertain_groups: (F,) groups of joints whose expected error exceeds UNCERTAIN_MM.
+    uncertain_groups: (F,) groups of joints whose expected error exceeds UNCERTAIN_MM; with an only camera that is
+        estimated, of their positions relative to the root, whose distance is uncertain with the focal length.
     iterations: of a fit, 0 without one.
     estimated_joints: (F, J, 3), m.
     depth_std_m: (F,) standard deviation of the pelvis' distance, where the only camera measures it.
@@ -121,7 +122,9 @@ class MeasurementCollector:
             self._cameras.setdefault(view.camera.name, view.camera)
         self._searched |= {view.camera.name for view in frame.views if view.keypoints is not None}
         points = None if frame.points is None or not len(frame.points) else frame.points
-        uncertain = tuple(each for each in GROUPS if errors.get(f"expected_error_{each}_mm", 0.0) > UNCERTAIN_MM)
+        uncertain = _uncertain(errors)
+        if uncertain and len(frame.views) == 1 and frame.views[0].camera.uncertainty is not None:
+            uncertain = _uncertain(expected_errors(step, self._body.skeleton, relative=True))
         if len(step.poses) == 1:  # no stated uncertainty
             errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
         self._rows.append(
@@ -179,6 +182,11 @@ class MeasurementCollector:
             depth_error_m=series["depth_error_m"],
             point_extent_m=series["extent_m"].reshape(n, 3),
         )  # fmt: skip
+
+
+def _uncertain(errors: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the groups of joints whose expected error exceeds UNCERTAIN_MM."""
+    return tuple(each for each in GROUPS if errors.get(f"expected_error_{each}_mm", 0.0) > UNCERTAIN_MM)
 
 
 def _depth_std(step: Step) -> float:
