@@ -1,8 +1,9 @@
-"""Limb lengths fitted to 2-D joints in the first frames, by least squares over lengths and poses together."""
+"""Limb lengths fitted to 2-D joints in some frames, by least squares over lengths and poses together."""
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,9 @@ from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, dec
 from workbench.core.frame_cache import FrameCache
 from workbench.core.losses import SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
-from workbench.core.prior import REFERENCE_RATE_HZ
 from workbench.core.residual import projection_jacobian
 from workbench.core.side_information import FIRST_FRAMES, HEIGHT
 from workbench.inference.least_squares.solver.residuals import nominal_pose_prior, views_residual
-from workbench.inference.least_squares.solver.single_frame import PoseDecoder, fit_frame
 from workbench.inference.least_squares.video.hypotheses import enough_keypoints, likely_poses
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -44,6 +43,8 @@ shoulder's top."""
 KEYPOINT_SIGMA = 0.03
 """Standard deviation of a joint, in heights of the person in the image: detection errors are 1 to 2 %, but correlated
 between frames, so that eight frames have little more information than one."""
+_MAX_FRAMES = 300
+"""Frames with keypoints among which those of the fit are: at 30 Hz 10 s, in which most people turn or step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,28 +66,35 @@ def _traits(keys: Mapping[str, Any]) -> Traits:
 
 @declares_traits(_traits)
 def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: int = 8) -> Body:
-    """Return a body fitted to the keypoints of a clip's first `n_frames` frames at 14 Hz.
+    """Return a body fitted to the keypoints of `n_frames` of a clip's first _MAX_FRAMES frames with keypoints, those
+    that show most of the person in as many equal parts of them.
 
     height_m: the person's, which one camera cannot separate from the distance; None: an adult's, 1.70 m ± 10 cm. Raises
     InputError if none of the frames has MIN_KEYPOINTS joints, and for heights as `from_height`.
     """
     skeleton = person_skeleton(from_height(AVERAGE_M if height_m is None else height_m))
-    observations, last_s = list[tuple[Keypoints, ...]](), -np.inf
-    for frame in clip:
-        if len(observations) == n_frames:
-            break
-        keypoints = frame_keypoints(skeleton, frame)
-        if frame.time_s - last_s > 0.99 / REFERENCE_RATE_HZ and enough_keypoints(Observed(np.empty((0, 3)), keypoints)):
-            observations.append(keypoints)
-            last_s = frame.time_s
-    if not observations:
+    usable = (
+        keypoints
+        for frame in clip
+        if enough_keypoints(Observed(np.empty((0, 3)), keypoints := frame_keypoints(skeleton, frame)))
+    )
+    candidates = list(islice(usable, _MAX_FRAMES))
+    if not candidates:
         raise InputError("body: expected keypoints in the dataset's frames to fit the limb lengths, found none")
+    observations = best_observed(candidates, n_frames)
     measurement = fit_lengths(observations, height_m)
     lengths = ", ".join(f"{name} {100.0 * getattr(measurement.shape, name):.1f}" for name in LENGTHS[4:])
     log.info(
         "limb lengths fitted in %d frames, residual %.1f px: %s cm", len(observations), measurement.error_px, lengths
     )
     return replace(person(measurement.shape), limb_length_std=measurement.length_uncertainty)
+
+
+def best_observed(frames: Sequence[tuple[Keypoints, ...]], n: int) -> list[tuple[Keypoints, ...]]:
+    """Return of n equal parts of frames the frame in which the weights of the joints have the largest sum."""
+    parts = np.array_split(np.arange(len(frames)), min(n, len(frames)))
+    weights = np.array([sum(float(view.detections[:, 2].sum()) for view in views) for views in frames])
+    return [frames[part[weights[part].argmax()]] for part in parts]
 
 
 def fit_lengths(
@@ -98,7 +106,7 @@ def fit_lengths(
     WIDTH_SIGMA. Joints have the standard deviation keypoint_sigma / √weight, in heights of the person in the image.
     Raises InputError if the fitted height is impossible, see `from_height`.
     """
-    sigma_px = keypoint_sigma * person_px(observations[0])
+    sigma_px = keypoint_sigma * np.array([person_px(views) for views in observations])
     start = np.zeros(1 + len(LENGTHS))
     start[0] = 0.0 if height_m is None else np.log(height_m / AVERAGE_M)
     deviations = np.array([WIDTH_SIGMA if name in WIDTHS else PROPORTION_SIGMA for name in ("height", *LENGTHS)])
@@ -123,7 +131,7 @@ def fit_lengths(
         x_scale="jac", max_nfev=50,
     ).x  # fmt: skip
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
-    error_px = sigma_px * float(np.sqrt((project(x)[0] ** 2).sum() / n_keypoints))
+    error_px = float(np.median(sigma_px) * np.sqrt((project(x)[0] ** 2).sum() / n_keypoints))
     lengths, rows = x[: len(start)], jacobian(x)
     from_height(height_of(lengths))  # raises for an impossible height, which trial steps may have
     covariance = np.linalg.pinv(rows.T @ rows, hermitian=True)[: len(start), : len(start)]  # Laplace approximation
@@ -150,7 +158,7 @@ def shape_of(lengths: FloatArray) -> Shape:
 
 
 def _project(
-    lengths: FloatArray, poses: FloatArray, views_of_frames: Sequence[Sequence[Keypoints]], sigma_px: float
+    lengths: FloatArray, poses: FloatArray, views_of_frames: Sequence[Sequence[Keypoints]], sigma_px: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the whitened residuals (K,) of all keypoints, and their Jacobian (K, G + T P) by lengths and poses."""
     skeleton = person_skeleton(shape_of(lengths))
@@ -159,7 +167,7 @@ def _project(
     for t, views in enumerate(views_of_frames):
         for view in views:
             pixels, weights = view.detections[:, :2], view.detections[:, 2:]
-            whitening, camera, points = np.sqrt(weights) / sigma_px, view.camera, positions[t, view.joints]
+            whitening, camera, points = np.sqrt(weights) / sigma_px[t], view.camera, positions[t, view.joints]
             errors = np.nan_to_num((camera.project(points) - pixels) * whitening, nan=1e3)
             by_point = projection_jacobian(camera, points) * whitening[..., None]
             rows, first = np.zeros((errors.size, len(lengths) + poses.size)), len(lengths) + t * poses.shape[1]
@@ -177,11 +185,14 @@ def _by_length(lengths: FloatArray) -> FloatArray:
     return np.stack([(up - down) / 2e-6 for up, down in zip(offsets[::2], offsets[1::2], strict=True)], axis=-1)
 
 
-def _initial_poses(skeleton: Skeleton, observations: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
-    """Return poses (T, P) of the average person, each fitted from the previous one."""
+def _initial_poses(skeleton: Skeleton, observations: Sequence[Sequence[Keypoints]], sigma_px: FloatArray) -> FloatArray:
+    """Return poses (T, P) of the average person, each the best from all headings."""
     prior = nominal_pose_prior(skeleton)
-    residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in observations]
-    poses = [likely_poses(skeleton, observations[0], residuals[0], prior, 1)[0]]
-    for residual in residuals[1:]:
-        poses.append(fit_frame(PoseDecoder(skeleton), residual, SEARCH_LOSS, poses[-1], prior=prior).x)
-    return np.array(poses)
+    residuals = [
+        views_residual(skeleton, views, float(sigma), np.inf)
+        for views, sigma in zip(observations, sigma_px, strict=True)
+    ]
+    return np.array([
+        likely_poses(skeleton, views, residual, prior, 1)[0]
+        for views, residual in zip(observations, residuals, strict=True)
+    ])  # fmt: skip
