@@ -61,7 +61,7 @@ def export_recording(
     """
     if output.suffix.lower() == SUFFIX:
         n_frames, has_truth = write_overlay(read_sound_run(recording), output, camera)
-        print(f"{output}: {n_frames} frames; estimate orange{', truth blue' if has_truth else ''}")
+        print(f"{output}: {n_frames} frames; left cyan, right pink{', truth blue' if has_truth else ''}")
         return
     check_output(output)  # before reading the recording
     run = read_sound_run(recording)

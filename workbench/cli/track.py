@@ -14,9 +14,11 @@ from workbench.datasets.video import Video
 from workbench.detections.people_picture import NAME, write_people
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
+from workbench.results.overlay import MAX_SIDE_PX, write_overlay
 from workbench.utils.decode import count_frames
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import RECORDING, read_summary
+from workbench.utils.finding import NOT_USABLE
+from workbench.utils.run_files import OVERLAY, RECORDING, read_summary
 
 _EXPORTS = ("person.trc", "person.bvh", "person.csv")
 _RESUME = "sweep.resume="
@@ -62,9 +64,12 @@ def track(
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     code = run([*options, *words, *overrides])
     runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
-    for complete in [place for place in runs if (read_summary(place) or {}).get("status") == "complete"]:
-        _export(complete)
-        _show_people(complete)
+    sources = [Path(video) for video in videos] if each or len(videos) == 1 else [None]
+    for place, source in zip(runs, sources, strict=True):
+        summary = read_summary(place) or {}
+        if summary.get("status") == "complete":
+            _export(place, source, motion=not each or summary["verdict"]["level"] != NOT_USABLE)
+            _show_people(place)
     if code:
         raise Exit(code)
 
@@ -101,12 +106,19 @@ def _new_folder(video: str, kind: str) -> Path:
     return Path("recordings", kind, "video", f"{Path(video).stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
 
 
-def _export(folder: Path) -> None:
-    """Write the estimated motion of a run into its folder."""
-    motion = with_missing_frames(estimated_track(read_sound_run(folder / RECORDING)))
-    for name in _EXPORTS:
-        export(folder / name, motion, metres=False)
-    print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")
+def _export(folder: Path, source: Path | None, motion: bool) -> None:
+    """Write the overlay and the estimated motion of a run into its folder.
+
+    source : the run's only video. motion : write the motion, too.
+    """
+    run = read_sound_run(folder / RECORDING)
+    names = _EXPORTS if motion else ()
+    write_overlay(run, folder / OVERLAY, source=source, max_side_px=MAX_SIDE_PX)
+    for name in names:
+        export(folder / name, with_missing_frames(estimated_track(run)), metres=False)
+    print(f"exported: {', '.join(str(folder / name) for name in (OVERLAY, *names))}")
+    if not motion:
+        print(f"{source}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
 
 
 def _show_people(folder: Path) -> None:

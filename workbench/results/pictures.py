@@ -1,7 +1,7 @@
 """Images of a recording with the skeletons drawn over them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,40 +12,52 @@ import rerun as rr
 
 from workbench.recording.read.chunks import cells, flat, read_chunks, static_values
 from workbench.recording.read.reader import Run
+from workbench.recording.write.images import KEYPOINT_RADIUS
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.decode import decode
 from workbench.utils.errors import InputError
 
 SKELETONS = ("particles", "estimate", "truth")
 _IMAGE, _TIMESTAMP = "EncodedImage:blob", "VideoFrameReference:timestamp"
+_STRIPS, _RADII, _LABELS = "LineStrips2D:strips", "Points2D:radii", "Points2D:labels"
+_REDUCED = {
+    1: cv2.IMREAD_UNCHANGED, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
+    8: cv2.IMREAD_REDUCED_COLOR_8,
+}  # fmt: skip
+"""OpenCV's flags by the factor by which it reduces a JPEG while decoding, which is faster than to resize it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A camera's image in a frame, undistorted, (height, width) grey or (height, width, 3) RGB.
 
-    skeletons: SKELETONS by name, each as lines (n, k, 2), pixels of the image; n may be 0.
+    skeletons: SKELETONS by name, each as lines (n, k, 2), pixels of the image; n may be 0. confidence: of the detected
+    keypoints by joint, 0 to 1.
     """
 
     frame: int
     image: ByteArray
     skeletons: Mapping[str, FloatArray]
+    confidence: Mapping[str, float] = field(default_factory=dict)
 
 
-def pictures(run: Run, frames: Sequence[int] | None = None, camera: str | None = None) -> Iterator[Picture]:
+def pictures(
+    run: Run, frames: Sequence[int] | None = None, camera: str | None = None, max_side_px: int | None = None
+) -> Iterator[Picture]:
     """Yield the images of frames, decoded one by one.
 
     Parameters
     ----------
     frames : numbers of recorded frames, ascending; None: all with an image.
     camera : name; None: the first by name.
+    max_side_px : images of a longer side are halved once or up to three times; None: none is.
 
     Raises
     ------
     InputError
         Where a frame has no image, and for an unknown camera.
     """
-    columns = cells(run.path, ["/world/**"], frames)
+    columns = cells(run.path, ["/world/**"], frames, (_IMAGE, _TIMESTAMP, _STRIPS, _RADII, _LABELS))
     paths = {path.split("/")[-2]: path for path in sorted(columns) if {_IMAGE, _TIMESTAMP} & set(columns[path])}
     if not paths:
         raise InputError(f"{run.path}: expected images, found none")
@@ -57,13 +69,41 @@ def pictures(run: Run, frames: Sequence[int] | None = None, camera: str | None =
     chosen = sorted(encoded) if frames is None else frames
     if missing := [frame for frame in chosen if frame not in encoded]:
         raise InputError(f"{run.path}: no image of frame {missing[0]}")
-    rows = {name: columns.get(f"{path}/{name}", {}).get("LineStrips2D:strips", {}) for name in SKELETONS}
+    rows = {name: columns.get(f"{path}/{name}", {}).get(_STRIPS, {}) for name in SKELETONS}
+    keypoints = columns.get(f"{path}/keypoints", {})
+    factor = _reduction(run, path, max_side_px)
     if component == _IMAGE:
-        images: Iterator[ByteArray] = (decoded(encoded[frame]) for frame in chosen)
+        images: Iterator[ByteArray] = (decoded(encoded[frame], factor) for frame in chosen)
     else:
-        images = _video_images(run, path, [int(flat(encoded[frame])[0]) for frame in chosen])
+        references = [int(flat(encoded[frame])[0]) for frame in chosen]
+        images = (reduced(image, factor) for image in _video_images(run, path, references))
     for frame, image in zip(chosen, images, strict=True):
-        yield Picture(frame, image, {name: lines(each.get(frame), 2) for name, each in rows.items()})
+        skeletons = {name: lines(each.get(frame), 2) for name, each in rows.items()}
+        if factor > 1:  # the centre of the top left pixel is (0, 0)
+            skeletons = {name: (each + 0.5) / factor - 0.5 for name, each in skeletons.items()}
+        yield Picture(frame, image, skeletons, _confidence(keypoints, frame))
+
+
+def _reduction(run: Run, path: str, max_side_px: int | None) -> int:
+    """Return the factor, of _REDUCED, by which the images at `path` are reduced."""
+    lens = static_values(read_chunks(run.path, [f"/{path}"])).get(path, {})
+    side = float(max(flat(lens.get("Pinhole:resolution")), default=0.0))
+    return next((factor for factor in _REDUCED if max_side_px is None or side / factor <= max_side_px), max(_REDUCED))
+
+
+def reduced(image: ByteArray, factor: int) -> ByteArray:
+    """Return an image reduced by a whole factor."""
+    if factor == 1:
+        return image
+    return np.asarray(cv2.resize(image, None, fx=1.0 / factor, fy=1.0 / factor, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _confidence(keypoints: Mapping[str, Mapping[int, Any]], frame: int) -> dict[str, float]:
+    """Return the weights of a frame's keypoints by joint, from the columns of their entity."""
+    labels, radii = (keypoints.get(name, {}).get(frame) for name in (_LABELS, _RADII))
+    if labels is None or radii is None:
+        return {}
+    return dict(zip(labels.as_py(), ((flat(radii) / KEYPOINT_RADIUS) ** 2).tolist(), strict=True))
 
 
 def _video_images(run: Run, path: str, timestamps_ns: Sequence[int]) -> Iterator[ByteArray]:
@@ -87,8 +127,10 @@ def lines(cell: Any, n_axes: int) -> FloatArray:
     return flat(cell).reshape(n, -1, n_axes) if n else np.empty((0, 2, n_axes))
 
 
-def decoded(cell: Any) -> ByteArray:
-    """Return a cell's image, grey or RGB."""
-    jpeg = flat(cell).astype(np.uint8)
-    image = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
-    return image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])  # OpenCV decodes to BGR
+def decoded(cell: Any, factor: int = 1) -> ByteArray:
+    """Return a cell's image, grey or RGB, reduced by a factor of _REDUCED, and then RGB."""
+    image = np.asarray(
+        cv2.imdecode(np.asarray(cell.values.flatten(), dtype=np.uint8), _REDUCED[factor]), dtype=np.uint8
+    )
+    # OpenCV decodes to BGR
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
