@@ -55,7 +55,7 @@ def write_overlay(
     """
     shown = pictures(run, camera=camera, max_side_px=max_side_px)
     lost, has_truth, n, writer = lost_frames(run), False, 0, None
-    with whole_file(path) as part:
+    with whole_file(path, parents=True) as part:
         target = part.with_suffix(SUFFIX)  # OpenCV chooses the container by the extension
         try:
             every = shown if source is None else with_omitted_frames(shown, run, source)

@@ -62,7 +62,8 @@ class People:
 
 
 def read_people(
-    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None
+    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None,
+    videos: Mapping[str, str] | None = None,
 ) -> dict[str, People]:
     """Return the people detected in the videos of several cameras by frame, and log what is assumed.
 
@@ -71,6 +72,7 @@ def read_people(
     paths : detector's folder or file by camera, see `read_points`.
     images : of each camera.
     layout : name of the detector's layout, see `people_of_points`.
+    videos : name for messages by camera, of people whose files are in a cache; None: that of the files.
 
     Raises
     ------
@@ -78,6 +80,7 @@ def read_people(
         As `read_points`, `people_of_points` and `paired_frames`.
     """
     points = {name: read_points(path) for name, path in paths.items()}
+    points |= {name: replace(points[name], source=video) for name, video in (videos or {}).items()}
     for name, each in points.items():
         points[name], scaling = each.in_pixels(images[name].size)
         if scaling:

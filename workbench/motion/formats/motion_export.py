@@ -60,7 +60,7 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
     """
     path = Path(path)
     check_output(path)
-    with whole_file(path) as part:
+    with whole_file(path, parents=True) as part:
         if path.suffix.lower() == ".c3d":
             unit, target = "m" if metres else "mm", part.with_suffix(".c3d")  # ezc3d appends it to other names
             write_c3d(target, track.skeleton.names, track.positions, _rate(path, track), unit, PER_METRE[unit])
@@ -120,11 +120,11 @@ def _held(path: Path, frames: IntArray, poses: FloatArray) -> FloatArray:
 
 
 def check_output(path: Path) -> None:
-    """Raise InputError unless `path` has a supported extension, whose library is installed, and its folder exists."""
+    """Raise InputError unless `path` has a supported extension, whose library is installed, and is no folder."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected an output file with the extension {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir() or path.is_dir():
-        raise InputError(f"{path}: expected an output file in an existing folder")
+    if path.is_dir():
+        raise InputError(f"{path}: expected an output file, found a folder")
     if path.suffix.lower() == ".c3d":
         check_c3d_installed(path)
 
