@@ -62,7 +62,9 @@ class People:
 
 
 def read_people(
-    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None,
+    paths: Mapping[str, str | Path],
+    images: Mapping[str, SourceImages],
+    layout: str | None = None,
     videos: Mapping[str, str] | None = None,
 ) -> dict[str, People]:
     """Return the people detected in the videos of several cameras by frame, and log what is assumed.
