@@ -32,7 +32,7 @@ _MIN_OPACITY = 0.25
 """Of a limb that the detector does not see, which is drawn faintly, as its place is only inferred."""
 _WIDTH_OVER_HEIGHT = 1.0 / 200.0
 _DEFAULT_HZ = 30.0
-_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(person_skeleton(from_height(1.7)))]
+PERSON_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(person_skeleton(from_height(1.7)))]
 """Names of the joints of the lines of a person's skeleton, as recorded."""
 
 
@@ -144,8 +144,8 @@ def drawn(picture: Picture, lost: bool = False) -> ByteArray:
 
 def _draw_limbs(image: ByteArray, lines: FloatArray, confidence: Mapping[str, float], width: int) -> None:
     """Draw the lines (C, k, 2) of a person's skeleton, those of another body or of a part of it in one colour."""
-    of_person = lines.shape[:2] == (len(_CHAINS), len(_CHAINS[0]))
-    for line, names in zip(lines, _CHAINS if of_person else [[""] * lines.shape[1]] * len(lines), strict=True):
+    of_person = lines.shape[:2] == (len(PERSON_CHAINS), len(PERSON_CHAINS[0]))
+    for line, names in zip(lines, PERSON_CHAINS if of_person else [[""] * lines.shape[1]] * len(lines), strict=True):
         for k in range(len(line) - 1):
             if of_person and names[k] == names[k + 1]:
                 continue

@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.cli.main import main
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
-from workbench.results.overlay import _CHAINS, _MIN_OPACITY, MIDDLE, drawn, with_omitted_frames, write_overlay
+from workbench.results.overlay import _MIN_OPACITY, MIDDLE, PERSON_CHAINS, drawn, with_omitted_frames, write_overlay
 from workbench.results.pictures import Picture, pictures
 from workbench.utils.errors import InputError
 
@@ -80,7 +80,7 @@ def test_odd_image_sizes_are_cropped_and_lines_of_other_bodies_have_one_colour()
 
 def persons_lines():
     """Return lines (5, 4, 2) of a person, each at another height of the image, and the names of their joints."""
-    names = [list(chain) for chain in _CHAINS]
+    names = [list(chain) for chain in PERSON_CHAINS]
     lines = np.array([[[20.0 + 20.0 * k, 20.0 + 20.0 * row] for k in range(4)] for row in range(len(names))])
     for row, chain in enumerate(names):
         for k in range(1, 4):
