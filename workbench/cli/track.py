@@ -22,6 +22,8 @@ from workbench.utils.run_files import OVERLAY, RECORDING, read_summary
 
 _EXPORTS = ("person.trc", "person.bvh", "person.csv")
 _RESUME = "sweep.resume="
+_NO_LIST_OF_JOBS = "hydra.hydra_logging.root.level=WARNING"
+"""Setting of Hydra, which otherwise prints the overrides of each job."""
 
 
 def track(
@@ -59,7 +61,7 @@ def track(
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
     folder = resumed or output or _new_folder(videos[0], "sweeps" if each else "runs")
-    options = ["-m", f"hydra.sweep.dir={folder}"] if each else [f"hydra.run.dir={folder}"]
+    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if each else [f"hydra.run.dir={folder}"]
     words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     code = run([*options, *words, *overrides])

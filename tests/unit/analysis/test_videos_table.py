@@ -1,7 +1,6 @@
 """The table of everyday videos: its distances, the facing of a person, and a missing folder."""
 
 import numpy as np
-import pytest
 
 from analysis.tables.__main__ import main
 from analysis.tables.videos import Measured, distances, facing, heights_m, read_limb_joints
