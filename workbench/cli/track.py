@@ -114,10 +114,12 @@ def _export(folder: Path, source: Path | None, motion: bool) -> None:
     source : the run's only video. motion : write the motion, too.
     """
     run = read_sound_run(folder / RECORDING)
-    names = _EXPORTS if motion else ()
     write_overlay(run, folder / OVERLAY, source=source, max_side_px=MAX_SIDE_PX)
-    for name in names:
-        export(folder / name, with_missing_frames(estimated_track(run)), metres=False)
+    names = _EXPORTS if motion else ()
+    if motion:
+        estimate = with_missing_frames(estimated_track(run))
+        for name in names:
+            export(folder / name, estimate, metres=False)
     print(f"exported: {', '.join(str(folder / name) for name in (OVERLAY, *names))}")
     if not motion:
         print(f"{source}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")

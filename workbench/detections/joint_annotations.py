@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -133,13 +133,13 @@ def read_view(
 ) -> dict[str, People]:
     """Return the people detected in a single video by its name; parameters and errors as of `read_annotations`."""
     name = path.name if video is None else str(video)
-    people = read_people({name: path}, {name: images}, layout)
+    people = read_people({name: path}, {name: images}, layout, {} if video is None else {name: name})
     if video is None:
         return people
     rows = np.flatnonzero(
         (people[name].frames >= within[0]) & (people[name].frames <= (np.inf if within[1] is None else within[1]))
     )
-    return {name: replace(people[name].at_rows(rows, people[name].frames[rows]), source=name)}
+    return {name: people[name].at_rows(rows, people[name].frames[rows])}
 
 
 def target_annotations(people: People, target: TargetPerson, view: int) -> JointAnnotations:
