@@ -1,7 +1,8 @@
 """A video of a run's images with the estimated skeleton drawn over them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from heapq import merge
 from pathlib import Path
 
 import cv2
@@ -20,13 +21,14 @@ from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.decode import declared_frames, decode, image_files
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import ahead
 
 SUFFIX = ".mp4"
 LEFT, RIGHT, MIDDLE, TRUTH = (90, 220, 255), (255, 120, 200), (140, 255, 150), (0, 114, 178)
 """RGB; the first three as in `workbench annotate`."""
-MAX_SIDE_PX = 960
-"""Longer side of the overlay of a run of `workbench track`, from which on its images are halved: encoding an image of
-1280 × 720 takes three times as long as one of 640 × 360."""
+MAX_SIDE_PX = 640
+"""Longer side of the overlay of a run of `workbench track`: OpenCV's encoder takes 2 ms for an image of 640 × 360 and
+5 ms for one of 960 × 540."""
 _RED = (255, 60, 50)
 _MIN_OPACITY = 0.25
 """Of a limb that the detector does not see, which is drawn faintly, as its place is only inferred."""
@@ -54,26 +56,24 @@ def write_overlay(
         For a recording without images, an unknown camera, and where OpenCV cannot write the file.
     """
     shown = pictures(run, camera=camera, max_side_px=max_side_px)
-    lost, has_truth, n, writer = lost_frames(run), False, 0, None
+    if source is not None:
+        shown = with_omitted_frames(shown, run, source)
+    lost, n, has_truth = lost_frames(run), 0, False
     with whole_file(path, parents=True) as part:
         target = part.with_suffix(SUFFIX)  # OpenCV chooses the container by the extension
+        writer = cv2.VideoWriter()
         try:
-            every = shown if source is None else with_omitted_frames(shown, run, source)
-            for picture in tqdm(every, desc=path.name, unit="frame", disable=None):
+            for n, picture in enumerate(tqdm(ahead(shown), desc=path.name, unit="frame", disable=None), 1):
                 image = drawn(picture, picture.frame in lost)
-                if writer is None:
+                has_truth = has_truth or len(picture.skeletons.get("truth", ())) > 0
+                if n == 1:
                     size = image.shape[1], image.shape[0]
-                    writer = cv2.VideoWriter(str(target), cv2.VideoWriter.fourcc(*"mp4v"), _rate_hz(run), size)
+                    writer.open(str(target), cv2.VideoWriter.fourcc(*"mp4v"), _rate_hz(run), size)
                     if not writer.isOpened():
                         raise InputError(f"{path}: OpenCV cannot write an MP4 video here")
                 writer.write(image)
-                n, has_truth = (
-                    n + 1,
-                    has_truth or ("truth" in picture.skeletons and len(picture.skeletons["truth"]) > 0),
-                )
         finally:
-            if writer is not None:
-                writer.release()
+            writer.release()
         target.replace(part)
     return n, has_truth
 
@@ -97,28 +97,25 @@ def lost_frames(run: Run) -> set[int]:
 
 
 def with_omitted_frames(shown: Iterator[Picture], run: Run, source: Path) -> Iterator[Picture]:
-    """Yield the pictures of a run with those frames of its source, a video or a folder, that the run omits.
+    """Yield the pictures of a run and, without skeletons, those frames of its source, a video or a folder, that the run
+    omits. The source is decoded up to the last of them."""
+    dataset = run.settings["dataset"]
+    begin, n_set = int(dataset.get("first_frame", 0)), dataset.get("n_frames")
+    end = len(image_files(source)) if source.is_dir() else declared_frames(source)
+    end = end if n_set is None else min(end, begin + int(n_set))
+    omitted = sorted(set(range(begin, end)) - set(run.poses[0].tolist()))
+    first = next(shown)
+    yield from merge([first], shown, _decoded(source, omitted, first.image.shape), key=lambda picture: picture.frame)
 
-    The source is decoded only where it has other frames than the recording.
-    """
-    dataset = run.settings.get("dataset") or {}
-    first, n_frames = int(dataset.get("first_frame") or 0), dataset.get("n_frames")
-    n = (len(image_files(source)) if source.is_dir() else declared_frames(source)) - first
-    n = n if n_frames is None else min(n, int(n_frames))
-    recorded = set(run.poses[0].tolist())
-    if n <= len(recorded):
-        yield from shown
+
+def _decoded(source: Path, frames: Sequence[int], shape: tuple[int, ...]) -> Iterator[Picture]:
+    """Yield frames of a video or a folder, ascending, without skeletons, of the height and width that begin `shape`."""
+    if not frames:
         return
-    before: Picture | None = None
-    waiting = next(shown)
-    for frame, image in enumerate(decode(source, first, first + n - 1), first):
-        if frame in recorded:
-            before = waiting
-            yield before
-            waiting = next(shown, before)
-        else:
-            like = (before or waiting).image
-            resized = cv2.resize(image, (like.shape[1], like.shape[0]), interpolation=cv2.INTER_AREA)
+    wanted = set(frames)
+    for frame, image in enumerate(decode(source, frames[0], frames[-1]), frames[0]):
+        if frame in wanted:
+            resized = cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
             yield Picture(frame, np.asarray(resized, np.uint8), {})
 
 
@@ -129,7 +126,8 @@ def drawn(picture: Picture, lost: bool = False) -> ByteArray:
     without an estimate has a red frame, as one in which the person is lost.
     """
     grey = picture.image.ndim == 2
-    image = cv2.cvtColor(picture.image, cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR)
+    flag = cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR
+    image = np.asarray(cv2.cvtColor(picture.image, flag), np.uint8)
     width = max(2, round(_WIDTH_OVER_HEIGHT * image.shape[0]))
     _draw_limbs(image, picture.skeletons.get("estimate", np.empty((0, 2, 2))), picture.confidence, width)
     truth = np.nan_to_num(picture.skeletons.get("truth", np.empty((0, 2, 2)))).round().astype(np.int32)

@@ -110,6 +110,7 @@ def test_with_each_the_motion_of_runs_that_are_not_usable_is_not_exported(
     monkeypatch.setattr(track, "read_sound_run", lambda path: None)
     written = []
     monkeypatch.setattr(track, "write_overlay", lambda run, path, **_: written.append(path.name))
+    monkeypatch.setattr(track, "_show_people", lambda folder: None)
     monkeypatch.setattr(track, "estimated_track", lambda run: None)
     monkeypatch.setattr(track, "with_missing_frames", lambda motion: motion)
     monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append(path.name))

@@ -128,11 +128,19 @@ def test_frames_that_the_run_omits_come_from_the_source(mp4, tmp_path):
     np.testing.assert_allclose([each.image.mean() for each in shown[:FIRST]], 12.0 * np.arange(FIRST), atol=6.0)
 
 
-def test_reduced_pictures_have_skeletons_at_the_same_places(run):
+@pytest.mark.parametrize("fraction", [0.8, 0.5, 0.3])
+def test_reduced_pictures_have_skeletons_at_the_same_places(fraction, run):
     recorded, _ = run
-    whole, half = (next(pictures(recorded, max_side_px=side)) for side in (None, max(CAMERA.width, CAMERA.height) - 1))
-    assert half.image.shape[:2] == tuple((size + 1) // 2 for size in whole.image.shape[:2])
-    np.testing.assert_allclose(2.0 * half.skeletons["estimate"] + 0.5, whole.skeletons["estimate"], atol=1e-9)
+    side = round(fraction * max(CAMERA.width, CAMERA.height))
+    whole, small = (next(pictures(recorded, max_side_px=each)) for each in (None, side))
+    assert max(small.image.shape[:2]) == side
+    scale = np.array(small.image.shape[1::-1]) / (CAMERA.width, CAMERA.height)
+    np.testing.assert_allclose(
+        (small.skeletons["estimate"] + 0.5) / scale - 0.5, whole.skeletons["estimate"], atol=1e-9
+    )
+    expected = cv2.resize(whole.image, small.image.shape[1::-1], interpolation=cv2.INTER_AREA)
+    grey = small.image if small.image.ndim == 2 else small.image[..., 0]
+    np.testing.assert_allclose(grey.mean(), expected.mean(), atol=1.0)
     same = next(pictures(recorded, max_side_px=max(CAMERA.width, CAMERA.height)))
     assert same.image.shape == whole.image.shape
 
