@@ -1,7 +1,7 @@
 """Write the tables of numbers that the README and the pages show, as Markdown.
 
     python -m analysis.tables [NAME…] [--seeds N] [--stored] [--runs FOLDER] [--data DATA] [-o FOLDER]
-    python -m analysis.tables videos --videos FOLDER [--detector MODEL]
+    python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -88,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         failed = make(tables, source, options.seeds, options.stored, options.folder)
         if VIDEOS in names and not options.stored:
             try:
-                text = videos.table(options.videos, options.runs / VIDEOS, options.detector)
+                data = None if options.data is None else Path(options.data)
+                text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)
                 write(options.folder, VIDEOS, text)
             except InputError as error:
                 failed.append(f"{VIDEOS}: {error}")

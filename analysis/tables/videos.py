@@ -1,11 +1,10 @@
-"""Everyday videos with joints annotated by hand: how far the estimate and the detector are from the annotations.
+"""Everyday videos with joints annotated by hand: distances of the estimate and of the detector from the annotations.
 
-A folder has videos NAME.mp4, .avi or .mkv with annotations NAME.csv (frame,joint,u,v,visible), and in README.md a table
-whose rows name a video and the height of its person, as in "| walk.mp4 | a man walks; about 1.80 m |". The numbers are
-measured on runs of `workbench track`. Constants of the workbench were not chosen on these videos.
+A folder has videos NAME.mp4, .avi, .mkv or .mov with annotations NAME.csv, and in README.md a table whose rows name a
+video and the height of its person, as in "| walk.mp4 | a man walks; about 1.80 m |". The runs are those of `workbench
+track`, and their folders have its overlays.
 """
 
-import csv
 import logging
 import re
 from collections.abc import Sequence
@@ -18,37 +17,52 @@ from analysis.figures.unrecorded import composed
 from analysis.tables.table import NONE, markdown
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.image_height import height_px
+from workbench.datasets.video import Video
+from workbench.detections.joint_annotations import read_annotations
 from workbench.experiment.run import execute
 from workbench.recording.read.chunks import cells, flat
 from workbench.recording.read.reader import Run, read
-from workbench.results.overlay import PERSON_CHAINS, lost_frames
+from workbench.results.overlay import MAX_SIDE_PX, PERSON_CHAINS, lost_frames, write_overlay
 from workbench.results.pictures import lines
 from workbench.utils.arrays import FloatArray
-from workbench.utils.decode import count_frames
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import read_summary
+from workbench.utils.run_files import OVERLAY, read_summary
 
 log = logging.getLogger(__name__)
 
 _SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
-_LIMB_JOINTS = tuple(name for name in JOINT_NAMES if name.startswith(("left_", "right_")))
+_LIMBS = [k for k, name in enumerate(JOINT_NAMES) if name.startswith(("left_", "right_"))]
+_UPRIGHT = [k for k, name in enumerate(JOINT_NAMES) if name.endswith(("head_centre", "hip", "knee", "ankle"))]
+"""Joints whose distance in the image shows the height: raised arms do not count."""
+_UPRIGHT_OVER_HEIGHT = 0.891
+"""From the head's centre to the ankles, of a standing person of average proportions (`from_height`)."""
 _CLOSE = 0.06
-"""Distance over the person's height up to which a joint counts as close: six standard deviations of an annotation."""
-_PRECISION = 0.01
-"""Standard deviation of an annotated joint over the person's height, as README.md of the videos states it."""
+"""Distance over the person's height within which a joint is close: six standard deviations of an annotation, and less
+than half of a forearm, so that an exchanged or forgotten limb is not."""
+_PRECISION = {"shoulder": 0.01, "hip": 0.02}
+"""Standard deviation of annotated joints over the person's height: of repeated annotations by hand."""
 _HEADER = (
-    "video", "annotated frames", "estimate (% H)", "detector (% H)", "ratio", "joints within 6 % H (%)",
-    "facing right (frames)", "tracked (% of frames)", "verdict", "fit (ms a frame)",
+    "video", "annotated frames", "detector, mean (% H)", "estimate, mean (% H)", "estimate, median (% H)",
+    "joints within 6 % H (%)", "facing right (frames)", "tracked (% of visible)", "verdict", "fit (ms a frame)",
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An annotated video. height_m : of the person; None: unknown."""
+
+    video: Path
+    annotations: Path
+    height_m: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Comparison with the annotations of one video.
+    """Comparison of a run with the annotations of its video.
 
-    errors, detected : (F, 12) distances over the person's height H, NaN where a joint is not annotated as visible;
-    infinite where it has no estimate or no detection. facing : of the frames where the annotations show the side that
-    the person turns to the camera, whether the estimate shows the same. tracked : fraction of the video's frames.
+    errors, detected : (F, J) distances over the person's height, NaN where a joint is not annotated as visible,
+    infinite where it has no estimate or no detection. facing : see `facing`. tracked : fraction of the frames in which
+    the person is visible. fit_ms : per frame.
     """
 
     errors: FloatArray
@@ -60,25 +74,26 @@ class Measured:
 
     def cells(self) -> list[str]:
         """Return the cells of the row after the name."""
+        annotated = self.errors[~np.isnan(self.errors)]
         both = np.isfinite(self.errors) & np.isfinite(self.detected)
-        known = ~np.isnan(self.errors)
-        estimate, detector = (100.0 * float(each[both].mean()) if both.any() else np.nan for each in (
-            self.errors, self.detected
-        ))  # fmt: skip
-        close = 100.0 * float((self.errors[known] <= _CLOSE).mean()) if known.any() else np.nan
-        numbers = [f"{estimate:.1f}", f"{detector:.1f}", f"{estimate / detector:.2f}", f"{close:.0f}"]
-        facing = f"{sum(self.facing)} of {len(self.facing)}" if self.facing else NONE
+        means = [100.0 * float(each[both].mean()) if both.any() else np.nan for each in (self.detected, self.errors)]
+        median, close = np.nan, np.nan
+        if len(annotated):
+            median, close = 100.0 * float(np.median(annotated)), 100.0 * float((annotated <= _CLOSE).mean())
         return [
-            str(len(self.errors)), *(NONE if number == "nan" else number for number in numbers), facing,
-            f"{100.0 * self.tracked:.0f}", self.verdict, f"{self.fit_ms:.1f}",
+            str(len(self.errors)), *(_number(value, 1) for value in (*means, median)), _number(close, 0),
+            f"{sum(self.facing)} of {len(self.facing)}" if self.facing else NONE,
+            _number(100.0 * self.tracked, 0), self.verdict, _number(self.fit_ms, 1),
         ]  # fmt: skip
 
 
-def table(folder: Path | None, runs: Path, detector: str) -> str:
-    """Return the table of the annotated videos in a folder, in Markdown.
+def table(folder: Path | None, data: Path | None, runs: Path, detector: str) -> str:
+    """Return the table of the annotated videos, in Markdown.
 
     Parameters
     ----------
+    folder : of videos and annotations.
+    data : recorded data; its video of a walking woman is the last row, if it is there.
     runs : folder of the recordings, which are made again.
     detector : "full", "heavy" or a landmark model, see `workbench track`.
 
@@ -87,22 +102,30 @@ def table(folder: Path | None, runs: Path, detector: str) -> str:
     InputError
         Where there is no annotated video.
     """
-    if folder is None or not folder.is_dir():
-        raise InputError(f"expected a folder of annotated videos, --videos FOLDER, found {folder or 'none'}")
-    videos = [file for file in sorted(folder.iterdir()) if file.suffix in _SUFFIXES and annotations_of(file).is_file()]
-    if not videos:
-        raise InputError(f"{folder}: expected videos NAME.mp4 with annotations NAME.csv, found none")
-    heights = heights_m(folder / "README.md")
     rows = []
-    for video in videos:
-        log.info("%s", video)
-        rows.append([video.stem, *measured(video, heights.get(video.name), runs / video.stem, detector).cells()])
+    for subject in subjects(folder, data):
+        log.info("%s", subject.video)
+        try:
+            row = measured(subject, runs / subject.video.stem, detector).cells()
+        except InputError as error:
+            log.warning("%s", error)
+            row = [NONE] * (len(_HEADER) - 3) + ["not tracked", NONE]
+        rows.append([subject.video.stem, *row])
     return markdown([_HEADER, ["---"] * len(_HEADER), *rows])
 
 
-def annotations_of(video: Path) -> Path:
-    """Return the file of a video's annotations."""
-    return video.with_suffix(".csv")
+def subjects(folder: Path | None, data: Path | None) -> list[Subject]:
+    """Return the annotated videos, see `table`."""
+    if folder is None or not folder.is_dir():
+        raise InputError(f"expected a folder of annotated videos, --videos FOLDER, found {folder or 'none'}")
+    heights = heights_m(folder / "README.md")
+    videos = [file for file in sorted(folder.iterdir()) if file.suffix in _SUFFIXES]
+    every = [Subject(video, video.with_suffix(".csv"), heights.get(video.name)) for video in videos]
+    if not (annotated := [subject for subject in every if subject.annotations.is_file()]):
+        raise InputError(f"{folder}: expected videos NAME.mp4 with annotations NAME.csv, found none")
+    walk = (data or Path()) / "sports2d_walk"
+    woman = Subject(walk / "demo.mp4", walk / "keypoints.csv", 1.65)
+    return [*annotated, woman] if woman.video.is_file() else annotated
 
 
 def heights_m(readme: Path) -> dict[str, float]:
@@ -112,39 +135,37 @@ def heights_m(readme: Path) -> dict[str, float]:
     return {match[1]: float(match[2]) for match in matches if match}
 
 
-def read_limb_joints(path: Path) -> tuple[list[int], FloatArray, FloatArray]:
-    """Return annotated frames (F,), pixels (F, J, 2) of JOINT_NAMES, NaN without, and those that are visible.
-
-    Other points, such as heels and toes, are omitted.
-    """
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["joint"] in JOINT_NAMES]
-    frames = sorted({int(row["frame"]) for row in rows})
-    pixels = np.full((2, len(frames), len(JOINT_NAMES), 2), np.nan)
-    for row in rows:
-        place = frames.index(int(row["frame"])), JOINT_NAMES.index(row["joint"])
-        pixels[0][place] = float(row["u"]), float(row["v"])
-        if row["visible"] == "1":
-            pixels[1][place] = pixels[0][place]
-    return frames, pixels[0], pixels[1]
-
-
-def measured(video: Path, height_m: float | None, folder: Path, detector: str) -> Measured:
-    """Track the person in a video and compare with its annotations."""
-    overrides = [f"dataset.source='{video}'", f"dataset.detector='{detector}'"]
-    overrides += [] if height_m is None else [f"dataset.height_m={height_m}"]
+def measured(subject: Subject, folder: Path, detector: str) -> Measured:
+    """Track the person in a video, write the overlay, and compare with the annotations."""
+    overrides = [f"dataset.source='{subject.video}'", f"dataset.detector='{detector}'"]
+    overrides += [] if subject.height_m is None else [f"dataset.height_m={subject.height_m}"]
     execute(composed(["experiment=video", *overrides]), "video", folder, quiet=True)
     run, summary = read(folder), read_summary(folder) or {}
-    frames, annotated, visible = read_limb_joints(annotations_of(video))
+    write_overlay(run, folder / OVERLAY, source=subject.video, max_side_px=MAX_SIDE_PX)
+    annotations = read_annotations(subject.annotations)
+    frames = annotations.frames.tolist()
+    visible = np.where(annotations.visible[..., None], annotations.pixels, np.nan)
     estimate, detected = projected_joints(run, frames), detected_joints(run, frames)
-    limbs = [JOINT_NAMES.index(name) for name in _LIMB_JOINTS]
-    height = float(height_px(annotated).max())
-    n_tracked, n = len(run.poses[0]) - len(lost_frames(run)), count_frames(video)
+    height = float(height_px(annotations.pixels[:, _UPRIGHT]).max()) / _UPRIGHT_OVER_HEIGHT
+    tracked = set(run.poses[0].tolist()) - lost_frames(run)
+    visible_in = frames_with_people(Video(str(subject.video), None, keypoints="detect", detector=detector))
     return Measured(
-        distances(estimate, visible)[:, limbs] / height, distances(detected, visible)[:, limbs] / height,
-        facing(estimate, visible, height), n_tracked / n, summary["verdict"]["level"],
+        distances(estimate, visible)[:, _LIMBS] / height, distances(detected, visible)[:, _LIMBS] / height,
+        facing(estimate, visible, height), len(tracked & visible_in) / len(visible_in), summary["verdict"]["level"],
         1e3 * summary["timing"]["least_squares"] / len(run.poses[0]),
     )  # fmt: skip
+
+
+def frames_with_people(video: Video) -> set[int]:
+    """Return the frames from the first to the last one in which the detector sees a person."""
+    people = video.people
+    if people is None:
+        return set()
+    seen = [
+        frame for frame, views in zip(people.frames.tolist(), people.joints, strict=True)
+        if any(np.isfinite(rows).any() for rows in views)
+    ]  # fmt: skip
+    return set(range(min(seen), max(seen) + 1))
 
 
 def distances(pixels: FloatArray, annotated: FloatArray) -> FloatArray:
@@ -154,22 +175,21 @@ def distances(pixels: FloatArray, annotated: FloatArray) -> FloatArray:
 
 
 def facing(pixels: FloatArray, annotated: FloatArray, height: float) -> list[bool]:
-    """Return whether the estimate's left shoulder is on the side of its right one that the annotations show.
+    """Return, of the frames whose annotations show it, whether the estimate turns the same side to the camera.
 
-    Where it is shows whether the person faces the camera. Frames count in which the annotated shoulders are visible and
-    further apart in the image's x than three standard deviations of their annotation, and in which visible hips do not
-    contradict them.
+    Shoulders and hips show it by the order of left and right in the image's x, where they are further apart than three
+    standard deviations of the difference of two annotations; all pairs that show it must have the order annotated.
     """
     same = []
-    limit = 3.0 * np.sqrt(2.0) * _PRECISION * height
-    shoulders, hips = ([JOINT_NAMES.index(f"{side}_{joint}") for side in ("left", "right")] for joint in (
-        "shoulder", "hip"
-    ))  # fmt: skip
-    for estimated, place in zip(pixels, annotated, strict=True):
-        width, hip_width = (float(place[k, 0] - place[j, 0]) for k, j in (shoulders, hips))
-        if not abs(width) > limit or width * hip_width < 0.0:
-            continue
-        same.append(bool(width * (estimated[shoulders[0], 0] - estimated[shoulders[1], 0]) > 0.0))
+    for estimated, places in zip(pixels, annotated, strict=True):
+        orders = []
+        for name, precision in _PRECISION.items():
+            left, right = (JOINT_NAMES.index(f"{side}_{name}") for side in ("left", "right"))
+            width = places[left, 0] - places[right, 0]
+            if abs(width) > 3.0 * np.sqrt(2.0) * precision * height:
+                orders.append(bool(width * (estimated[left, 0] - estimated[right, 0]) > 0.0))
+        if orders:
+            same.append(all(orders))
     return same
 
 
@@ -179,20 +199,23 @@ def projected_joints(run: Run, frames: Sequence[int]) -> FloatArray:
     strips = next(each["LineStrips2D:strips"] for path, each in columns.items() if path.endswith("/image/estimate"))
     pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
     for row, frame in enumerate(frames):
-        shown = lines(strips.get(frame), 2)
-        if len(shown) == len(PERSON_CHAINS):
-            for names, line in zip(PERSON_CHAINS, shown, strict=True):
-                pixels[row, [JOINT_NAMES.index(name) for name in names]] = line
+        for names, line in zip(PERSON_CHAINS, lines(strips.get(frame), 2), strict=False):
+            pixels[row, [JOINT_NAMES.index(name) for name in names]] = line
     return pixels
 
 
 def detected_joints(run: Run, frames: Sequence[int]) -> FloatArray:
-    """Return the target person's keypoints (F, J, 2) in the images of the only camera; NaN without."""
+    """Return the tracked person's keypoints (F, J, 2) in the images of the only camera; NaN without."""
     columns = cells(run.path, ["/world/**"], frames, ("Points2D:labels", "Points2D:positions"))
-    keypoints = next(each for path, each in columns.items() if path.endswith("/image/keypoints"))
+    keypoints = next((each for path, each in columns.items() if path.endswith("/image/keypoints")), {})
     pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
     for row, frame in enumerate(frames):
-        if (labels := keypoints["Points2D:labels"].get(frame)) is not None:
+        if (labels := keypoints.get("Points2D:labels", {}).get(frame)) is not None:
             places = flat(keypoints["Points2D:positions"][frame]).reshape(-1, 2)
             pixels[row, [JOINT_NAMES.index(name) for name in labels.as_py()]] = places
     return pixels
+
+
+def _number(value: float, digits: int) -> str:
+    """Return a cell; infinite: most joints have no estimate."""
+    return NONE if np.isnan(value) else f"{value:.{digits}f}" if np.isfinite(value) else "∞"
