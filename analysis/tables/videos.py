@@ -17,7 +17,6 @@ from analysis.figures.unrecorded import composed
 from analysis.tables.table import NONE, markdown
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.image_height import height_px
-from workbench.datasets.video import Video
 from workbench.detections.joint_annotations import read_annotations
 from workbench.experiment.run import execute
 from workbench.recording.read.chunks import cells, flat
@@ -43,7 +42,7 @@ _PRECISION = {"shoulder": 0.01, "hip": 0.02}
 """Standard deviation of annotated joints over the person's height: of repeated annotations by hand."""
 _HEADER = (
     "video", "annotated frames", "detector, mean (% H)", "estimate, mean (% H)", "estimate, median (% H)",
-    "joints within 6 % H (%)", "facing right (frames)", "tracked (% of visible)", "verdict", "fit (ms a frame)",
+    "joints within 6 % H (%)", "facing right (frames)", "tracked (% of frames)", "verdict", "fit (ms a frame)",
 )  # fmt: skip
 
 
@@ -61,8 +60,8 @@ class Measured:
     """Comparison of a run with the annotations of its video.
 
     errors, detected : (F, J) distances over the person's height, NaN where a joint is not annotated as visible,
-    infinite where it has no estimate or no detection. facing : see `facing`. tracked : fraction of the frames in which
-    the person is visible. fit_ms : per frame.
+    infinite where it has no estimate or no detection. facing : see `facing`. tracked : fraction of the frames from
+    the first to the last annotated one. fit_ms : per frame.
     """
 
     errors: FloatArray
@@ -147,25 +146,13 @@ def measured(subject: Subject, folder: Path, detector: str) -> Measured:
     visible = np.where(annotations.visible[..., None], annotations.pixels, np.nan)
     estimate, detected = projected_joints(run, frames), detected_joints(run, frames)
     height = float(height_px(annotations.pixels[:, _UPRIGHT]).max()) / _UPRIGHT_OVER_HEIGHT
-    tracked = set(run.poses[0].tolist()) - lost_frames(run)
-    visible_in = frames_with_people(Video(str(subject.video), None, keypoints="detect", detector=detector))
+    span = range(frames[0], frames[-1] + 1)
+    n_tracked = len((set(run.poses[0].tolist()) - lost_frames(run)).intersection(span))
     return Measured(
         distances(estimate, visible)[:, _LIMBS] / height, distances(detected, visible)[:, _LIMBS] / height,
-        facing(estimate, visible, height), len(tracked & visible_in) / len(visible_in), summary["verdict"]["level"],
+        facing(estimate, visible, height), n_tracked / len(span), summary["verdict"]["level"],
         1e3 * summary["timing"]["least_squares"] / len(run.poses[0]),
     )  # fmt: skip
-
-
-def frames_with_people(video: Video) -> set[int]:
-    """Return the frames from the first to the last one in which the detector sees a person."""
-    people = video.people
-    if people is None:
-        return set()
-    seen = [
-        frame for frame, views in zip(people.frames.tolist(), people.joints, strict=True)
-        if any(np.isfinite(rows).any() for rows in views)
-    ]  # fmt: skip
-    return set(range(min(seen), max(seen) + 1))
 
 
 def distances(pixels: FloatArray, annotated: FloatArray) -> FloatArray:
