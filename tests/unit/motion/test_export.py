@@ -184,11 +184,12 @@ def test_a_variable_rate_gives_the_same_moments_in_every_format(tmp_path, caplog
     """Half of the frames come at 30 Hz and half at 20 Hz."""
     times_s = np.concatenate([np.arange(20) / 30.0, 20.0 / 30.0 + np.arange(13) / 20.0])
     exported = moving_at(times_s)
-    pelvis_m = {}
+    pelvis_m, resampled = {}, at_one_rate(exported)
     for suffix in (".trc", ".c3d"):
         export(tmp_path / f"walk{suffix}", exported)
         markers = read_markers(tmp_path / f"walk{suffix}")
         assert markers.rate_hz == pytest.approx(30.0)
+        np.testing.assert_allclose(markers.positions, resampled.positions, atol=1e-6)
         pelvis_m[suffix] = np.arange(len(markers.positions)) / markers.rate_hz, markers.positions[:, 0, 0]
     export(tmp_path / "walk.mot", exported)
     rows = np.loadtxt((tmp_path / "walk.mot").read_text().split("endheader\n")[1].splitlines()[1:])
@@ -199,6 +200,29 @@ def test_a_variable_rate_gives_the_same_moments_in_every_format(tmp_path, caplog
         assert moments_s[-1] == pytest.approx(times_s[-1], abs=1.0 / 30.0)
         np.testing.assert_allclose(places_m, 2.0 * moments_s, atol=1e-4)
     assert "resampled at 30 Hz" in caplog.text
+
+
+def test_the_trc_reader_restores_the_world_axes_of_a_person_who_walks_sideways(tmp_path):
+    """The pelvis moves along y, at a bend in the heading, with a missing frame."""
+    exported = moving_at(np.arange(10) / 30.0)
+    exported.poses[:, :2] = exported.poses[:, 1::-1]
+    positions = joints(SKELETON, exported.poses)
+    positions[4] = np.nan
+    export(tmp_path / "walk.trc", replace(exported, positions=positions))
+    np.testing.assert_allclose(read_markers(tmp_path / "walk.trc").positions, positions, atol=1e-6)
+
+
+def test_a_frame_beside_a_missing_one_keeps_its_place(tmp_path):
+    """New times that are those of a frame have its values; those between it and a missing frame are missing."""
+    times_s = np.concatenate([np.arange(8) / 20.0, 0.4 + np.arange(8) / 40.0])
+    exported = moving_at(times_s)
+    exported.positions[3] = np.nan
+    resampled = at_one_rate(exported)
+    missing = np.isnan(resampled.positions).any(axis=(1, 2))
+    since_s = resampled.times_s[missing]
+    assert len(since_s) > 0
+    assert ((since_s > times_s[2] + 1e-9) & (since_s < times_s[4] - 1e-9)).all()
+    assert not missing[np.abs(resampled.times_s[:, None] - times_s[[2, 4]]).min(axis=1) < 1e-9].any()
 
 
 def test_a_resampled_heading_does_not_turn_back():

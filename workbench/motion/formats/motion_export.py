@@ -24,6 +24,8 @@ _N_POSITIONS = 3
 _ONE_RATE = (".bvh", ".trc", ".c3d")
 _ROUNDING_S = 1e-3
 """Largest deviation of a constant rate's timestamps, which Matroska rounds to whole milliseconds."""
+_SAME_S = 1e-9
+"""Times that differ by less are equal but for rounding."""
 MAX_GAP_S = 0.5
 """Longest interval over which a motion is interpolated, as in `visible_frames`."""
 _MAX_FRAMES = 1_000_000
@@ -228,11 +230,11 @@ def at_one_rate(track: Track) -> Track:
     n = int((times_s[-1] - times_s[0]) / interval_s + 1e-6) + 1
     if n > _MAX_FRAMES:
         raise InputError(f"expected at most {_MAX_FRAMES} frames at {1.0 / interval_s:.6g} Hz, found {n}")
-    new_s = times_s[0] + interval_s * np.arange(n)
     log.warning(
         "the frames are at unequal intervals, of %.3g to %.3g s: resampled at %.6g Hz for formats of one rate",
         steps_s.min(), steps_s.max(), 1.0 / interval_s,
     )  # fmt: skip
+    new_s = times_s[0] + interval_s * np.arange(n)
     poses = track.poses
     if poses is not None:
         poses = np.column_stack([poses[:, :_N_POSITIONS], _unwrapped(poses[:, _N_POSITIONS:])])
@@ -252,12 +254,11 @@ def _unwrapped(angles: FloatArray) -> FloatArray:
 
 def _interpolated(times_s: FloatArray, values: FloatArray, new_s: FloatArray) -> FloatArray:
     """Return values (F, ...) at new times (G,) within the old ones (F,), as `at_one_rate` does."""
-    after = np.clip(np.searchsorted(times_s, new_s - 1e-9), 1, len(times_s) - 1)
-    width_s = times_s[after] - times_s[after - 1]
-    fraction = np.clip((new_s - times_s[after - 1]) / width_s, 0.0, 1.0)
-    fraction = np.where(np.abs(fraction - fraction.round()) * width_s < 1e-9, fraction.round(), fraction)
-    fraction = fraction.reshape(-1, *[1] * (values.ndim - 1))
-    before, later = values[after - 1], values[after]
-    mixed = np.where(fraction == 0.0, before, np.where(fraction == 1.0, later, before + fraction * (later - before)))
-    inside = (width_s > MAX_GAP_S + 1e-9).reshape(fraction.shape) & (fraction > 0.0) & (fraction < 1.0)
-    return np.where(inside, np.nan, mixed)
+    after = np.clip(np.searchsorted(times_s, new_s - _SAME_S), 1, len(times_s) - 1)
+    ends = np.stack([times_s[after - 1], times_s[after]])
+    at_frame = np.abs(ends - new_s) < _SAME_S
+    new_s = np.where(at_frame[0], ends[0], np.where(at_frame[1], ends[1], new_s))
+    columns = [np.interp(new_s, times_s, column) for column in values.reshape(len(values), -1).T]
+    mixed = np.stack(columns, axis=1).reshape(len(new_s), *values.shape[1:])
+    mixed[~at_frame.any(axis=0) & (ends[1] - ends[0] > MAX_GAP_S + _SAME_S)] = np.nan
+    return mixed
