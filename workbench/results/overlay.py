@@ -1,6 +1,5 @@
 """A video of a run's images with the estimated skeleton drawn over them."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
 from pathlib import Path
@@ -33,6 +32,8 @@ _RED = (255, 60, 50)
 _MIN_OPACITY = 0.25
 """Of a limb that the detector does not see, which is drawn faintly, as its place is only inferred."""
 _WIDTH_OVER_HEIGHT = 1.0 / 200.0
+_LARGEST_PX = 1e6
+"""Lines further away, of limbs beside the camera, are omitted; OpenCV draws up to 2^31."""
 _DEFAULT_HZ = 30.0
 PERSON_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(person_skeleton(from_height(1.7)))]
 """Names of the joints of the lines of a person's skeleton, as recorded."""
@@ -161,16 +162,13 @@ def _opacity(names: list[str], confidence: Mapping[str, float]) -> float:
 def _blend_line(
     image: ByteArray, start: FloatArray, end: FloatArray, colour: tuple[int, int, int], opacity: float, width: int
 ) -> None:
-    """Draw a line over a part of an image."""
-    (u, v), (u_end, v_end) = start.tolist(), end.tolist()
-    if not all(map(math.isfinite, (u, v, u_end, v_end))):
+    """Draw a line over the part of an image around it."""
+    (u, v), (u_end, v_end) = start.tolist(), end.tolist()  # ten times as fast as NumPy's functions of two numbers
+    if not all(abs(x) < _LARGEST_PX for x in (u, v, u_end, v_end)):  # also NaN
         return
     left, top = max(int(min(u, u_end)) - 2 * width, 0), max(int(min(v, v_end)) - 2 * width, 0)
     right, bottom = int(max(u, u_end)) + 2 * width + 1, int(max(v, v_end)) + 2 * width + 1
-    if right <= left or bottom <= top:
-        return
-    part = image[top:bottom, left:right]
-    if not part.size:
+    if right <= left or bottom <= top or not (part := image[top:bottom, left:right]).size:
         return
     layer = part if opacity >= 1.0 else part.copy()
     ends = (round(u) - left, round(v) - top), (round(u_end) - left, round(v_end) - top)

@@ -69,23 +69,25 @@ def pictures(
         raise InputError(f"{run.path}: no image of frame {missing[0]}")
     rows = {name: columns.get(f"{path}/{name}", {}).get(_STRIPS, {}) for name in SKELETONS}
     keypoints = columns.get(f"{path}/keypoints", {})
-    resolution = _resolution(run, path)
+    factor = 1
     if component == _IMAGE:
-        factor = max(each for each in _REDUCED if each == 1 or resolution.max() >= each * (max_side_px or np.inf))
+        factor = _factor(run, path, max_side_px)
         images: Iterator[ByteArray] = (decoded(encoded[frame], factor) for frame in chosen)
     else:
         images = _video_images(run, path, [int(flat(encoded[frame])[0]) for frame in chosen])
     for frame, image in zip(chosen, images, strict=True):
-        image = reduced(image, max_side_px)
-        scale = np.array(image.shape[1::-1]) / resolution
+        small = reduced(image, max_side_px)
+        scale = np.array(small.shape[1::-1]) / image.shape[1::-1] / factor
         # the centre of the top left pixel is (0, 0)
         skeletons = {name: (lines(each.get(frame), 2) + 0.5) * scale - 0.5 for name, each in rows.items()}
-        yield Picture(frame, image, skeletons, _confidence(keypoints, frame))
+        yield Picture(frame, small, skeletons, _confidence(keypoints, frame))
 
 
-def _resolution(run: Run, path: str) -> FloatArray:
-    """Return the width and the height of the images at `path`, px."""
-    return flat(static_values(read_chunks(run.path, [f"/{path}"], [_RESOLUTION]))[path][_RESOLUTION])
+def _factor(run: Run, path: str, max_side_px: int | None) -> int:
+    """Return the largest factor of _REDUCED by which the images at `path` are not smaller than `max_side_px`."""
+    lens = static_values(read_chunks(run.path, [f"/{path}"], [_RESOLUTION])).get(path, {})
+    side = float(max(flat(lens.get(_RESOLUTION)), default=0.0))
+    return max(each for each in _REDUCED if each == 1 or (max_side_px is not None and side >= each * max_side_px))
 
 
 def reduced(image: ByteArray, max_side_px: int | None) -> ByteArray:

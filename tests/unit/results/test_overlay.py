@@ -102,6 +102,17 @@ def test_limbs_are_fainter_the_less_confident_the_detector_is():
     assert grey == pytest.approx([255.0, 0.6 * 255.0, _MIN_OPACITY * 255.0], abs=2.0)
 
 
+@pytest.mark.parametrize("far", [np.nan, np.inf, 1e12])
+def test_limbs_without_a_place_in_the_image_are_omitted(far):
+    lines, names = persons_lines()
+    black = np.zeros((140, 120), np.uint8)
+    k = next(row for row, chain in enumerate(names) if "left_ankle" in chain)
+    lines[k, 1:] = far
+    image = drawn(Picture(0, black, {"estimate": lines}))
+    assert not image[15 + 20 * k : 25 + 20 * k].any()
+    assert image.any()
+
+
 def test_lost_and_omitted_frames_have_a_red_frame():
     lines, _ = persons_lines()
     black = np.zeros((140, 120), np.uint8)
