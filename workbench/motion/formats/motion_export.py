@@ -69,9 +69,13 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
     check_output(path)
     if path.suffix.lower() in _ONE_RATE:
         try:
-            track = at_one_rate(track)
+            equidistant = at_one_rate(track)
         except InputError as error:  # add the file to the message
             raise InputError(f"{path}: {error}") from None
+        if equidistant is not track:
+            rate_hz = frame_rate(equidistant.times_s)
+            log.warning("%s: frames at unequal intervals; resampled at %.6g Hz", path, rate_hz)
+        track = equidistant
     with whole_file(path, parents=True) as part:
         if path.suffix.lower() == ".c3d":
             unit, target = "m" if metres else "mm", part.with_suffix(".c3d")  # ezc3d appends it to other names
@@ -206,7 +210,7 @@ def frame_rate(times_s: FloatArray) -> float:
 
 
 def at_one_rate(track: Track) -> Track:
-    """Return a track at equal intervals, of the median rate where its own intervals are unequal, which is logged.
+    """Return a track at equal intervals, of the median rate where its own intervals are unequal.
 
     Times count as equal intervals if they deviate by at most _ROUNDING_S. Positions and angles are interpolated
     linearly; a frame next to a missing one, or in an interval of more than MAX_GAP_S, is missing.
@@ -230,10 +234,6 @@ def at_one_rate(track: Track) -> Track:
     n = int((times_s[-1] - times_s[0]) / interval_s + 1e-6) + 1
     if n > _MAX_FRAMES:
         raise InputError(f"expected at most {_MAX_FRAMES} frames at {1.0 / interval_s:.6g} Hz, found {n}")
-    log.warning(
-        "the frames are at unequal intervals, of %.3g to %.3g s: resampled at %.6g Hz for formats of one rate",
-        steps_s.min(), steps_s.max(), 1.0 / interval_s,
-    )  # fmt: skip
     new_s = times_s[0] + interval_s * np.arange(n)
     poses = track.poses
     if poses is not None:
