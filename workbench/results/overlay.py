@@ -106,18 +106,18 @@ def with_omitted_frames(shown: Iterator[Picture], run: Run, source: Path) -> Ite
     end = end if n_set is None else min(end, begin + int(n_set))
     omitted = sorted(set(range(begin, end)) - set(run.poses[0].tolist()))
     first = next(shown)
-    yield from merge([first], shown, _decoded(source, omitted, first.image.shape), key=lambda picture: picture.frame)
+    yield from merge(
+        [first], shown, _decoded(source, omitted, first.image.shape[:2]), key=lambda picture: picture.frame
+    )
 
 
 def _decoded(source: Path, frames: Sequence[int], shape: tuple[int, ...]) -> Iterator[Picture]:
-    """Yield frames of a video or a folder, ascending, without skeletons, of the height and width that begin `shape`."""
+    """Yield frames of a video or a folder, ascending, without skeletons, of a shape (height, width)."""
     if not frames:
         return
-    wanted = set(frames)
-    for frame, image in enumerate(decode(source, frames[0], frames[-1]), frames[0]):
-        if frame in wanted:
-            resized = cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-            yield Picture(frame, np.asarray(resized, np.uint8), {})
+    images = decode(source, frames[0], frames[-1], set(frames))
+    for frame, image in zip(frames, images, strict=False):  # the source may declare more than it has
+        yield Picture(frame, np.asarray(cv2.resize(image, shape[1::-1]), np.uint8), {})
 
 
 def drawn(picture: Picture, lost: bool = False) -> ByteArray:

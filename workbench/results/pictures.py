@@ -118,9 +118,7 @@ def _video_images(run: Run, path: str, timestamps_ns: Sequence[int]) -> Iterator
         file = Path(folder, "video.mp4")
         file.write_bytes(contents)
         wanted = np.searchsorted(every_ns, timestamps_ns).tolist()
-        for k, image in enumerate(decode(file, wanted[0], wanted[-1]), wanted[0]):
-            if k in wanted:
-                yield image
+        yield from decode(file, wanted[0], wanted[-1], set(wanted))
 
 
 def lines(cell: Any, n_axes: int) -> FloatArray:
