@@ -1,6 +1,7 @@
 """Write the tables of numbers that the README and the pages show, as Markdown.
 
     python -m analysis.tables [NAME…] [--seeds N] [--stored] [--runs FOLDER] [--data DATA] [-o FOLDER]
+    python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -16,6 +17,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
+from analysis.tables import videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -23,6 +25,7 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
+VIDEOS = "videos"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -75,11 +78,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command.parser("analysis.tables", __doc__, "tables")
     parser.add_argument("--stored", action="store_true", help="run nothing")
     parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (docs/_tables)")
+    parser.add_argument("--videos", type=Path, metavar="FOLDER", help="of annotated videos, for the table videos")
+    parser.add_argument("--detector", default="full", help="of the table videos: full, heavy or a model (full)")
     options = parser.parse_args(arguments)
     try:
         source = Source(options.runs, options.data, quick=False)
-        tables = {name: TABLES[name] for name in command.chosen(options.names, list(TABLES))}
+        names = command.chosen(options.names, [*TABLES, VIDEOS])
+        tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
+        if VIDEOS in names and not options.stored:
+            try:
+                data = None if options.data is None else Path(options.data)
+                text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)
+                write(options.folder, VIDEOS, text)
+            except InputError as error:
+                failed.append(f"{VIDEOS}: {error}")
     except InputError as error:
         print(f"tables: {error}", file=sys.stderr)
         return 2

@@ -26,10 +26,10 @@ from workbench.utils.errors import InputError
 log = logging.getLogger(__name__)
 
 _Y_UP = "y is up, z ahead where the world has x"
+_OPENSIM = "y is up, x ahead where the world has x, as in OpenSim's models"
 _Z_UP = "z is up, as in the workbench"
 _AXES = {
-    ".bvh": _Y_UP, ".trc": _Y_UP, ".csv": _Z_UP, ".c3d": _Z_UP,
-    ".mot": "y is up, x ahead where the world has x, as in OpenSim's models",
+    ".bvh": _Y_UP, ".trc": _OPENSIM, ".csv": _Z_UP, ".c3d": _Z_UP, ".mot": _OPENSIM,
 }  # fmt: skip
 
 
@@ -61,14 +61,14 @@ def export_recording(
     """
     if output.suffix.lower() == SUFFIX:
         n_frames, has_truth = write_overlay(read_sound_run(recording), output, camera)
-        print(f"{output}: {n_frames} frames; estimate orange{', truth blue' if has_truth else ''}")
+        print(f"{output}: {n_frames} frames; left cyan, right pink{', truth blue' if has_truth else ''}")
         return
     check_output(output)  # before reading the recording
     run = read_sound_run(recording)
     track = true_track(run) if truth else estimated_track(run)
     if intervals:
         track = replace(track, bands=_intervals(run, track.frames))
-    export(output, track if truth else with_missing_frames(track), metres=metres)
+    export(output, with_missing_frames(track), metres=metres)
     if (n_omitted := len(run.poses[0]) - len(track)) > 0:
         print(f"{run.path}: {n_omitted} frames without ground truth are omitted", file=sys.stderr)
     if run.status != "complete":

@@ -14,12 +14,16 @@ from workbench.datasets.video import Video
 from workbench.detections.people_picture import NAME, write_people
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
+from workbench.results.overlay import MAX_SIDE_PX, write_overlay
 from workbench.utils.decode import count_frames
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import RECORDING, read_summary
+from workbench.utils.finding import NOT_USABLE
+from workbench.utils.run_files import OVERLAY, RECORDING, read_summary
 
 _EXPORTS = ("person.trc", "person.bvh", "person.csv")
 _RESUME = "sweep.resume="
+_NO_LIST_OF_JOBS = "hydra.hydra_logging.root.level=WARNING"
+"""Setting of Hydra, which otherwise prints the overrides of each job."""
 
 
 def track(
@@ -57,14 +61,17 @@ def track(
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
     folder = resumed or output or _new_folder(videos[0], "sweeps" if each else "runs")
-    options = ["-m", f"hydra.sweep.dir={folder}"] if each else [f"hydra.run.dir={folder}"]
+    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if each else [f"hydra.run.dir={folder}"]
     words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     code = run([*options, *words, *overrides])
     runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
-    for complete in [place for place in runs if (read_summary(place) or {}).get("status") == "complete"]:
-        _export(complete)
-        _show_people(complete)
+    sources = [Path(video) for video in videos] if each or len(videos) == 1 else [None]
+    for place, source in zip(runs, sources, strict=True):
+        summary = read_summary(place) or {}
+        if summary.get("status") == "complete":
+            _export(place, source, motion=not each or summary["verdict"]["level"] != NOT_USABLE)
+            _show_people(place)
     if code:
         raise Exit(code)
 
@@ -101,12 +108,21 @@ def _new_folder(video: str, kind: str) -> Path:
     return Path("recordings", kind, "video", f"{Path(video).stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
 
 
-def _export(folder: Path) -> None:
-    """Write the estimated motion of a run into its folder."""
-    motion = with_missing_frames(estimated_track(read_sound_run(folder / RECORDING)))
-    for name in _EXPORTS:
-        export(folder / name, motion, metres=False)
-    print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")
+def _export(folder: Path, source: Path | None, motion: bool) -> None:
+    """Write the overlay and the estimated motion of a run into its folder.
+
+    source : the run's only video. motion : write the motion, too.
+    """
+    run = read_sound_run(folder / RECORDING)
+    write_overlay(run, folder / OVERLAY, source=source, max_side_px=MAX_SIDE_PX)
+    names = _EXPORTS if motion else ()
+    if motion:
+        estimate = with_missing_frames(estimated_track(run))
+        for name in names:
+            export(folder / name, estimate, metres=False)
+    print(f"exported: {', '.join(str(folder / name) for name in (OVERLAY, *names))}")
+    if not motion:
+        print(f"{source}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
 
 
 def _show_people(folder: Path) -> None:

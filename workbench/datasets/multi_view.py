@@ -179,7 +179,8 @@ class MultiView:
             name: SourceImages(videos[name].image_size) if folder == DETECT else videos[name].source_images
             for name, folder in self._folders.items()
         }
-        return read_people(paths, images, self._keypoint_layout)
+        detected = {name: str(videos[name].path) for name, folder in self._folders.items() if folder == DETECT}
+        return read_people(paths, images, self._keypoint_layout, detected)
 
     @cached_property
     def _cameras(self) -> Mapping[str, Camera]:

@@ -1,15 +1,17 @@
 """Joints of one person in a video, annotated by hand in a CSV file or detected."""
 
 import csv
+import logging
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.association.target_selection import TargetPerson, select_target
+from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.people import People, SourceImages, read_people
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -17,7 +19,13 @@ from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes
 from workbench.utils.input_limits import LARGEST_PX, check_file
 
+log = logging.getLogger(__name__)
+
 COLUMNS = ("frame", "joint", "u", "v", "visible")
+_POINTS = {point for layout in LAYOUTS.values() for point in layout}.union(("left_toe", "right_toe")).difference(
+    JOINT_NAMES, "-"
+)
+"""Points of a person, as detectors name them, that are no joints of the body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +42,7 @@ class JointAnnotations:
     confidence : (M, J) of a detector, 0..1, NaN without a detection; None for annotations.
     counts : see `TargetPerson`.
     world_landmarks : (M, J, 3) of a detector, see `View`; None without.
+    other_points : names of annotated points that are no joints of the body, and therefore omitted.
     """
 
     source: str
@@ -43,6 +52,7 @@ class JointAnnotations:
     confidence: FloatArray | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     world_landmarks: FloatArray | None = None
+    other_points: tuple[str, ...] = ()
 
     @property
     def detected_frames(self) -> IntArray:
@@ -90,7 +100,8 @@ def read_annotations(
 ) -> JointAnnotations:  # fmt: skip
     """Read a CSV file of annotations, or one person's detections in a detector's folder or file.
 
-    The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1.
+    The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Points of a person that
+    are no joints of the body, such as the toes, are omitted, which is logged.
 
     Parameters
     ----------
@@ -117,6 +128,10 @@ def read_annotations(
             before = annotations[frame, joint][0]
             raise InputError(f"{path}:{line}: {joint} of frame {frame} is already annotated in line {before}")
         annotations[frame, joint] = line, u, v, visible
+    others = sorted({joint for _, joint in annotations} & _POINTS)
+    annotations = {place: annotation for place, annotation in annotations.items() if place[1] not in _POINTS}
+    if others:
+        log.warning("%s: not used, because the body has no such joints: %s", path, ", ".join(others))
     if not annotations:
         raise InputError(f"{path}: expected at least one annotation below the header {','.join(COLUMNS)}, found none")
     frames = sorted({frame for frame, _ in annotations})
@@ -125,7 +140,7 @@ def read_annotations(
     for (frame, joint), (_, u, v, visible) in annotations.items():
         place = frames.index(frame), JOINT_NAMES.index(joint)
         pixels[place], is_visible[place] = (u, v), visible
-    return JointAnnotations(str(path), np.array(frames), pixels, is_visible)
+    return JointAnnotations(str(path), np.array(frames), pixels, is_visible, other_points=tuple(others))
 
 
 def read_view(
@@ -133,13 +148,13 @@ def read_view(
 ) -> dict[str, People]:
     """Return the people detected in a single video by its name; parameters and errors as of `read_annotations`."""
     name = path.name if video is None else str(video)
-    people = read_people({name: path}, {name: images}, layout)
+    people = read_people({name: path}, {name: images}, layout, {} if video is None else {name: name})
     if video is None:
         return people
     rows = np.flatnonzero(
         (people[name].frames >= within[0]) & (people[name].frames <= (np.inf if within[1] is None else within[1]))
     )
-    return {name: replace(people[name].at_rows(rows, people[name].frames[rows]), source=name)}
+    return {name: people[name].at_rows(rows, people[name].frames[rows])}
 
 
 def target_annotations(people: People, target: TargetPerson, view: int) -> JointAnnotations:
@@ -177,7 +192,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 def _parse(place: str, row: dict[str, str]) -> tuple[int, str, float, float, bool]:
     if not (row["frame"].isascii() and row["frame"].isdigit() and len(row["frame"]) < 10):
         raise InputError(f"{place}: expected a frame number, found {row['frame']!r}")
-    if row["joint"] not in JOINT_NAMES:
+    if row["joint"] not in JOINT_NAMES and row["joint"] not in _POINTS:
         raise InputError(f"{place}: unknown joint {row['joint']!r}, expected one of {', '.join(JOINT_NAMES)}")
     if row["visible"] not in ("0", "1"):
         raise InputError(f"{place}: visible must be 0 or 1, found {row['visible']!r}")

@@ -138,11 +138,9 @@ def _plain(config: DictConfig) -> dict[str, Any]:
 
 
 def _add_assumptions(config: DictConfig) -> None:
-    """Set the side information that the run uses in the configuration; log it, and the experiment's list."""
-    used, listed = assumptions(config), list(config.get("assumptions") or [])
+    """Set the side information that the run uses in the configuration, and log it."""
+    used = assumptions(config)
     log.info("assumptions: %s", ", ".join(used) or "nothing")
-    if listed and listed != used:
-        log.info("assumptions of the experiment without overrides: %s", ", ".join(listed))
     OmegaConf.update(config, "assumptions", used, force_add=True)
 
 

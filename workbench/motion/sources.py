@@ -28,6 +28,7 @@ from workbench.motion.synthetic.run_gait import runner, runners
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
 from workbench.utils.input_path import InputPath
+from workbench.utils.message_groups import grouped_messages
 
 CMU_LICENCE = (
     "CMU Graphics Lab Motion Capture Database, mocap.cs.cmu.edu; created with funding from NSF EIA-0196217; "
@@ -209,17 +210,18 @@ def import_sources(
             files += find_sources([path])
         except InputError as error:
             errors.append(str(error))
-    for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
-        try:
-            motion = load_motion(file, reading)
-        except InputError as error:
-            errors.append(str(error))
-            continue
-        motion = motion if rate_hz is None else motion.resampled(rate_hz)
-        if len(motion) < 2:
-            errors.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
-        else:
-            motions.append(motion)
+    with grouped_messages("workbench.motion"):
+        for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
+            try:
+                motion = load_motion(file, reading)
+            except InputError as error:
+                errors.append(str(error))
+                continue
+            motion = motion if rate_hz is None else motion.resampled(rate_hz)
+            if len(motion) < 2:
+                errors.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
+            else:
+                motions.append(motion)
     return motions, errors
 
 

@@ -6,7 +6,7 @@ OpenCV uses for videos, would interpret a name such as `http:/…` as an address
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,21 +34,26 @@ _CONTAINERS = (
 """FFmpeg's names of formats that contain images; the others are lists of other files, streams and devices."""
 
 
-def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[ByteArray]:
+def decode(
+    source: Path, first: int = 0, last: int | None = None, chosen: Container[int] | None = None
+) -> Iterator[ByteArray]:
     """Yield images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0.
+
+    chosen : numbers of the images to yield; None: all.
 
     A video is decoded from its start, because seeking is inexact. The iteration ends early where the source does.
     Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder.
     """
     if _has_images(source):
         files = image_files(source)
-        for file in files[first : None if last is None else last + 1]:
-            yield _rgb(_image(file))
+        for index, file in enumerate(files[first : None if last is None else last + 1], first):
+            if chosen is None or index in chosen:
+                yield _rgb(_image(file))
         return
     with _opened(source) as video:
         index = 0
         while (last is None or index <= last) and video.grab():
-            if index >= first:
+            if index >= first and (chosen is None or index in chosen):
                 try:
                     decoded, image = video.retrieve()
                 except cv2.error:

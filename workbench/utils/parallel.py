@@ -1,16 +1,18 @@
 """Threads: parallel loops over kernels that release the GIL, and BLAS on a single thread."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
+from typing import TypeVar
 
 import numba
 from threadpoolctl import threadpool_limits
 
 from workbench.utils.signals import deferred
 
+_Item = TypeVar("_Item")
 _CHUNKS = 4  # per thread, to balance the load
 
 
@@ -45,6 +47,16 @@ def parallel_for(work: Callable[[int, int], object], n: int, step: int) -> None:
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the thread pool of a process; a forked child has none of its parent's threads."""
     return ThreadPoolExecutor(int(numba.config.NUMBA_NUM_THREADS), "over_threads")  # type: ignore[attr-defined]
+
+
+def ahead(items: Iterable[_Item]) -> Iterator[_Item]:
+    """Yield items, each computed by a thread while the caller works on the one before it."""
+    source, done = iter(items), object()
+    with ThreadPoolExecutor(1, "ahead") as thread:
+        following = thread.submit(next, source, done)
+        while (item := following.result()) is not done:
+            following = thread.submit(next, source, done)
+            yield item  # type: ignore[misc]
 
 
 @contextmanager

@@ -12,6 +12,9 @@ RECORDING_SUFFIXES = (".rrd", ".rrd.part")
 """Suffixes of complete and partial recordings."""
 
 SUMMARY = "summary.json"
+OVERLAY = "overlay.mp4"
+"""Video of a run of `workbench track`, with the skeleton over the images."""
+
 LOCK = ".lock"
 """File locked by the process that uses the folder; see `run_lock`."""
 

@@ -74,7 +74,9 @@ def test_trc_contains_the_estimate_or_the_truth(recorded, run, estimated, tmp_pa
         rows = np.loadtxt(tmp_path / "out.trc", skiprows=6)
         np.testing.assert_allclose(rows[:, 1], np.arange(N) / 30.0, atol=1e-9)
         # the recording has float32 joints
-        np.testing.assert_allclose(rows[:, 2:].reshape(N, 15, 3)[..., [2, 0, 1]] / 1000.0, expected, atol=1e-6)
+        np.testing.assert_allclose(
+            rows[:, 2:].reshape(N, 15, 3)[..., [0, 2, 1]] * [1, -1, 1] / 1000.0, expected, atol=1e-6
+        )
     assert np.abs(estimated - true).max() > 0.01  # estimate and truth can be distinguished
 
 
@@ -187,20 +189,19 @@ def test_frames_without_truth_are_omitted_and_counted(run, tmp_path, capsys):
 
 def test_unreadable_recordings_and_invalid_outputs_are_rejected(recorded, run, tmp_path, capsys):
     output, junk = tmp_path / "out.bvh", tmp_path / "junk.rrd"
+    (tmp_path / "folder.trc").mkdir()
     output.write_text("existing")
     junk.write_bytes(b"no recording" * 100)
     empty = record(tmp_path / "empty.rrd", [])
     untrue = record(tmp_path / "without_truth.rrd", [without_truth(step) for step in run[:3]])
-    gap = record(tmp_path / "gap.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
     for arguments, message in (
         ((tmp_path / "none.rrd", output), f"{tmp_path / 'none.rrd'}: no such recording"),
         ((junk, output), f"{junk}: expected a whole Rerun recording"),
         ((recorded, tmp_path / "out.fbx"), "with the extension .bvh, .trc, .csv"),
-        ((recorded, tmp_path / "none" / "out.bvh"), "in an existing folder"),
+        ((recorded, tmp_path / "folder.trc"), "expected an output file, found a folder"),
         ((empty, output), "expected a recording with poses (estimate/pose), found none"),
         ((empty, output, "--truth"), "expected a recording of a tracked person"),
         ((untrue, output, "--truth"), "with true joints (world/truth/joints), found none"),
-        ((gap, tmp_path / "out.trc", "--truth"), "0.0667 s after 0.133 s"),
         ((recorded, output, "--truth"), "BVH requires joint angles, but only joint positions are known"),
     ):
         assert exported(*arguments) == 2
@@ -208,3 +209,16 @@ def test_unreadable_recordings_and_invalid_outputs_are_rejected(recorded, run, t
         assert message in printed.err
         assert (printed.out, printed.err.count("\n")) == ("", 1)
     assert output.read_text() == "existing"
+
+
+def test_a_frame_without_truth_is_an_empty_row(run, tmp_path):
+    gap = record(tmp_path / "gap.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
+    assert exported(gap, tmp_path / "out.trc", "--truth") == 0
+    rows = [line.split("\t")[2:] for line in (tmp_path / "out.trc").read_text().splitlines()[6:]]
+    assert [set(row) == {""} for row in rows] == [k == 5 for k in range(len(run))]
+
+
+def test_the_folder_of_the_output_is_made(recorded, tmp_path):
+    for name in ("walk.mot", "walk.csv"):
+        assert exported(recorded, tmp_path / name[-3:] / "new" / name) == 0
+        assert (tmp_path / name[-3:] / "new" / name).is_file()

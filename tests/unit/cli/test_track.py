@@ -11,10 +11,12 @@ from openpose_scenes import points, write
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras, write_cameras
+from workbench.cli import track
 from workbench.cli.main import main
 from workbench.detections.detector import detection_files
 from workbench.detections.detector.landmark_network import PersonLandmarks, Region
 from workbench.recording.read.reader import read
+from workbench.utils.decode import count_frames
 
 
 @pytest.fixture
@@ -38,7 +40,8 @@ def test_a_video_is_recorded_and_exported(video, tmp_path, capsys):
     assert "camera estimated" in capsys.readouterr().out
     run = read(tmp_path / "out" / "run.rrd")
     assert len(run.poses[0]) == 8
-    assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv"}
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv", ".mp4"}
+    assert count_frames(tmp_path / "out" / "overlay.mp4") == 8
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
 
 
@@ -73,7 +76,9 @@ def test_with_each_every_video_has_its_own_run_and_complete_runs_are_skipped(vid
     keys = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
     keys += ["body=height", "body.height_m=1.75"]  # omits the fit of the limb lengths
     assert main(["track", *videos, *options, *keys]) == 0
-    assert "camera estimated" not in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "camera estimated" not in printed.out
+    assert "HYDRA" not in printed.out + printed.err
     runs = [read(tmp_path / "out" / job / "run.rrd") for job in ("0", "1")]
     assert [run.settings["dataset"]["source"] for run in runs] == [str(video), str(second)]
     assert all((tmp_path / "out" / job / "person.bvh").is_file() for job in ("0", "1"))
@@ -93,6 +98,25 @@ def test_with_each_every_video_has_its_own_run_and_complete_runs_are_skipped(vid
         == 0
     )
     assert (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(("level", "exported"), [("doubtful", True), ("not usable", False)])
+def test_with_each_the_motion_of_runs_that_are_not_usable_is_not_exported(
+    level, exported, video, tmp_path, monkeypatch, capsys
+):
+    """The run itself is replaced by its summary."""
+    monkeypatch.setattr(track, "run", lambda arguments: 0)
+    monkeypatch.setattr(track, "read_summary", lambda place: {"status": "complete", "verdict": {"level": level}})
+    monkeypatch.setattr(track, "read_sound_run", lambda path: None)
+    written = []
+    monkeypatch.setattr(track, "write_overlay", lambda run, path, **_: written.append(path.name))
+    monkeypatch.setattr(track, "_show_people", lambda folder: None)
+    monkeypatch.setattr(track, "estimated_track", lambda run: None)
+    monkeypatch.setattr(track, "with_missing_frames", lambda motion: motion)
+    monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append(path.name))
+    assert main(["track", str(video), "--each", "-o", str(tmp_path / "out")]) == 0
+    assert written == ["overlay.mp4", *(["person.trc", "person.bvh", "person.csv"] if exported else [])]
+    assert ("not usable, so its motion is not exported" in capsys.readouterr().out) != exported
 
 
 @pytest.mark.parametrize("arguments", [["none.mp4"], ["dataset.rate_hz=30"], ["one.mp4", "two.mp4"]])

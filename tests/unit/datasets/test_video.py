@@ -305,3 +305,16 @@ def test_an_image_of_a_billion_pixels_is_rejected_before_it_is_decoded(tmp_path)
     (tmp_path / "a.png").write_bytes(content)
     with pytest.raises(InputError, match=r"a\.png: expected an image"):
         list(decode(tmp_path))
+
+
+def test_chosen_images_of_a_video_and_of_a_folder_are_decoded(tmp_path):
+    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (32, 24))
+    (tmp_path / "images").mkdir()
+    for k in range(6):
+        image = np.full((24, 32, 3), 40 * k, np.uint8)
+        writer.write(image)
+        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image)
+    writer.release()
+    for source in (tmp_path / "a.avi", tmp_path / "images"):
+        levels = [image.mean() / 40.0 for image in decode(source, 1, 4, {0, 2, 4, 5})]
+        assert np.round(levels).tolist() == [2.0, 4.0]

@@ -74,7 +74,9 @@ def test_arbitrary_bytes_are_read_or_rejected(path, text):
     [
         ("", 1, "columns"),
         ("frame,joint,u,v\n1,neck,1,2\n", 1, "visible"),
-        (HEADER + "1,neck,1,2,1\n\n2,nose,1,2,1\n", 4, "nose"),
+        (HEADER + "1,neck,1,2,1\n\n2,left_horn,1,2,1\n", 4, "unknown joint 'left_horn'"),
+        (HEADER + "1,neck,1,2,1\n2,-,1,2,1\n", 3, "unknown joint '-'"),
+        (HEADER + "1,left_toe,a,2,1\n", 2, "u must be a number"),
         (HEADER + "1,neck,1,2\n", 2, "5 cells, found 4"),
         (HEADER + "1,neck,abc,2,1\n", 2, "u must be a number of pixels, found 'abc'"),
         (HEADER + "٣,neck,1,2,1\n", 2, "a frame number"),
@@ -86,6 +88,18 @@ def test_the_error_of_an_invalid_row_names_its_line(path, text, line, words):
     message = error_message(path, text)
     assert message.startswith(f"{path}:{line}: ")
     assert words in message
+
+
+def test_points_that_the_body_does_not_have_are_omitted_and_named_once(path, caplog):
+    path.write_text(
+        HEADER + "1,left_toe,1,2,1\n1,left_knee,3,4,1\n2,left_toe,5,6,1\n2,left_heel,7,8,0\n3,left_knee,9,9,1\n"
+    )
+    read = read_annotations(path)
+    assert read.frames.tolist() == [1, 3]
+    assert read.pixels[np.isfinite(read.pixels)].tolist() == [3.0, 4.0, 9.0, 9.0]
+    assert read.other_points == ("left_heel", "left_toe")
+    assert caplog.messages == [f"{path}: not used, because the body has no such joints: left_heel, left_toe"]
+    assert "at least one annotation" in error_message(path, HEADER + "1,left_toe,1,2,1\n")
 
 
 def test_files_without_annotations_are_an_error(path, tmp_path):

@@ -191,15 +191,15 @@ def test_markers_on_both_sides_of_a_joint_are_preferred_and_people_are_separated
 def test_axes_and_unit_can_be_chosen(tmp_path):
     """One person lies along x; the other walks along another axis than the default."""
     truth = walking_joints()
-    lying = np.stack([-truth[..., 1], truth[..., 2], -truth[..., 0]], axis=-1)  # along the file's x
+    lying = np.stack([truth[..., 2], truth[..., 1], -truth[..., 0]], axis=-1)  # along the file's x
     path = tmp_path / "a.trc"
     path.write_text(trc_text("a.trc", JOINT_NAMES, lying, 50.0))
     with pytest.raises(InputError, match="the key up or truth_up"):
         read_markers(path)
     np.testing.assert_allclose(joints_in(path, up="y"), lying, atol=1e-6)
-    path.write_text(trc_text("a.trc", JOINT_NAMES, truth, 50.0))  # y up, z forward
-    np.testing.assert_allclose(joints_in(path, up="y", forward="x"), np.stack(
-        [truth[..., 1], -truth[..., 0], truth[..., 2]], axis=-1), atol=1e-6)  # fmt: skip
+    path.write_text(trc_text("a.trc", JOINT_NAMES, truth, 50.0))  # y up, x forward
+    np.testing.assert_allclose(joints_in(path, up="y", forward="z"), np.stack(
+        [-truth[..., 1], truth[..., 0], truth[..., 2]], axis=-1), atol=1e-6)  # fmt: skip
     np.testing.assert_allclose(joints_in(path, unit="cm"), 10.0 * truth, atol=1e-5)
     for wrong in ({"up": "w"}, {"unit": "ell"}, {"up": "y", "forward": "-y"}):
         with pytest.raises(InputError, match=r"expected two different axes|must be one of"):

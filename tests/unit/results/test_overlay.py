@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.cli.main import main
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
-from workbench.results.overlay import drawn
+from workbench.results.overlay import _MIN_OPACITY, MIDDLE, PERSON_CHAINS, drawn, with_omitted_frames, write_overlay
 from workbench.results.pictures import Picture, pictures
 from workbench.utils.errors import InputError
 
@@ -34,17 +34,18 @@ def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
     recorded, estimated = run
     target = tmp_path / "overlay.mp4"
     assert main(["export", str(recorded.path), "-o", str(target)]) == 0
-    assert f"{N} frames; estimate orange, truth blue\n" in capsys.readouterr().out
+    assert f"{N} frames; left cyan, right pink, truth blue\n" in capsys.readouterr().out
     video = cv2.VideoCapture(str(target))
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, rel=1e-3)
     images = [video.read()[1] for _ in range(N)]
     assert not video.read()[0]
     assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
-    knees = [BODY.skeleton.joint(f"{side}_knee") for side in ("left", "right")]
+    joints_of_legs = [[BODY.skeleton.joint(f"{side}_{end}") for end in ("knee", "ankle")] for side in ("left", "right")]
     for image, positions in zip(images, estimated, strict=True):
-        for u, v in CAMERA.project(positions[knees]).round().astype(int):
-            blue, _, red = image[v, u].astype(int)
-            assert red > blue + 40  # orange in a grey image
+        for side, ends in zip(("left", "right"), joints_of_legs, strict=True):
+            u, v = CAMERA.project(positions[ends]).mean(axis=0).round().astype(int)
+            blue, green, red = image[v - 1 : v + 2, u - 1 : u + 2].mean(axis=(0, 1))
+            assert (blue > red + 20) if side == "left" else (red > green + 20)  # cyan and pink in a grey image
 
 
 def test_a_video_without_truth_does_not_name_its_colour(tmp_path, capsys):
@@ -52,7 +53,7 @@ def test_a_video_without_truth_does_not_name_its_colour(tmp_path, capsys):
         for step in steps(2, n_particles=20):
             recorder.log(replace(step, frame=replace(step.frame, truth=None)), {})
     assert main(["export", str(tmp_path / "run.rrd"), "-o", str(tmp_path / "overlay.mp4")]) == 0
-    assert capsys.readouterr().out.endswith("estimate orange\n")
+    assert capsys.readouterr().out.endswith("left cyan, right pink\n")
 
 
 def test_pictures_are_those_of_the_chosen_frames_and_camera(run):
@@ -66,15 +67,93 @@ def test_pictures_are_those_of_the_chosen_frames_and_camera(run):
         list(pictures(recorded, camera="left"))
 
 
-def test_odd_image_sizes_are_cropped_and_lines_have_their_colour():
+def test_odd_image_sizes_are_cropped_and_lines_of_other_bodies_have_one_colour():
     line = np.array([[[1.0, 4.0], [7.0, 4.0]]])
     empty = np.empty((0, 2, 2))
     picture = Picture(0, np.zeros((9, 11), np.uint8), {"particles": empty, "estimate": line, "truth": empty})
     image = drawn(picture)
     assert image.shape == (8, 10, 3)
     blue, green, red = image[4, 4].astype(int)
-    assert blue < 5 < green < 100 < 200 < red
+    assert (red, green, blue) == pytest.approx(MIDDLE, abs=40)
     assert not image[:2].any()
+
+
+def persons_lines():
+    """Return lines (5, 4, 2) of a person, each at another height of the image, and the names of their joints."""
+    names = [list(chain) for chain in PERSON_CHAINS]
+    lines = np.array([[[20.0 + 20.0 * k, 20.0 + 20.0 * row] for k in range(4)] for row in range(len(names))])
+    for row, chain in enumerate(names):
+        for k in range(1, 4):
+            if chain[k] == chain[k - 1]:
+                lines[row, k] = lines[row, k - 1]
+    return lines, names
+
+
+def test_limbs_are_fainter_the_less_confident_the_detector_is():
+    lines, names = persons_lines()
+    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
+    k = names[row].index("left_ankle")
+    u, v = lines[row, k - 1 : k + 1].mean(axis=0).astype(int)
+    grey = []
+    for weight in (1.0, 0.6, 0.0):
+        seen = {"left_knee": 1.0, "left_ankle": weight, "left_hip": 1.0}
+        image = drawn(Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines}, seen))
+        grey.append(float(image[v, u].max()))
+    assert grey == pytest.approx([255.0, 0.6 * 255.0, _MIN_OPACITY * 255.0], abs=2.0)
+
+
+@pytest.mark.parametrize("far", [np.nan, np.inf, 1e12])
+def test_limbs_without_a_place_in_the_image_are_omitted(far):
+    lines, names = persons_lines()
+    black = np.zeros((140, 120), np.uint8)
+    k = next(row for row, chain in enumerate(names) if "left_ankle" in chain)
+    lines[k, 1:] = far
+    image = drawn(Picture(0, black, {"estimate": lines}))
+    assert not image[15 + 20 * k : 25 + 20 * k].any()
+    assert image.any()
+
+
+def test_lost_and_omitted_frames_have_a_red_frame():
+    lines, _ = persons_lines()
+    black = np.zeros((140, 120), np.uint8)
+    reds = []
+    tracked = Picture(0, black, {"estimate": lines})
+    for picture, lost in ((tracked, False), (tracked, True), (Picture(0, black, {}), False)):
+        blue, green, red = drawn(picture, lost)[70, 1].astype(int)
+        reds.append(red > 200 and blue < 100 and green < 100)
+    assert reds == [False, True, True]
+
+
+def test_frames_that_the_run_omits_come_from_the_source(mp4, tmp_path):
+    """The source has FIRST frames before those of the run, and the recording has no images of them."""
+    path = tmp_path / "run.rrd"
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="dataset: {n_frames: null}", provenance={}) as recorder:
+        for step in steps(N, n_particles=20):
+            recorder.log(step, {})
+    recorded = read(path)
+    n, _ = write_overlay(recorded, tmp_path / "overlay.mp4", source=mp4)
+    assert n == FIRST + N
+    shown = list(with_omitted_frames(pictures(recorded), recorded, mp4))
+    assert [picture.frame for picture in shown] == list(range(FIRST + N))
+    assert [bool(picture.skeletons) for picture in shown] == [False] * FIRST + [True] * N
+    np.testing.assert_allclose([each.image.mean() for each in shown[:FIRST]], 12.0 * np.arange(FIRST), atol=6.0)
+
+
+@pytest.mark.parametrize("fraction", [0.8, 0.5, 0.3])
+def test_reduced_pictures_have_skeletons_at_the_same_places(fraction, run):
+    recorded, _ = run
+    side = round(fraction * max(CAMERA.width, CAMERA.height))
+    whole, small = (next(pictures(recorded, max_side_px=each)) for each in (None, side))
+    assert max(small.image.shape[:2]) == side
+    scale = np.array(small.image.shape[1::-1]) / (CAMERA.width, CAMERA.height)
+    np.testing.assert_allclose(
+        (small.skeletons["estimate"] + 0.5) / scale - 0.5, whole.skeletons["estimate"], atol=1e-9
+    )
+    expected = cv2.resize(whole.image, small.image.shape[1::-1], interpolation=cv2.INTER_AREA)
+    grey = small.image if small.image.ndim == 2 else small.image[..., 0]
+    np.testing.assert_allclose(grey.mean(), expected.mean(), atol=1.0)
+    same = next(pictures(recorded, max_side_px=max(CAMERA.width, CAMERA.height)))
+    assert same.image.shape == whole.image.shape
 
 
 def test_a_recording_without_images_has_no_video(tmp_path, capsys):

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from workbench.utils import parallel
-from workbench.utils.parallel import parallel_for
+from workbench.utils.parallel import ahead, parallel_for
 from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
@@ -147,3 +147,30 @@ def test_no_blas_library_uses_several_threads():
     )
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert set(ast.literal_eval(output)) == {1}
+
+
+def test_items_are_computed_one_ahead_in_order():
+    computed = []
+
+    def items():
+        for k in range(5):
+            computed.append(k)
+            yield k
+
+    every = ahead(items())
+    assert next(every) == 0
+    every.close()  # waits for the thread
+    assert computed == [0, 1]
+    assert list(ahead(items())) == [0, 1, 2, 3, 4]
+    assert list(ahead([])) == []
+
+
+def test_an_error_of_an_item_computed_ahead_is_raised_at_its_place():
+    def items():
+        yield 1
+        raise OSError("disk")
+
+    every = ahead(items())
+    assert next(every) == 1
+    with pytest.raises(OSError, match="disk"):
+        next(every)

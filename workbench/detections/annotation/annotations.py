@@ -34,6 +34,9 @@ class Annotations:
         if content in (b"", ",".join(COLUMNS).encode()):  # no annotations, or all of them have been removed
             return
         joints = read_annotations(path)
+        if joints.other_points:  # writing the file would remove them
+            points = ", ".join(joints.other_points)
+            raise InputError(f"{path}: expected joints of the body alone, found {points}; annotate in another file")
         for row, j in np.argwhere(np.isfinite(joints.pixels[..., 0])):
             place, (u, v) = (int(joints.frames[row]), JOINT_NAMES[j]), joints.pixels[row, j].tolist()
             self.values[place] = u, v, bool(joints.visible[row, j])

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -62,7 +63,10 @@ class People:
 
 
 def read_people(
-    paths: Mapping[str, str | Path], images: Mapping[str, SourceImages], layout: str | None = None
+    paths: Mapping[str, str | Path],
+    images: Mapping[str, SourceImages],
+    layout: str | None = None,
+    videos: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, People]:
     """Return the people detected in the videos of several cameras by frame, and log what is assumed.
 
@@ -71,6 +75,7 @@ def read_people(
     paths : detector's folder or file by camera, see `read_points`.
     images : of each camera.
     layout : name of the detector's layout, see `people_of_points`.
+    videos : names for messages by camera, of people whose files are in a cache.
 
     Raises
     ------
@@ -78,6 +83,7 @@ def read_people(
         As `read_points`, `people_of_points` and `paired_frames`.
     """
     points = {name: read_points(path) for name, path in paths.items()}
+    points |= {name: replace(points[name], source=video) for name, video in videos.items()}
     for name, each in points.items():
         points[name], scaling = each.in_pixels(images[name].size)
         if scaling:

@@ -94,7 +94,8 @@ def in_world(
         size = float(np.median(np.linalg.norm(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1), axis=1)))
     metres = metres_per_unit(source, size, raw.unit, unit)
     parts = {name: positions[:, k] for k, name in enumerate(names)}
-    axes = world_axes(vertical_axis(source, upward(parts), raw.up, up), forward)
+    vertical = vertical_axis(source, upward(parts), raw.up, up)
+    axes = world_axes(vertical, forward or (raw.forward if vertical == "y" else None))
     world = axes.vectors(positions) * metres
     check_places(source, world)
     return Markers(source, tuple(names), raw.rate_hz, world)

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from workbench.body.skeleton import Skeleton
-from workbench.motion.clip import FILE_FROM_WORLD
 from workbench.motion.formats.bvh import PER_METRE, bvh_text
 from workbench.motion.formats.c3d import check_c3d_installed, write_c3d
-from workbench.motion.formats.opensim_mot import mot_text
+from workbench.motion.formats.opensim_mot import OPENSIM_FROM_WORLD, mot_text
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
@@ -22,6 +21,13 @@ log = logging.getLogger(__name__)
 SUFFIXES = (".bvh", ".trc", ".csv", ".c3d", ".mot")
 _TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre
 _N_POSITIONS = 3
+_ONE_RATE = (".bvh", ".trc", ".c3d")
+_ROUNDING_S = 1e-3
+"""Largest deviation of a constant rate's timestamps, which Matroska rounds to whole milliseconds."""
+_SAME_S = 1e-9
+"""Times that differ by less are equal but for rounding."""
+MAX_GAP_S = 0.5
+"""Longest interval over which a motion is interpolated, as in `visible_frames`."""
 _MAX_FRAMES = 1_000_000
 """Of an export with its missing frames, 9 h at 30 Hz."""
 
@@ -53,17 +59,27 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
     Lengths are in the format's usual unit, BVH in cm, TRC and C3D in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; C3D is z-up; for MOT see `opensim_coordinates`; CSV is as in the workbench, metres
-    and z-up, with the source's frames and times. Missing frames (NaN) and undetermined joints are empty in CSV and TRC,
+    and z-up, with the source's frames and times. BVH, TRC and C3D have one rate: frames at unequal intervals are
+    resampled for them, see `at_one_rate`. Missing frames (NaN) and undetermined joints are empty in CSV and TRC,
     NaN in C3D and omitted in MOT; in BVH a missing frame repeats the pose before it, with a message.
     Raises InputError for another extension, a BVH or MOT without poses, BVH, TRC or C3D of fewer than two frames or of
-    frames at unequal intervals, C3D without ezc3d, or the file cannot be written.
+    times that do not increase, C3D without ezc3d, or the file cannot be written.
     """
     path = Path(path)
     check_output(path)
-    with whole_file(path) as part:
+    if path.suffix.lower() in _ONE_RATE:
+        try:
+            equidistant = at_one_rate(track)
+        except InputError as error:  # add the file to the message
+            raise InputError(f"{path}: {error}") from None
+        if equidistant is not track:
+            rate_hz = frame_rate(equidistant.times_s)
+            log.warning("%s: frames at unequal intervals; resampled at %.6g Hz", path, rate_hz)
+        track = equidistant
+    with whole_file(path, parents=True) as part:
         if path.suffix.lower() == ".c3d":
             unit, target = "m" if metres else "mm", part.with_suffix(".c3d")  # ezc3d appends it to other names
-            write_c3d(target, track.skeleton.names, track.positions, _rate(path, track), unit, PER_METRE[unit])
+            write_c3d(target, track.skeleton.names, track.positions, frame_rate(track.times_s), unit, PER_METRE[unit])
             target.replace(part)
         else:
             part.write_text(_text(path, track, metres), encoding="utf-8", newline="\n")
@@ -76,7 +92,7 @@ def _text(path: Path, track: Track, metres: bool) -> str:
         return csv_text(track)
     if suffix == ".trc":
         unit = "m" if metres else "mm"
-        return trc_text(path.name, track.skeleton.names, track.positions, _rate(path, track), unit)
+        return trc_text(path.name, track.skeleton.names, track.positions, frame_rate(track.times_s), unit)
     if track.poses is None:
         raise InputError(
             f"{path}: {suffix[1:].upper()} requires joint angles, but only joint positions are known; choose .trc, "
@@ -85,7 +101,9 @@ def _text(path: Path, track: Track, metres: bool) -> str:
     if suffix == ".mot":
         since_first_s = track.times_s - track.times_s[:1]
         return mot_text(path.stem, track.skeleton, since_first_s, track.poses, track.undetermined)
-    return bvh_text(track.skeleton, _held(path, track.frames, track.poses), _rate(path, track), "m" if metres else "cm")
+    return bvh_text(
+        track.skeleton, _held(path, track.frames, track.poses), frame_rate(track.times_s), "m" if metres else "cm"
+    )
 
 
 def with_missing_frames(track: Track) -> Track:
@@ -120,11 +138,11 @@ def _held(path: Path, frames: IntArray, poses: FloatArray) -> FloatArray:
 
 
 def check_output(path: Path) -> None:
-    """Raise InputError unless `path` has a supported extension, whose library is installed, and its folder exists."""
+    """Raise InputError unless `path` has a supported extension, whose library is installed, and is no folder."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected an output file with the extension {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir() or path.is_dir():
-        raise InputError(f"{path}: expected an output file in an existing folder")
+    if path.is_dir():
+        raise InputError(f"{path}: expected an output file, found a folder")
     if path.suffix.lower() == ".c3d":
         check_c3d_installed(path)
 
@@ -134,8 +152,8 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 
     The format is that of OpenSim's documentation, "Marker (.trc) Files": three lines of header, two of column labels,
     an empty one, then one line per frame: its number from 1, its time, and x, y, z of every marker, separated by tabs.
-    The axes are those of the BVH files: y up, and z forward where the world has x. A missing joint (NaN) is three empty
-    cells.
+    The axes are OpenSim's, as those of MOT files: x ahead where the world has x, y up, z to the right. A missing joint
+    (NaN) is three empty cells.
     file_name : in the header. names : J, without blanks. unit : "mm" or "m". Raises ValueError for another unit.
     """
     if unit not in _TRC_DIGITS:
@@ -154,7 +172,7 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
         "\t".join(["", "", *axes]),
         "",
     ]
-    values = (positions[..., FILE_FROM_WORLD] * PER_METRE[unit]).reshape(n, -1)
+    values = ((positions @ OPENSIM_FROM_WORLD.T + 0.0) * PER_METRE[unit]).reshape(n, -1)
     for frame, row in enumerate(values.tolist()):
         coordinates = ["" if math.isnan(x) else f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]
         lines.append("\t".join([str(frame + 1), f"{frame / rate_hz:.9f}", *coordinates]))
@@ -184,30 +202,63 @@ def csv_text(track: Track) -> str:
 
 
 def frame_rate(times_s: FloatArray) -> float:
-    """Return the frame rate, Hz, of equidistant times (F,), F ≥ 2; an integer if it is one to the nanosecond.
-
-    Intervals between 0.5 and 1.5 times the median one count as equal, because of clock jitter. Raises InputError for
-    fewer than two frames, or unequal intervals.
-    """
-    if len(times_s) < 2:
-        raise InputError(f"expected two frames or more to determine their rate, found {len(times_s)}")
-    steps = np.diff(times_s)
-    median = float(np.median(steps))
-    outliers = np.flatnonzero((steps <= 0.5 * median) | (steps >= 1.5 * median))
-    if median <= 0.0 or len(outliers):
-        index = outliers[0] if len(outliers) else 0
-        raise InputError(
-            f"expected frames at equal intervals, found {steps[index]:.3g} s after {times_s[index]:.3f} s and a"
-            f" median interval of {median:.3g} s; export to .csv, which has the frames' times"
-        )
-    n_steps, duration = len(steps), float(times_s[-1] - times_s[0])
+    """Return the mean frame rate, Hz, of times (F,), F ≥ 2; an integer if it is one to the nanosecond."""
+    n_steps, duration = len(times_s) - 1, float(times_s[-1] - times_s[0])
     rate = n_steps / duration
     whole = round(rate)
     return float(whole) if abs(n_steps - whole * duration) <= 1e-9 * whole else rate
 
 
-def _rate(path: Path, track: Track) -> float:
-    try:
-        return frame_rate(track.times_s)
-    except InputError as error:  # add the file to the message
-        raise InputError(f"{path}: {error}") from None
+def at_one_rate(track: Track) -> Track:
+    """Return a track at equal intervals, of the median rate where its own intervals are unequal.
+
+    Times count as equal intervals if they deviate by at most _ROUNDING_S. Positions and angles are interpolated
+    linearly; a frame next to a missing one, or in an interval of more than MAX_GAP_S, is missing.
+
+    Raises
+    ------
+    InputError
+        For fewer than two frames, times that do not increase, and more than _MAX_FRAMES frames.
+    """
+    times_s = track.times_s
+    if len(times_s) < 2:
+        raise InputError(f"expected two frames or more to determine their rate, found {len(times_s)}")
+    steps_s = np.diff(times_s)
+    if (steps_s <= 0.0).any():
+        k = int(np.argmax(steps_s <= 0.0))
+        raise InputError(f"expected times that increase, found {steps_s[k]:.3g} s after {times_s[k]:.3f} s")
+    equal_s = np.linspace(times_s[0], times_s[-1], len(times_s))
+    if np.abs(times_s - equal_s).max() <= _ROUNDING_S:
+        return track
+    interval_s = float(np.median(steps_s))
+    n = int((times_s[-1] - times_s[0]) / interval_s + 1e-6) + 1
+    if n > _MAX_FRAMES:
+        raise InputError(f"expected at most {_MAX_FRAMES} frames at {1.0 / interval_s:.6g} Hz, found {n}")
+    new_s = times_s[0] + interval_s * np.arange(n)
+    poses = track.poses
+    if poses is not None:
+        poses = np.column_stack([poses[:, :_N_POSITIONS], _unwrapped(poses[:, _N_POSITIONS:])])
+    return Track(
+        track.skeleton, np.arange(n), new_s, _interpolated(times_s, track.positions, new_s),
+        None if poses is None else _interpolated(times_s, poses, new_s), undetermined=track.undetermined,
+    )  # fmt: skip
+
+
+def _unwrapped(angles: FloatArray) -> FloatArray:
+    """Return angles (F, K) without jumps by whole turns, NaN in missing frames."""
+    known = np.isfinite(angles).all(axis=1)
+    unwrapped = angles.copy()
+    unwrapped[known] = np.unwrap(angles[known], axis=0)
+    return unwrapped
+
+
+def _interpolated(times_s: FloatArray, values: FloatArray, new_s: FloatArray) -> FloatArray:
+    """Return values (F, ...) at new times (G,) within the old ones (F,), as `at_one_rate` does."""
+    after = np.clip(np.searchsorted(times_s, new_s - _SAME_S), 1, len(times_s) - 1)
+    ends = np.stack([times_s[after - 1], times_s[after]])
+    at_frame = np.abs(ends - new_s) < _SAME_S
+    new_s = np.where(at_frame[0], ends[0], np.where(at_frame[1], ends[1], new_s))
+    columns = [np.interp(new_s, times_s, column) for column in values.reshape(len(values), -1).T]
+    mixed = np.stack(columns, axis=1).reshape(len(new_s), *values.shape[1:])
+    mixed[~at_frame.any(axis=0) & (ends[1] - ends[0] > MAX_GAP_S + _SAME_S)] = np.nan
+    return mixed

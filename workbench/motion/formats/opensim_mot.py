@@ -10,7 +10,7 @@ from workbench.body.kinematics import forward
 from workbench.body.skeleton import Skeleton
 from workbench.utils.arrays import FloatArray
 
-_OPENSIM_FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+OPENSIM_FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From x ahead, y to the left, z up to x ahead, y up, z to the right."""
 _PELVIS = ("tilt", "list", "rotation")
 _COORDINATES = {
@@ -30,10 +30,10 @@ def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, Floa
     two equivalent triples of a ball joint it is the one with smaller angles. pelvis_tx, ty and tz, m, are of the middle
     of the hips: x ahead where the world has x, y up.
     """
-    world = _OPENSIM_FROM_WORLD @ forward(skeleton, poses).rotations @ _OPENSIM_FROM_WORLD.T
+    world = OPENSIM_FROM_WORLD @ forward(skeleton, poses).rotations @ OPENSIM_FROM_WORLD.T
     root = world[:, 0]
     coordinates = {f"pelvis_{name}": each for name, each in zip(_PELVIS, _zxy(root), strict=True)}
-    position = poses[:, :3] @ _OPENSIM_FROM_WORLD.T
+    position = poses[:, :3] @ OPENSIM_FROM_WORLD.T
     coordinates |= {f"pelvis_t{axis}": position[:, k] for k, axis in enumerate("xyz")}
     for side, sign in (("right", 1.0), ("left", -1.0)):
         for joint, hinge in (("hip", "knee_flexion"), ("shoulder", "elbow_flexion")):

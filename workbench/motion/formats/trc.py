@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.text import MISSING, fail, gap_numbers, numbers, points, read_lines
 from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray
@@ -22,13 +23,14 @@ _SAME_RATE = 0.01
 
 class RawMarkers(NamedTuple):
     """Markers at equal intervals, in a file's unit and axes. positions : (F, M, 3), NaN in gaps. up : the vertical axis
-    by the header, or None."""
+    by the header, or None. forward : the axis that is the world's x where the file is the workbench's own, or None."""
 
     names: list[str]
     rate_hz: float
     positions: FloatArray
     unit: str
     up: str | None = None
+    forward: str | None = None
 
 
 def read_trc(path: Path) -> RawMarkers:
@@ -69,7 +71,8 @@ def read_trc(path: Path) -> RawMarkers:
     rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz)
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
-    return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""))
+    forward = "x" if tuple(names) == JOINT_NAMES else None  # as of OpenSim and `trc_text`
+    return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
 
 
 def read_joint_csv(path: Path) -> RawMarkers:

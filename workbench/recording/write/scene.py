@@ -53,7 +53,7 @@ class Figure:
 
 def figure(body: Body) -> Figure:
     """Return the drawable parts of a body."""
-    return Figure(body.skeleton, _chains(body.skeleton), *_solids(body.limbs))
+    return Figure(body.skeleton, chains(body.skeleton), *_solids(body.limbs))
 
 
 def fixed(drawn: Figure) -> Entities:
@@ -193,7 +193,7 @@ def _strips(drawn: Figure, positions: FloatArray) -> Float32Array:
     return positions[:, drawn.chains].reshape(-1, drawn.chains.shape[1], 3).astype(np.float32)
 
 
-def _chains(skeleton: Skeleton) -> IntArray:
+def chains(skeleton: Skeleton) -> IntArray:
     """Return paths from a leaf or fork up to the next fork, of equal length: short ones repeat their last joint."""
     n_children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.names))
     paths = []

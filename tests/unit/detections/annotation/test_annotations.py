@@ -80,3 +80,11 @@ def test_a_file_that_does_not_match_the_video_is_rejected(tmp_path):
         annotations_in(tmp_path / "none")
     with pytest.raises(InputError, match="cannot be read"):
         Annotations(tmp_path, 9, (640, 480))
+
+
+def test_a_file_with_points_that_would_be_lost_is_rejected(tmp_path):
+    path = tmp_path / "joints.csv"
+    path.write_text("frame,joint,u,v,visible\n0,neck,1,2,1\n0,left_toe,1,2,1\n")
+    with pytest.raises(InputError, match="expected joints of the body alone, found left_toe"):
+        Annotations(path, 3, (10, 10))
+    assert "left_toe" in path.read_text()
