@@ -75,6 +75,11 @@ class Loss:
         _evaluate(z.ravel(), LOSSES[self.name], rho.ravel(), weights.ravel())
         return self.scale**2 * rho, weights
 
+    @property
+    def redescends(self) -> bool:
+        """Whether an outlier's influence decreases with its distance."""
+        return LOSSES[self.name] == _GEMAN_MCCLURE
+
     def widened(self, factor: float) -> "Loss":
         """Return this loss with its scale multiplied by `factor`."""
         return replace(self, scale=factor * self.scale)

@@ -36,6 +36,7 @@ from workbench.inference.least_squares.video.landmark_poses import landmark_path
 from workbench.inference.least_squares.video.limb_flips import flip_limbs
 from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.inference.least_squares.video.systematic_errors import estimated_camera_sensitivity
+from workbench.inference.least_squares.video.transient_errors import trusting_lasting_joints
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.timing import working_s
@@ -150,8 +151,9 @@ def fit_smooth(
        not redescend: with a redescending loss an arm lost in one frame would be an outlier in all following ones. The
        hypothesis of lowest cost over these frames is selected. With a single camera, which does not determine in which
        direction limbs point, limbs are then flipped in depth, see `limb_flips`.
-    2. All frames are fitted, with foot contacts as constraints, see `foot_contact`. With a single camera and without
-       `problem.ground_m`, the feet in contact are also constrained to one floor at their median height.
+    2. All frames are fitted, with foot contacts as constraints, see `foot_contact`. With a single camera they are then
+       fitted again, with all joints but `transient_errors`, and without `problem.ground_m` with the feet in contact on
+       one floor at their median height.
     3. With a pose prior, its Gaussians replace the nominal values of each angle.
 
     Parameters
@@ -172,11 +174,14 @@ def fit_smooth(
     single_camera = _single_camera(observations)
     poses = _initial_poses(problem, observations, starts, single_camera, max_iterations)
     minimum = _fit_all(problem, poses, max_iterations)
-    if single_camera is not None and problem.ground_m is None and problem.foot_contacts.any():
-        height = median_foot_height(problem.skeleton, _poses(minimum, poses), problem.foot_contacts)
-        log.info("ankle height at foot contact: %.2f m, from the person's size", height)
-        problem = replace(problem, ground_m=height)
-        minimum = _fit_all(problem, _poses(minimum, poses), max_iterations)
+    if single_camera is not None and not problem.residual_functions:
+        poses = _poses(minimum, poses)
+        problem = trusting_lasting_joints(problem, poses)
+        if problem.ground_m is None and problem.foot_contacts.any():
+            height = median_foot_height(problem.skeleton, poses, problem.foot_contacts)
+            log.info("ankle height at foot contact: %.2f m, from the person's size", height)
+            problem = replace(problem, ground_m=height)
+        minimum = _fit_all(problem, poses, max_iterations)
     fit = SmoothPoses(_poses(minimum, poses), _covariances(minimum, len(poses)), minimum)
     result = fit if pose_prior is None else _fit_with_pose_prior(problem, fit, pose_prior, max_iterations)
     if problem.residual_functions:

@@ -79,6 +79,14 @@ class KeypointArrays:
         first = np.concatenate([[0], np.cumsum([len(frame) for frame in indices])]).astype(np.int64)
         return KeypointArrays(first, self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k], self.rows)
 
+    def select(self, chosen: BoolArray) -> "KeypointArrays":
+        """Return the keypoints that are chosen, (K,)."""
+        first = np.concatenate([[0], np.cumsum(chosen)])[self.first]
+        return replace(
+            self, first=first, joints=self.joints[chosen], cameras=self.cameras[chosen], pixels=self.pixels[chosen],
+            whitening=self.whitening[chosen],
+        )  # fmt: skip
+
     @property
     def arrays(self) -> tuple[IntArray | FloatArray, ...]:
         """Return the arrays in the kernels' order."""
