@@ -18,7 +18,7 @@ from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities, Smoothness
 from workbench.core.residual import robust
-from workbench.inference.initialization.limb_lengths import LENGTHS, fit_lengths, of_keypoints, shape_of
+from workbench.inference.initialization.limb_lengths import LENGTHS, best_observed, fit_lengths, of_keypoints, shape_of
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
@@ -174,11 +174,15 @@ def test_one_camera_measures_proportions_of_a_person_of_known_height():
         of_keypoints([replace(frame, views=()) for frame in sequence])
 
 
-def test_lengths_are_measured_in_frames_at_a_minimum_interval():
-    times, poses = swinging(SKELETON, 40, rate_hz=140.0)
-    sequence = iter(frames(SKELETON, times, poses))
-    of_keypoints(sequence, n_frames=3)
-    assert next(sequence).index == 22  # frames 0, 10 and 20 are used, and 21 ends the search
+def test_lengths_are_measured_where_most_of_the_person_is_seen():
+    """In each of three equal parts; of equal frames in the first."""
+    views = observed(SKELETON, frames(SKELETON, *swinging(SKELETON, 9), CAMERAS[:1]))
+    candidates = [frame.keypoints for frame in views]
+    (hidden,) = candidates[3]
+    candidates[3] = (replace(hidden, joints=hidden.joints[:5], detections=hidden.detections[:5]),)
+    chosen = best_observed(candidates, 3)
+    assert [candidates.index(frame) for frame in chosen] == [0, 4, 6]
+    assert best_observed(candidates, 20) == candidates
 
 
 def test_the_average_shape_has_the_published_arm_lengths():
