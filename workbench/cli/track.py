@@ -3,8 +3,9 @@
 import os
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+from omegaconf import OmegaConf
 from typer import Argument, Exit, Option
 
 from workbench.cli.export import estimated_track
@@ -12,6 +13,7 @@ from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
 from workbench.datasets.video import Video
 from workbench.detections.people_picture import NAME, write_people
+from workbench.experiment.config.schema import composed
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.results.overlay import MAX_SIDE_PX, write_overlay
@@ -22,6 +24,8 @@ from workbench.utils.run_files import OVERLAY, RECORDING, read_summary
 
 _EXPORTS = ("person.trc", "person.bvh", "person.csv")
 _RESUME = "sweep.resume="
+_MIN_SEEN_S = 1.0
+"""Shortest time for which --everyone tracks a person: about a stride."""
 _NO_LIST_OF_JOBS = "hydra.hydra_logging.root.level=WARNING"
 """Setting of Hydra, which otherwise prints the overrides of each job."""
 
@@ -39,6 +43,7 @@ def track(
     ] = None,
     model: Annotated[str, Option(metavar="full|heavy|PATH", help="Detector, see workbench detect.")] = "full",
     each: Annotated[bool, Option("--each", help="Track every video by itself, as the jobs of a sweep.")] = False,
+    everyone: Annotated[bool, Option("--everyone", help="Track every person, as the jobs of a sweep.")] = False,
     output: Annotated[
         Path | None,
         Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one."),
@@ -48,25 +53,32 @@ def track(
 
     Several videos with one calibration file are one scene; its cameras have
     the names of the videos. With --each, every video is a scene of its own,
-    in a numbered folder; sweep.resume=DIR resumes such a sweep.
+    in a numbered folder; sweep.resume=DIR resumes such a sweep. With --everyone,
+    every person who is detected for a second or more has such a folder.
 
     \b
     Examples:
       workbench track walk.mp4 --height 1.72
       workbench track left.mp4 right.mp4 --camera rig.toml -o trial
       workbench track trials/*.mp4 --each -o trials hydra/launcher=joblib
+      workbench track street.mp4 --everyone -o people
     """
     videos = [word for word in arguments if "=" not in word or os.path.exists(word)]
     overrides = [word for word in arguments if word not in videos]
+    if everyone and (each or len(videos) > 1):
+        raise InputError(f"--everyone: expected one video, found {len(videos)}; call it once for each")
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
-    folder = resumed or output or _new_folder(videos[0], "sweeps" if each else "runs")
-    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if each else [f"hydra.run.dir={folder}"]
+    folder = resumed or output or _new_folder(videos[0], "sweeps" if each or everyone else "runs")
     words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
-    code = run([*options, *words, *overrides])
-    runs = [folder / str(job) for job in range(len(videos))] if each else [folder]
-    sources = [Path(video) for video in videos] if each or len(videos) == 1 else [None]
+    words += overrides
+    people = _people(words) if everyone else []
+    words += [f"dataset.person={','.join(map(str, people))}"] if everyone else []
+    sources = [Path(video) for video in videos] * max(len(people), 1) if each or len(videos) == 1 else [None]
+    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if each or everyone else [f"hydra.run.dir={folder}"]
+    code = run([*options, *words])
+    runs = [folder / str(job) for job in range(len(sources))] if each or everyone else [folder]
     for place, source in zip(runs, sources, strict=True):
         summary = read_summary(place) or {}
         if summary.get("status") == "complete":
@@ -74,6 +86,22 @@ def track(
             _show_people(place)
     if code:
         raise Exit(code)
+
+
+def _people(words: list[str]) -> list[int]:
+    """Return the numbers of the people of a configured video who are detected for _MIN_SEEN_S or more."""
+    keys = dict[str, Any](OmegaConf.to_container(composed(words).dataset, resolve=True))  # type: ignore[arg-type]
+    keys.pop("_target_")
+    video = Video(**keys)
+    people = video.people
+    if people is None:
+        raise InputError(f"{video.path}: --everyone: expected detections of people, found annotations of one person")
+    n_frames = {number: sum(number in frame.values() for frame in people.assigned) for number in people.numbers}
+    seen = [number for number, n in n_frames.items() if n >= min(_MIN_SEEN_S * video.times.rate_hz, len(people.frames))]
+    if not seen:
+        raise InputError(f"{video.path}: --everyone: expected a person who is detected for {_MIN_SEEN_S:g} s")
+    print(f"{video.path}: {len(seen)} of {len(n_frames)} people are detected for {_MIN_SEEN_S:g} s or more")
+    return seen
 
 
 def _scene(videos: list[str], one_scene: bool, height_m: float | None) -> list[str]:

@@ -119,6 +119,26 @@ def test_with_each_the_motion_of_runs_that_are_not_usable_is_not_exported(
     assert ("not usable, so its motion is not exported" in capsys.readouterr().out) != exported
 
 
+def test_everyone_who_is_detected_for_a_second_is_a_job_of_one_sweep(video, tmp_path, monkeypatch, capsys):
+    """The sweep itself is replaced. At 8 frames/s the first person is seen for a second, the other for 7 frames."""
+    (camera,) = load_cameras(tmp_path / "camera.toml")
+    pixels = camera.project(walker_joints()[:8])
+    both = [
+        [points("BODY_25B", dict(zip(JOINT_NAMES, each.tolist(), strict=True))) for each in frame]
+        for frame in ((one, one + [60.0, 0.0]) for one in pixels)
+    ]
+    write(tmp_path / "both", dict(enumerate([both[0][:1], *both[1:]])))
+    words = []
+    monkeypatch.setattr(track, "run", lambda arguments: words.extend(arguments) or 0)
+    options = [f"dataset.keypoints={tmp_path / 'both'}", "-o", str(tmp_path / "out")]
+    assert main(["track", str(video), "--everyone", *options, "dataset.rate_hz=8"]) == 0
+    assert {"-m", "dataset.person=0"} <= set(words)
+    words.clear()
+    assert main(["track", str(video), "--everyone", *options, "dataset.rate_hz=7"]) == 0
+    assert "dataset.person=0,1" in words
+    assert main(["track", str(video), str(video), "--everyone"]) == 2
+
+
 @pytest.mark.parametrize("arguments", [["none.mp4"], ["dataset.rate_hz=30"], ["one.mp4", "two.mp4"]])
 def test_missing_input_is_reported_in_one_message(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
