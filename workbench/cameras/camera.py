@@ -40,6 +40,10 @@ class Camera:
         focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
         return np.concatenate([self.rotation.ravel(), self.translation, focal, centre, self.distortion, size])
 
+    def is_equal(self, other: "Camera") -> bool:
+        """Return whether another camera has the same pose and lens."""
+        return self is other or np.array_equal(self.row, other.row)
+
     def to_camera(self, points: FloatArray) -> FloatArray:
         """Return world points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
         return points @ self.rotation.T + self.translation

@@ -22,7 +22,7 @@ from workbench.utils.errors import InputError
 _MIN_SEGMENTS, _MAX_SEGMENTS = 3, 60
 SIGMA_PX = 4.0
 """Standard deviation of annotations, until the residuals give it."""
-_FOCAL_MEDIAN, _FOCAL_SPREAD = 1.0, 0.35
+FOCAL_MEDIAN, FOCAL_SPREAD = 1.0, 0.35
 """Median, in longer sides of the image, and standard deviation of the logarithm, of focal lengths of phones and
 camcorders: 68 % within 0.70 and 1.42."""
 _KNOWN_FOCAL_SPREAD = 1e-4
@@ -143,7 +143,7 @@ def calibrate_by_height(
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations[:4] * (focal, degree, degree, height)).tolist(), strict=True))
-    information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
+    information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / FOCAL_SPREAD) ** 2, 1.0)
     camera = replace(problem.camera(solution.x), name=name)
     return HeightCalibration(camera, values, sigma, frames, errors, information)
 
@@ -171,7 +171,7 @@ class _Problem:
 
     def __init__(self, size: tuple[int, int], feet: FloatArray, heads: FloatArray, data: Measurements) -> None:
         self.size, self.feet, self.heads, self.data = size, feet, heads, data
-        self.focal_px = data.focal_px or _FOCAL_MEDIAN * max(size)
+        self.focal_px = data.focal_px or FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
 
@@ -205,7 +205,7 @@ class _Problem:
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
         if self.data.camera_height_m is not None:
             height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
-        focal_spread = self.data.focal_spread if self.data.focal_px else _FOCAL_SPREAD
+        focal_spread = self.data.focal_spread if self.data.focal_px else FOCAL_SPREAD
         prior = [
             (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / _POSTURE_SPREAD,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,

@@ -3,7 +3,7 @@
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
+from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion, track_background
 from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
@@ -48,7 +50,9 @@ _MAX_STRETCH = 0.01
 class Video:
     """A video of one calibrated camera, with RGB images; everything in pixels follows their scale.
 
-    Images that differ from the camera's size by up to 1 % are stretched to it, with a warning.
+    Images that differ from the camera's size by up to 1 % are stretched to it, with a warning. With keypoints, a camera
+    that turns or zooms is found by the background, see `camera_motion`: each frame has its own camera, and that of the
+    calibration file is the camera of the first frame used.
 
     Raises InputError for parameters out of range. `info` does for unreadable files, missing frames, images of another
     size, a missing frame rate, initial annotations without the first frame, and eval_frames without annotations.
@@ -141,7 +145,8 @@ class Video:
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
-            input_counts=input_counts, video=self.path if self._frames_are_images else None,
+            input_counts=input_counts, camera_motion=None if self.motion is None else self.motion.kind,
+            video=self.path if self._frames_are_images else None,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
@@ -153,12 +158,37 @@ class Video:
                 continue
             self._check_size(image)
             world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
-            view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
+            seen_by = camera if self.motion is None else self.motion.camera(camera, 0, index - self.first)
+            view = View(seen_by, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
             annotated = None if self._truth is None else self._truth.at(index)
             truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
             yield Frame(index, float(self.times.at(index)), (view,), truth)
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which existed before")
+
+    @cached_property
+    def motion(self) -> CameraMotion | None:
+        """The motion of the camera from the first frame used to the last one; None without keypoints."""
+        if self._background is None:
+            return None
+        camera = self.source_camera
+        motion = self._background.at_focal(float(camera.matrix[0, 0]) / max(camera.width, camera.height))
+        log.info("camera: %s", motion.sentence)
+        return motion
+
+    @cached_property
+    def _background(self) -> CameraMotion | None:
+        """The motion of the camera by the background, before the focal length is estimated from the person, too."""
+        if self._keypoints is None or self.first == self.last:
+            return None
+        joints = dict(zip(self._keypoints.frames.tolist(), self._keypoints.pixels[:, None], strict=True))
+        if self.keypoints == DETECT or is_detections(str(self.keypoints)):
+            path, video = self._file(str(self.keypoints))
+            (people,) = read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video).values()
+            joints = dict(zip(people.frames.tolist(), people.joints, strict=True))
+        nobody = np.empty((0, len(JOINT_NAMES), 2))
+        in_images = [joints.get(index, nobody) for index in range(self.first, self.last + 1)]
+        return camera_motion(track_background(decode(self.path, self.first, self.last), in_images), self._lens)
 
     @property
     def _frames_are_images(self) -> bool:
@@ -188,13 +218,18 @@ class Video:
 
     @cached_property
     def source_camera(self) -> Camera:
-        """The camera of the source's images."""
-        lenses = () if self.calibration_file is None else load_lenses(Path(self.calibration_file).expanduser())
-        if self.calibration_file is None or lenses:
-            return self._estimated_camera(lenses)
-        cameras = read_calibration(self.calibration_file, self.unit, self.up)
-        camera = camera_named(cameras, self.camera_name, self.calibration_file)
-        return fitted(camera, self.image_size, self.source)
+        """The camera of the source's images, in the first frame used if it moves."""
+        is_known = self._lens is not None and _is_placed(self.calibration_file)
+        return self._lens if self._lens is not None and is_known else self._estimated_camera(self._lens)
+
+    @cached_property
+    def _lens(self) -> Camera | None:
+        """The camera of the calibration file, of which only the lens is valid if the file has no poses."""
+        if self.calibration_file is None:
+            return None
+        cameras = load_lenses(Path(self.calibration_file).expanduser())
+        cameras = cameras or read_calibration(self.calibration_file, self.unit, self.up)
+        return fitted(camera_named(cameras, self.camera_name, self.calibration_file), self.image_size, self.source)
 
     @cached_property
     def image_size(self) -> tuple[int, int]:
@@ -285,20 +320,27 @@ class Video:
         """Numbers of the first and the last frame that are set."""
         return self.first_frame, self._last
 
-    def _estimated_camera(self, lenses: Sequence[Camera]) -> Camera:
+    def _estimated_camera(self, lens: Camera | None) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints, with a known lens if
-        there is one."""
+        there is one, in the first frame used."""
         if self._keypoints is None:
             raise InputError(
                 f"{self.source}: expected dataset.calibration_file with the camera's rotation and translation, or "
                 "dataset.keypoints to estimate the camera from"
             )
         height_m = ADULT_M if self.height_m is None else self.height_m
-        segments = head_foot_segments(self._keypoints.frames, self._keypoints.pixels, self._keypoints.source)
+        frames, pixels, source = self._keypoints.frames, self._keypoints.pixels, self._keypoints.source
         measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.times.rate_hz)
-        if lenses:
-            lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
-            estimate = pose_by_height(fitted(lens, self.image_size, self.source), *segments, measured)
+        turning = None if self._background is None or self._background.kind != TURNING else self._background
+        seen_by = lens
+        if turning is not None:  # as if the camera had stood still in the middle of its directions
+            used = (frames >= self.first) & (frames <= self.last)
+            frames, (pixels, seen_by) = frames[used], turning.in_middle(frames[used] - self.first, pixels[used], lens)
+            focal_px, spread = float(seen_by.matrix[0, 0]), turning.focal_spread
+            measured = measured if lens is not None else replace(measured, focal_px=focal_px, focal_spread=spread)
+        segments = head_foot_segments(frames, pixels, source)
+        if lens is not None and seen_by is not None:
+            estimate = pose_by_height(seen_by, *segments, measured)
         else:
             estimate = calibrate_by_height("camera", self.image_size, *segments, measured)
         value, sigma = estimate.values, estimate.sigma
@@ -306,10 +348,12 @@ class Video:
         log.info(
             "camera estimated from the person's height, %.2f m%s%s: focal length %.0f ± %.0f px, tilt %.1f ± %.1f°, "
             "%.2f ± %.2f m above the floor", height_m, assumed,
-            f", with the lens of {self.calibration_file}" if lenses else "", value["focal_px"], sigma["focal_px"],
+            "" if lens is None else f", with the lens of {self.calibration_file}", value["focal_px"], sigma["focal_px"],
             value["tilt_deg"], sigma["tilt_deg"], value["height_m"], sigma["height_m"],
         )  # fmt: skip
-        return estimate.camera
+        if turning is None:
+            return estimate.camera
+        return turning.in_first(estimate.camera, lens)
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
