@@ -7,12 +7,13 @@ that zooms, by K_t R_t K⁻¹. The rotations are fitted to the tracks by robust 
 most of the background, the camera travels.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation, Slerp
 
 from workbench.cameras.camera import Camera
@@ -172,12 +173,8 @@ class CameraMotion:
         if self.kind == TRAVELLING:
             return "travels: positions are relative to the camera, and not to the ground"
         if self.kind == UNKNOWN:
-            why = (
-                f"too little background to tell ({1.0 - self.lost:.0%} of the frames)"
-                if self.lost > MAX_LOST
-                else ("much of the background moves by itself")
-            )
-            return f"{why}; taken as static"
+            followed = f"too little background to tell (followed in {1.0 - self.lost:.0%} of the frames)"
+            return f"{followed if self.lost > MAX_LOST else 'much of the background moves by itself'}; taken as static"
         axes, zoom = self.rotations[:, 2], float(self.zooms.max() / self.zooms.min())
         pan = float(np.ptp(np.degrees(np.unwrap(np.arctan2(axes[:, 0], axes[:, 2])))))
         tilt = float(np.ptp(np.degrees(np.arcsin(np.clip(axes[:, 1], -1.0, 1.0)))))
@@ -388,13 +385,10 @@ def camera_motion(tracks: Tracks, lens: Camera | None = None) -> CameraMotion:
     if not _without_brief(moves).any():
         return still
     rays = _Rays.of(tracks, lens)
-    if lens is None:
-        focal, spread = rays.estimated_focal(zooming=False)
-    zooming = rays.zooms(focal)
-    if rays.unexplained(focal, zooming) <= MAX_UNEXPLAINED:
-        rotations, zooms = rays.fit(focal, zooming)
-        turning = replace(still, kind=TURNING, rays=rays, zooming=zooming, focal_spread=spread)
-        return replace(turning, rotations=rotations, zooms=zooms, focal=focal)
+    for model in rays.models(focal, spread):
+        if model.rays.unexplained(model.focal, model.zooming) <= MAX_UNEXPLAINED:
+            turning = replace(still, kind=TURNING, rays=model.rays, zooming=model.zooming)
+            return replace(turning, focal_spread=model.focal_spread).at_focal(model.focal)
     return replace(still, kind=TRAVELLING if rays.epipolar() >= _MIN_EPIPOLAR else UNKNOWN)
 
 
@@ -408,6 +402,17 @@ def _stands(shifts: FloatArray, consistent: BoolArray) -> BoolArray:
 def _without_brief(values: FloatArray | BoolArray) -> FloatArray | BoolArray:
     """Return the values (T,) without those that last for less than half of _BRIEF_FRAMES."""
     return median_filter(values, size=min(_BRIEF_FRAMES, max(len(values), 1)), mode="nearest")
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """How a camera turns: tracks from the principal point, the first focal length over the image's longer side and the
+    standard deviation of its logarithm, and whether it zooms."""
+
+    rays: "_Rays"
+    focal: float
+    focal_spread: float
+    zooming: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,6 +460,33 @@ class _Rays:
             rotations = Slerp(measured, Rotation.from_matrix(rotations[measured]))(inside).as_matrix()
             zooms = np.interp(frames, measured, zooms[measured])
         return rotations, zooms
+
+    def models(self, focal: float, spread: float) -> Iterator[_Model]:
+        """Yield the models of a turning camera, the most plausible first, for a known focal length of the first frame,
+        with a spread of 0, or an unknown one: a constant focal length, a cropped image, a zoom."""
+        is_known = spread == 0.0
+        constant, constant_spread = (focal, spread) if is_known else self.estimated_focal(zooming=False)
+        if not self.zooms(constant):
+            yield _Model(self, constant, constant_spread, False)
+            if not is_known:
+                yield _Model(*self.off_centre(constant), FOCAL_SPREAD, False)
+        free, free_spread = (focal, spread) if is_known else self.estimated_focal(zooming=True)
+        yield _Model(self, free, free_spread, True)
+
+    def off_centre(self, focal: float) -> tuple["_Rays", float]:
+        """Return the tracks from another principal point, of an image that is cropped, and the focal length."""
+
+        def moved(x: FloatArray) -> _Rays:
+            offset = np.clip(x[1:], -_OFF_CENTRE, _OFF_CENTRE)
+            return replace(self, start=self.start - offset, end=self.end - offset)
+
+        def cost(x: FloatArray) -> float:
+            errors = moved(x)._far_errors(float(np.exp(x[0])), False)[self.valid[self.far]]
+            prior = ((x[0] - np.log(FOCAL_MEDIAN)) / FOCAL_SPREAD) ** 2
+            return _robust_cost(errors, STATIC_SHIFT) + 0.5 * float(prior)
+
+        x = minimize(cost, [np.log(focal), 0.0, 0.0], method="Nelder-Mead", options={"maxfev": 120}).x
+        return moved(x), float(np.exp(x[0]))
 
     def estimated_focal(self, zooming: bool) -> tuple[float, float]:
         """Return the mean focal length, and the standard deviation of its logarithm, of the posterior by the tracks and

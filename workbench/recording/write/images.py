@@ -54,14 +54,15 @@ def recorded_camera(camera: Camera) -> RecordedCamera:
 
 
 def fixed(recorded: RecordedCamera, turns: bool) -> Entities:
-    """Yield the styles of overlays on a camera's images, its pose and its lens; of one that turns the image size only."""
+    """Yield the styles of overlays on a camera's images, pose and lens; of a camera that turns what is constant."""
     camera = recorded.camera
-    size, axes = [camera.width, camera.height], rr.ViewCoordinates.RDF
-    lens = {} if turns else {"image_from_camera": camera.matrix}
     if not turns:
         yield recorded.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
-    image = rr.Pinhole.from_fields(resolution=[size], camera_xyz=axes, image_plane_distance=1.2, **lens)
-    yield f"{recorded.path}/image", image
+    size, axes, matrix = [camera.width, camera.height], rr.ViewCoordinates.RDF, None if turns else camera.matrix
+    lens = rr.Pinhole.from_fields(
+        image_from_camera=matrix, resolution=[size], camera_xyz=axes, image_plane_distance=1.2
+    )
+    yield f"{recorded.path}/image", lens
     for order, (name, colour, width) in enumerate(_LINES, start=1):
         colors, radii = None if colour is None else [colour], rr.Radius.ui_points(width)
         style = rr.LineStrips2D.from_fields(colors=colors, radii=radii, draw_order=10.0 * order)
