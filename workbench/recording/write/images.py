@@ -77,11 +77,17 @@ def turned(recorded: RecordedCamera, camera: Camera) -> RecordedCamera:
 
 
 def turn(recorded: RecordedCamera) -> Rows:
-    """Yield pose and lens in one frame of a camera that turns."""
-    camera = recorded.camera
-    quaternion = Rotation.from_matrix(camera.rotation.T).as_quat()
-    yield recorded.path, Row(rr.Transform3D, {"translation": camera.position[None], "quaternion": quaternion[None]})
-    yield f"{recorded.path}/image", Row(rr.Pinhole, {"image_from_camera": camera.matrix[None]})
+    """Yield the pose in one frame of a camera that turns."""
+    pose = {
+        "translation": recorded.camera.position[None],
+        "quaternion": Rotation.from_matrix(recorded.camera.rotation.T).as_quat()[None],
+    }
+    yield recorded.path, Row(rr.Transform3D, pose)
+
+
+def zoom(recorded: RecordedCamera) -> Entities:
+    """Yield the lens from one frame on of a camera that turns."""
+    yield f"{recorded.path}/image", rr.Pinhole.from_fields(image_from_camera=recorded.camera.matrix)
 
 
 def jpeg(recorded: RecordedCamera, pixels: ByteArray, quality: int) -> ByteArray:

@@ -89,6 +89,7 @@ class Recorder:
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
         self._camera_turns = camera_turns
+        self._lens: FloatArray | None = None  # of a camera that turns
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_unflushed = 0
         self._began_s = self._flushed_s = monotonic()
@@ -231,7 +232,7 @@ class Recorder:
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
             recorded = self._camera(view.camera)
             if self._camera_turns:
-                recorded = images.turned(recorded, view.camera)
+                recorded = self._turned(recorded, view.camera)
                 yield from images.turn(recorded)
             self._encode(step.frame, recorded, view.image)
             yield from images.overlay(recorded, "particles", cloud[::every], figure.chains, shades[::every])
@@ -269,6 +270,14 @@ class Recorder:
                 video = [(images.video_path(self._cameras[camera.name]), self._video[0])]
                 self._file.send(iter(video), static=True)
         return self._cameras[camera.name]
+
+    def _turned(self, recorded: "images.RecordedCamera", camera: Camera) -> "images.RecordedCamera":
+        """Return the recorded camera of a frame, and record its lens where it differs from the frame's before."""
+        turned = images.turned(recorded, camera)
+        if self._lens is None or not np.array_equal(self._lens, camera.matrix):
+            self._file.send(images.zoom(turned))
+            self._lens = camera.matrix
+        return turned
 
     def _flexions(self, step: Step) -> tuple[str, ...]:
         return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))
