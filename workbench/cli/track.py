@@ -12,6 +12,7 @@ from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
 from workbench.datasets.video import Video
 from workbench.detections.people_picture import NAME, write_people
+from workbench.evaluation.verdict.run_findings import MOVING_CAMERA
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.utils.decode import count_frames
@@ -107,6 +108,9 @@ def _export(folder: Path) -> None:
     for name in _EXPORTS:
         export(folder / name, motion, metres=False)
     print(f"exported: {', '.join(str(folder / name) for name in _EXPORTS)}")
+    verdict = (read_summary(folder) or {}).get("verdict") or {}
+    if any(finding["kind"] == MOVING_CAMERA for finding in verdict.get("findings", ())):
+        print("the exported positions are relative to the camera, which travels, and not to the ground")
 
 
 def _show_people(folder: Path) -> None:

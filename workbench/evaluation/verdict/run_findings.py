@@ -26,6 +26,8 @@ from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, Finding, level_of
 
+MOVING_CAMERA = "moving camera"
+"""Kind of the finding that the camera travels."""
 _LIMB_TOLERANCE = 0.20
 """Tolerance of a single limb against the others: three deviations, and the error of a detector's joint."""
 _MAX_JUMP = 5.0
@@ -101,7 +103,7 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     if (covered := coverage(inputs)) is not None:
         yield covered
     if inputs.camera_travels:
-        yield Finding("moving camera", "the camera travels: positions are relative to the camera, not to the ground")
+        yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from _limbs(measured)
         yield from _walk(measured)

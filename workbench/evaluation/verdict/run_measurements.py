@@ -130,7 +130,7 @@ class MeasurementCollector:
             {
                 "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
                 "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
-                "in_first": {view.camera.name: self._in_first(view) for view in frame.views},
+                "in_cameras": {view.camera.name: self._in_first(view) for view in frame.views},
                 "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
@@ -172,11 +172,11 @@ class MeasurementCollector:
         keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
         errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
-        in_first = np.array([[row["in_first"].get(name, none) for row in rows] for name in cameras], np.float64)
+        in_cameras = np.array([[row["in_cameras"].get(name, none) for row in rows] for name in cameras], np.float64)
         shape = len(cameras), n, len(JOINT_NAMES), 3
         observed = ObservedJoints(
             tuple(cameras.values()), keypoints.reshape(shape), searched, times_s=series["time_s"], scale=self._scale,
-            in_first=in_first.reshape(shape) if self._turns else None,
+            in_cameras=in_cameras.reshape(shape) if self._turns else None,
         )  # fmt: skip
         return RunMeasurements(
             frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=series["time_s"],
