@@ -372,10 +372,9 @@ def camera_motion(tracks: Tracks, lens: Camera | None = None) -> CameraMotion:
     n, longer = len(tracks.keys), max(tracks.size)
     shifts = tracks.shifts
     with_tracks = np.isfinite(shifts).any(axis=1)
-    median = np.zeros(n)
-    median[with_tracks] = np.nanmedian(shifts[with_tracks], axis=1)
+    moved = _without_brief(np.nanmedian(shifts[with_tracks], axis=1)) if with_tracks.any() else np.zeros(1)
     focal, spread = (FOCAL_MEDIAN, FOCAL_SPREAD) if lens is None else (float(lens.matrix[0, 0]) / longer, 0.0)
-    moved_px = longer * float(_without_brief(median).max(initial=0.0))
+    moved_px = longer * float(moved.max())
     still = CameraMotion(
         STATIC, np.tile(np.eye(3), (n, 1, 1)), np.ones(n), focal, spread, moved_px, tracks.lost, tracks.size
     )

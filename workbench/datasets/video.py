@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
@@ -23,12 +24,12 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.visible_frames import visible_frames
-from workbench.detections.association.target_selection import TrackedPeople, tracked_people
+from workbench.detections.association.target_selection import TrackedPeople, select_target, tracked_people
 from workbench.detections.detector.detection_files import DETECT, cached_detections
-from workbench.detections.joint_annotations import JointAnnotations, read_annotations, read_view
+from workbench.detections.joint_annotations import JointAnnotations, read_annotations, read_view, target_annotations
 from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
-from workbench.detections.readers.people import SourceImages
+from workbench.detections.readers.people import People, SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
@@ -182,13 +183,13 @@ class Video:
         if self._keypoints is None or self.first == self.last:
             return None
         joints = dict(zip(self._keypoints.frames.tolist(), self._keypoints.pixels[:, None], strict=True))
-        if self.keypoints == DETECT or is_detections(str(self.keypoints)):
-            path, video = self._file(str(self.keypoints))
-            (people,) = read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video).values()
+        for people in ({} if self._people is None else self._people).values():
             joints = dict(zip(people.frames.tolist(), people.joints, strict=True))
         nobody = np.empty((0, len(JOINT_NAMES), 2))
         in_images = [joints.get(index, nobody) for index in range(self.first, self.last + 1)]
-        return camera_motion(track_background(decode(self.path, self.first, self.last), in_images), self._lens)
+        images = decode(self.path, self.first, self.last)
+        bar = tqdm(images, "background", len(in_images), leave=False, unit="frame", disable=None)
+        return camera_motion(track_background(bar, in_images), self._lens)
 
     @property
     def _frames_are_images(self) -> bool:
@@ -282,7 +283,11 @@ class Video:
     @cached_property
     def _detected(self) -> JointAnnotations | None:
         """The person's annotated or detected joints in the frames that are set."""
-        return None if self.keypoints is None else self._read(self.keypoints)
+        if self._people is None:
+            return None if self.keypoints is None else self._read(self.keypoints)
+        times = self.times
+        target = select_target(self._people, None, times.rate_hz, self.person, self._within, times.uneven_s)
+        return target_annotations(next(iter(self._people.values())), target, 0)
 
     @cached_property
     def _keypoints(self) -> JointAnnotations | None:
@@ -298,11 +303,17 @@ class Video:
     @property
     def people(self) -> TrackedPeople | None:
         """All people detected in the frames that are set, with the numbers of `person`; None without detections."""
+        if self._people is None:
+            return None
+        return tracked_people(self._people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+
+    @cached_property
+    def _people(self) -> Mapping[str, People] | None:
+        """All people detected in the frames that are set, by the video's name; None without detections."""
         if self.keypoints is None or not (self.keypoints == DETECT or is_detections(self.keypoints)):
             return None
         path, video = self._file(self.keypoints)
-        people = read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video)
-        return tracked_people(people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+        return read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video)
 
     def _read(self, path: str) -> JointAnnotations:
         path, video = self._file(path)
