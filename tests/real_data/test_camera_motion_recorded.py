@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from workbench.cameras.background_tracks import track_background
 from workbench.cameras.camera_file import load_cameras
-from workbench.cameras.camera_motion import STATIC, TURNING, camera_motion, track_background
+from workbench.cameras.camera_motion import STATIC, TURNING, camera_motion
 from workbench.cli.main import main
 from workbench.detections.joint_annotations import read_annotations
 from workbench.utils.decode import decode

@@ -13,10 +13,11 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.background_tracks import track_background
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
-from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion, track_background
+from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion
 from workbench.cameras.person_height import Measurements, calibrate_by_height, head_foot_segments, pose_by_height
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional

@@ -5,19 +5,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from workbench.cameras.background_tracks import STATIC_SHIFT, Tracks, track_background
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_motion import (
     MAX_LOST,
     MAX_UNEXPLAINED,
     STATIC,
-    STATIC_SHIFT,
     TRAVELLING,
     TURNING,
     UNKNOWN,
-    Tracks,
     camera_motion,
     in_camera,
-    track_background,
 )
 
 WIDTH, HEIGHT, FOCAL_PX = 480, 270, 480.0
@@ -168,15 +166,18 @@ def test_a_turn_explains_most_of_the_background(rng, margin, kind):
     assert camera_motion(tracks, LENS).kind == kind
 
 
-def test_a_camera_travels_past_a_scene_of_different_distances(rng):
+@pytest.mark.parametrize(("moving", "kind"), [(0.0, TRAVELLING), (0.2, TRAVELLING), (0.5, UNKNOWN)])
+def test_a_camera_travels_past_a_scene_of_different_distances(rng, moving, kind):
     start = rng.uniform([0.0, 0.0], SIZE, (120, 2))
     depths = rng.uniform(2.0, 8.0, 120)
     ends = np.stack([start - np.outer(0.04 * t * FOCAL_PX / depths, [1.0, 0.0]) for t in range(20)])
+    own = np.arange(120) < 120 * moving
+    ends[1:, own] += rng.uniform(-30.0, 30.0, (19, own.sum(), 2))
     starts = np.broadcast_to(start, ends.shape).copy()
     starts[0] = np.nan
     motion = camera_motion(Tracks(SIZE, np.zeros(20, np.int64), starts, ends, np.ones((20, 120), bool)), LENS)
-    assert motion.kind == TRAVELLING
-    assert "relative to the camera" in motion.sentence
+    assert motion.kind == kind
+    assert ("relative to the camera" in motion.sentence) == (kind == TRAVELLING)
     assert motion.camera(LENS, 0, 10) is LENS
 
 
@@ -188,6 +189,14 @@ def test_a_camera_that_travels_is_found_in_images(rng):
                  for wall, speed in zip(walls, (1.0, 2.0, 4.0), strict=True)]  # fmt: skip
         images.append(np.concatenate([band[k * 90 : (k + 1) * 90] for k, band in enumerate(bands)]))
     assert _motion(images).kind == TRAVELLING
+
+
+@pytest.mark.parametrize(("n_marks", "kind"), [(8, UNKNOWN), (12, STATIC)])
+def test_ten_corners_are_a_background(rng, n_marks, kind):
+    clean = np.full((HEIGHT, WIDTH), 120, np.uint8)
+    for k in range(n_marks):
+        clean[44 + 80 * (k // 5) :, 44 + 90 * (k % 5) :][:3, :3] = 250  # within one cell of corners
+    assert _motion([clean] * 10).kind == kind
 
 
 def test_too_little_texture_is_said(rng):
