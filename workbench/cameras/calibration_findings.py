@@ -241,7 +241,8 @@ def unit_of(ratio: float) -> str | None:
 
 def _check_single(observed: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
     """Check one camera by people assumed upright, of height_m or the average height."""
-    (camera,), keypoints, tall = observed.cameras, observed.keypoints[0], height_m or TYPICAL_M
+    (camera,), tall = observed.cameras, height_m or TYPICAL_M
+    keypoints = (observed.keypoints if observed.in_cameras is None else observed.in_cameras)[0]
     feet, heads = _middle(keypoints, "ankle")[:, :2], _joint(keypoints, "head_centre")[:, :2]
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():

@@ -19,7 +19,8 @@ N_ROW_POSE = 12
 @dataclass(frozen=True, eq=False)
 class Camera:
     """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
-    p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t."""
+    p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t.
+    uncertainty: (G, 23) changes of `row` by a standard deviation of each error of an estimated camera; None: known."""
 
     name: str
     width: int
@@ -42,6 +43,10 @@ class Camera:
         size = [float(self.width), float(self.height)]
         focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
         return np.concatenate([self.rotation.ravel(), self.translation, focal, centre, self.distortion, size])
+
+    def is_equal(self, other: "Camera") -> bool:
+        """Return whether another camera has the same pose and lens."""
+        return self is other or np.array_equal(self.row, other.row)
 
     def to_camera(self, points: FloatArray) -> FloatArray:
         """Return world points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
@@ -87,6 +92,20 @@ class Camera:
             uncertainty = uncertainty.copy()
             uncertainty[:, N_ROW_POSE : N_ROW_POSE + 4] *= factor
         return replace(self, width=width, height=height, matrix=matrix, uncertainty=uncertainty)
+
+    def turned(self, turn: FloatArray, zoom: float) -> "Camera":
+        """Return the camera at the same place after a rotation (3, 3) in its own axes and a change of its focal
+        length."""
+        matrix, uncertainty = self.matrix.copy(), self.uncertainty
+        matrix[[0, 1], [0, 1]] *= zoom
+        if uncertainty is not None:
+            rotations = turn @ uncertainty[:, :9].reshape(-1, 3, 3)
+            uncertainty = np.concatenate([
+                rotations.reshape(-1, 9), uncertainty[:, 9:12] @ turn.T, zoom * uncertainty[:, 12:14],
+                uncertainty[:, 14:],
+            ], axis=1)  # fmt: skip
+        rotation, translation = turn @ self.rotation, turn @ self.translation
+        return replace(self, matrix=matrix, rotation=rotation, translation=translation, uncertainty=uncertainty)
 
 
 def plain_camera(

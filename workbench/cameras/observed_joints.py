@@ -28,6 +28,7 @@ class ObservedJoints:
     images : that frame's images by camera; those of the first frame without any joints.
     times_s : (F,), s; empty if unknown.
     scale : factor by which the source's images were resized.
+    in_cameras : as keypoints, where `cameras` would see them; None for cameras that stand still.
     """
 
     cameras: tuple[Camera, ...]
@@ -37,6 +38,7 @@ class ObservedJoints:
     images: tuple[ByteArray, ...] = ()
     times_s: FloatArray = field(default_factory=lambda: np.empty(0))
     scale: float = 1.0
+    in_cameras: FloatArray | None = None
 
     def pixels(self, min_weight: float = 0.0) -> FloatArray:
         """Return the pixels (V, F, J, 2), NaN where the weight is 0 or less than min_weight."""

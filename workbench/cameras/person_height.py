@@ -26,7 +26,7 @@ from workbench.utils.errors import InputError
 _MIN_SEGMENTS, _MAX_SEGMENTS = 3, 60
 SIGMA_PX = 4.0
 """Standard deviation of annotations, until the residuals give it."""
-_FOCAL_MEDIAN, _FOCAL_SPREAD = 1.0, 0.35
+FOCAL_MEDIAN, FOCAL_SPREAD = 1.0, 0.35
 """Median, in longer sides of the image, and standard deviation of the logarithm, of focal lengths of phones and
 camcorders: 68 % within 0.70 and 1.42."""
 _KNOWN_FOCAL_SPREAD = 1e-4
@@ -145,9 +145,8 @@ def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Seg
 
 
 def detected_segments(
-    frames: IntArray, pixels: FloatArray, confidence: FloatArray, world_landmarks: FloatArray | None,
-    size: tuple[int, int],
-) -> Segments:  # fmt: skip
+    frames: IntArray, pixels: FloatArray, confidence: FloatArray, world_landmarks: FloatArray | None
+) -> Segments:
     """Return the segments of detections that show a person from head to feet, possibly none: of an upright one if at
     least _MIN_SEGMENTS frames show that, else of one in an unknown posture.
 
@@ -156,10 +155,9 @@ def detected_segments(
     frames, pixels : as for `head_foot_segments`.
     confidence : (T, J), 0..1.
     world_landmarks : (T, J, 3), see `upright`; None: unknown, every person is taken for upright.
-    size : (width, height) of the images, px; a joint outside is the detector's guess.
     """
     ends = _head_and_feet(pixels)
-    shown = ((ends >= 0.0) & (ends <= np.array(size) - 1.0)).all(axis=(1, 2))  # False for NaN
+    shown = np.isfinite(ends).all(axis=(1, 2))
     confident = (_head_and_feet(confidence) >= _MIN_CONFIDENCE).all(axis=1)
     head_above = ends[:, 0, 1] < ends[:, 1:, 1].min(axis=1)
     rows, spread = shown & confident & head_above, _POSTURE_SPREAD
@@ -168,6 +166,13 @@ def detected_segments(
         rows, spread = (stands, spread) if stands.sum() >= _MIN_SEGMENTS else (rows, _UNKNOWN_POSTURE_SPREAD)
     rows[rows] = _longest(ends[rows, 1:].mean(axis=1), ends[rows, 0])
     return _segments(frames, pixels, rows)._replace(posture_spread=spread)
+
+
+def in_image(pixels: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """Return detected joints' pixels (..., 2), NaN outside of images of a size (width, height), px, where they are the
+    detector's guess."""
+    inside = ((pixels >= 0.0) & (pixels <= np.array(size) - 1.0)).all(axis=-1, keepdims=True)
+    return np.where(inside, pixels, np.nan)
 
 
 def upright(world_landmarks: FloatArray) -> BoolArray:
@@ -258,7 +263,7 @@ def calibrate_by_height(name: str, size: tuple[int, int], segments: Segments, da
     names, degree = ("focal_px", "tilt_deg", "roll_deg", "height_m"), np.degrees(1.0)
     values = dict(zip(names, map(float, (focal, degree * tilt, degree * roll, height)), strict=True))
     sigma = dict(zip(names, (deviations * (focal, degree, degree, height)).tolist(), strict=True))
-    information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / _FOCAL_SPREAD) ** 2, 1.0)
+    information = 1.0 if data.focal_px else 1.0 - min(float(deviations[0] / FOCAL_SPREAD) ** 2, 1.0)
     uncertainty = problem.row_changes(solution.x, np.linalg.cholesky(covariance))
     camera = replace(problem.camera(solution.x), name=name, uncertainty=uncertainty)
     return HeightCalibration(camera, values, sigma, frames, errors, information)
@@ -291,7 +296,7 @@ class _Problem:
     def __init__(self, size: tuple[int, int], segments: Segments, data: Measurements) -> None:
         self.size, self.data = size, data
         _, self.feet, self.heads, self.posture_spread = segments
-        self.focal_px = data.focal_px or _FOCAL_MEDIAN * max(size)
+        self.focal_px = data.focal_px or FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
         lengths_px = np.linalg.norm(self.heads - self.feet, axis=1).clip(min=1.0)
@@ -371,7 +376,7 @@ class _Problem:
         height, spread = _CAMERA_HEIGHT_M, _CAMERA_HEIGHT_SPREAD
         if self.data.camera_height_m is not None:
             height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
-        focal_spread = self.data.focal_spread if self.data.focal_px else _FOCAL_SPREAD
+        focal_spread = self.data.focal_spread if self.data.focal_px else FOCAL_SPREAD
         prior = [
             (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / self.posture_spread, x[5] / lean, x[6] / lean,
             x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,

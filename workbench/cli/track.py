@@ -13,6 +13,7 @@ from workbench.cli.hydra_quoting import literal
 from workbench.cli.run import run
 from workbench.datasets.video import Video
 from workbench.detections.people_picture import NAME, write_people
+from workbench.evaluation.verdict.run_findings import MOVING_CAMERA
 from workbench.experiment.config.schema import composed
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
@@ -151,6 +152,9 @@ def _export(folder: Path, source: Path | None, motion: bool) -> None:
     print(f"exported: {', '.join(str(folder / name) for name in (OVERLAY, *names))}")
     if not motion:
         print(f"{source}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
+    findings = ((read_summary(folder) or {}).get("verdict") or {}).get("findings", ())
+    if motion and any(finding["kind"] == MOVING_CAMERA for finding in findings):
+        print("the exported positions are relative to the camera, which travels, and not to the ground")
 
 
 def _show_people(folder: Path) -> None:

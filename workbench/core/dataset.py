@@ -34,6 +34,7 @@ class SequenceInfo:
     pose_history_activity : the person's activity in them, such as "walk".
     input_counts : counts from reading the frames' joints, by name, such as people and swapped_sides.
     perturbations : differences of the true person and cameras from these metadata, by name, for the recording.
+    camera_motion : what the only camera does, one of `cameras.camera_motion`'s kinds; None where it is not measured.
     video : MP4 file whose frames, numbered as `Frame.index`, are the undistorted images of the only view.
     """
 
@@ -54,6 +55,7 @@ class SequenceInfo:
     pose_history_activity: str | None = None
     input_counts: Mapping[str, int] = field(default_factory=dict)
     perturbations: Mapping[str, FloatArray] = field(default_factory=dict)
+    camera_motion: str | None = None
     video: Path | None = None
 
 

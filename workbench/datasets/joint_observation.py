@@ -1,8 +1,12 @@
 """Annotated or detected joints of a dataset's frames, and the images of one frame."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.camera import Camera
+from workbench.cameras.camera_motion import in_camera
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
@@ -24,6 +28,7 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
     rows: list[FloatArray] = []
     times_s: list[float] = []
     images: tuple[ByteArray, ...] = ()
+    cameras, seen_by = info.cameras, list[tuple[Camera, ...]]()
     n_best, best, searched = -1, 0, np.zeros(len(info.cameras), bool)
     for position, frame in enumerate(dataset.frames()):
         keypoints = _keypoints(frame)
@@ -33,16 +38,33 @@ def observe_joints(dataset: Dataset) -> ObservedJoints:
         n_joints = int(np.isfinite(keypoints[..., 0]).sum())
         if n_joints > n_best:
             n_best, best, images = n_joints, len(rows), tuple(view.image for view in frame.views)
+            cameras = tuple(view.camera for view in frame.views)
         if n_joints:
             rows.append(keypoints)
             times_s.append(frame.time_s)
+            seen_by.append(tuple(view.camera for view in frame.views))
         if len(rows) == _MAX_FRAMES:
             break
     if not images:
         raise InputError(f"{info.name}: expected frames, found none")
     stacked = np.array(rows).reshape(-1, len(info.cameras), len(JOINT_NAMES), 3)
     keypoints = np.moveaxis(stacked, 1, 0)
-    return ObservedJoints(info.cameras, keypoints, searched, best, images, np.array(times_s), info.scale)
+    turned = _in_cameras(keypoints, seen_by, cameras)
+    return ObservedJoints(cameras, keypoints, searched, best, images, np.array(times_s), info.scale, turned)
+
+
+def _in_cameras(
+    keypoints: FloatArray, seen_by: Sequence[Sequence[Camera]], cameras: Sequence[Camera]
+) -> FloatArray | None:
+    """Return keypoints (V, F, J, 3), seen by cameras that may turn, where `cameras` would see them; None for cameras
+    that stand still."""
+    if all(camera.is_equal(each) for frame in seen_by for camera, each in zip(cameras, frame, strict=True)):
+        return None
+    moved = keypoints.copy()
+    for t, frame in enumerate(seen_by):
+        for v, (camera, each) in enumerate(zip(cameras, frame, strict=True)):
+            moved[v, t, :, :2] = in_camera(keypoints[v, t, :, :2], each, camera)
+    return moved
 
 
 def _keypoints(frame: Frame) -> FloatArray:

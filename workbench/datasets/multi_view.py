@@ -198,12 +198,14 @@ class MultiView:
     def _videos(self) -> Sequence[Video]:
         """The sources with their cameras; all frames of all but the first where they are paired by time."""
         for video, name in zip(self._sources, self._names, strict=True):
-            video.source_camera = self._cameras[name]
+            video.source_camera, video.motion = self._cameras[name], None
+        if len(self._sources) > 1:
+            log.info("cameras: taken as static, their motion is not measured")
         if not any(self._offsets_s.values()) and all(is_equal(self._times, video.times) for video in self._sources):
             return self._sources
         others = [replace(video, first_frame=0, n_frames=None) for video in self._sources[1:]]
         for video, name in zip(others, self._names[1:], strict=True):
-            video.source_camera = self._cameras[name]
+            video.source_camera, video.motion = self._cameras[name], None
         return [self._sources[0], *others]
 
     @property

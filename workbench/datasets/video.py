@@ -3,23 +3,28 @@
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.cameras.background_tracks import track_background
 from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
+from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion
 from workbench.cameras.person_height import (
     Measurements,
     Segments,
     calibrate_by_height,
     detected_segments,
     head_foot_segments,
+    in_image,
     pose_by_height,
 )
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
@@ -28,12 +33,12 @@ from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.visible_frames import visible_frames
-from workbench.detections.association.target_selection import TrackedPeople, tracked_people
+from workbench.detections.association.target_selection import TrackedPeople, select_target, tracked_people
 from workbench.detections.detector.detection_files import DETECT, cached_detections
-from workbench.detections.joint_annotations import JointAnnotations, read_annotations, read_view
+from workbench.detections.joint_annotations import JointAnnotations, read_annotations, read_view, target_annotations
 from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
-from workbench.detections.readers.people import SourceImages
+from workbench.detections.readers.people import People, SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
@@ -55,7 +60,9 @@ _MAX_STRETCH = 0.01
 class Video:
     """A video of one calibrated camera, with RGB images; everything in pixels follows their scale.
 
-    Images that differ from the camera's size by up to 1 % are stretched to it, with a warning.
+    Images that differ from the camera's size by up to 1 % are stretched to it, with a warning. With keypoints, a camera
+    that turns or zooms is found by the background, see `camera_motion`: each frame has its own camera, and that of the
+    calibration file is the camera of the first frame used.
 
     Raises InputError for parameters out of range. `info` does for unreadable files, missing frames, images of another
     size, a missing frame rate, initial annotations without the first frame, and eval_frames without annotations.
@@ -148,7 +155,8 @@ class Video:
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
-            input_counts=input_counts, video=self.path if self._frames_are_images else None,
+            input_counts=input_counts, camera_motion=None if self.motion is None else self.motion.kind,
+            video=self.path if self._frames_are_images else None,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
@@ -160,12 +168,37 @@ class Video:
                 continue
             self._check_size(image)
             world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
-            view = View(camera, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
+            seen_by = camera if self.motion is None else self.motion.camera(camera, 0, index - self.first)
+            view = View(seen_by, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
             annotated = None if self._truth is None else self._truth.at(index)
             truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
             yield Frame(index, float(self.times.at(index)), (view,), truth)
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which existed before")
+
+    @cached_property
+    def motion(self) -> CameraMotion | None:
+        """The motion of the camera from the first frame used to the last one; None without keypoints."""
+        if self._background is None:
+            return None
+        camera = self.source_camera
+        motion = self._background.at_focal(float(camera.matrix[0, 0]) / max(camera.width, camera.height))
+        log.info("camera: %s", motion.sentence)
+        return motion
+
+    @cached_property
+    def _background(self) -> CameraMotion | None:
+        """The motion of the camera by the background, before the focal length is estimated from the person, too."""
+        if self._keypoints is None or self.first == self.last:
+            return None
+        joints = dict(zip(self._keypoints.frames.tolist(), self._keypoints.pixels[:, None], strict=True))
+        for people in ({} if self._people is None else self._people).values():
+            joints = dict(zip(people.frames.tolist(), people.joints, strict=True))
+        nobody = np.empty((0, len(JOINT_NAMES), 2))
+        in_images = [joints.get(index, nobody) for index in range(self.first, self.last + 1)]
+        images = decode(self.path, self.first, self.last)
+        bar = tqdm(images, "background", len(in_images), leave=False, unit="frame", disable=None)
+        return camera_motion(track_background(bar, in_images), self._lens)
 
     @property
     def _frames_are_images(self) -> bool:
@@ -195,13 +228,18 @@ class Video:
 
     @cached_property
     def source_camera(self) -> Camera:
-        """The camera of the source's images."""
-        lenses = () if self.calibration_file is None else load_lenses(Path(self.calibration_file).expanduser())
-        if self.calibration_file is None or lenses:
-            return self._estimated_camera(lenses)
-        cameras = read_calibration(self.calibration_file, self.unit, self.up)
-        camera = camera_named(cameras, self.camera_name, self.calibration_file)
-        return fitted(camera, self.image_size, self.source)
+        """The camera of the source's images, in the first frame used if it moves."""
+        is_known = self._lens is not None and _is_placed(self.calibration_file)
+        return self._lens if self._lens is not None and is_known else self._estimated_camera(self._lens)
+
+    @cached_property
+    def _lens(self) -> Camera | None:
+        """The camera of the calibration file, of which only the lens is valid if the file has no poses."""
+        if self.calibration_file is None:
+            return None
+        cameras = load_lenses(Path(self.calibration_file).expanduser())
+        cameras = cameras or read_calibration(self.calibration_file, self.unit, self.up)
+        return fitted(camera_named(cameras, self.camera_name, self.calibration_file), self.image_size, self.source)
 
     @cached_property
     def image_size(self) -> tuple[int, int]:
@@ -254,7 +292,11 @@ class Video:
     @cached_property
     def _detected(self) -> JointAnnotations | None:
         """The person's annotated or detected joints in the frames that are set."""
-        return None if self.keypoints is None else self._read(self.keypoints)
+        if self._people is None:
+            return None if self.keypoints is None else self._read(self.keypoints)
+        times = self.times
+        target = select_target(self._people, None, times.rate_hz, self.person, self._within, times.uneven_s)
+        return target_annotations(next(iter(self._people.values())), target, 0)
 
     @cached_property
     def _keypoints(self) -> JointAnnotations | None:
@@ -270,11 +312,17 @@ class Video:
     @property
     def people(self) -> TrackedPeople | None:
         """All people detected in the frames that are set, with the numbers of `person`; None without detections."""
+        if self._people is None:
+            return None
+        return tracked_people(self._people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+
+    @cached_property
+    def _people(self) -> Mapping[str, People] | None:
+        """All people detected in the frames that are set, by the video's name; None without detections."""
         if self.keypoints is None or not (self.keypoints == DETECT or is_detections(self.keypoints)):
             return None
         path, video = self._file(self.keypoints)
-        people = read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video)
-        return tracked_people(people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+        return read_view(Path(path), self._within, self.source_images, self.keypoint_layout, video)
 
     def _read(self, path: str) -> JointAnnotations:
         path, video = self._file(path)
@@ -292,20 +340,30 @@ class Video:
         """Numbers of the first and the last frame that are set."""
         return self.first_frame, self._last
 
-    def _estimated_camera(self, lenses: Sequence[Camera]) -> Camera:
+    def _estimated_camera(self, lens: Camera | None) -> Camera:
         """Return the camera estimated from the heads and feet of the person in the keypoints, with a known lens if
-        there is one."""
+        there is one, in the first frame used."""
         if self._keypoints is None:
             raise InputError(
                 f"{self.source}: expected dataset.calibration_file with the camera's rotation and translation, or "
                 "dataset.keypoints to estimate the camera from"
             )
         height_m = ADULT_M if self.height_m is None else self.height_m
-        segments = self._segments(self._keypoints)
+        joints = self._keypoints
+        if joints.confidence is not None:
+            joints = replace(joints, pixels=in_image(joints.pixels, self.image_size))
         measured = Measurements(height_m, gait=_GAIT, step_frames=_STEP_S * self.times.rate_hz)
-        if lenses:
-            lens = camera_named(lenses, self.camera_name, str(self.calibration_file))
-            estimate = pose_by_height(fitted(lens, self.image_size, self.source), segments, measured)
+        turning = None if self._background is None or self._background.kind != TURNING else self._background
+        seen_by = lens
+        if turning is not None:  # as if the camera had stood still in the middle of its directions
+            joints = joints.select((joints.frames >= self.first) & (joints.frames <= self.last))
+            pixels, seen_by = turning.in_middle(joints.frames - self.first, joints.pixels, lens)
+            joints, focal_px = replace(joints, pixels=pixels), float(seen_by.matrix[0, 0])
+            if lens is None:
+                measured = replace(measured, focal_px=focal_px, focal_spread=turning.focal_spread)
+        segments = _segments(joints)
+        if lens is not None and seen_by is not None:
+            estimate = pose_by_height(seen_by, segments, measured)
         else:
             estimate = calibrate_by_height("camera", self.image_size, segments, measured)
         value, sigma = estimate.values, estimate.sigma
@@ -313,19 +371,12 @@ class Video:
         log.info(
             "camera estimated from the person's height, %.2f m%s%s: focal length %.0f ± %.0f px, tilt %.1f ± %.1f°, "
             "%.2f ± %.2f m above the floor", height_m, assumed,
-            f", with the lens of {self.calibration_file}" if lenses else "", value["focal_px"], sigma["focal_px"],
+            "" if lens is None else f", with the lens of {self.calibration_file}", value["focal_px"], sigma["focal_px"],
             value["tilt_deg"], sigma["tilt_deg"], value["height_m"], sigma["height_m"],
         )  # fmt: skip
         if not estimate.frames:
-            log.info("no frame shows the person upright from head to feet: a level camera at a usual height is assumed")
-        return estimate.camera
-
-    def _segments(self, joints: JointAnnotations) -> Segments:
-        """Return the head–foot segments for a camera that is estimated."""
-        if joints.confidence is None:
-            return head_foot_segments(joints.frames, joints.pixels, joints.source)
-        detected = (joints.frames, joints.pixels, joints.confidence, joints.world_landmarks)
-        return detected_segments(*detected, self.image_size)
+            log.info("no frame shows the person from head to feet: a level camera at a usual height is assumed")
+        return estimate.camera if turning is None else turning.in_first(estimate.camera, lens)
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
@@ -365,6 +416,13 @@ class Video:
         if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > _MAX_STRETCH:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
+
+
+def _segments(joints: JointAnnotations) -> Segments:
+    """Return the head–foot segments for a camera that is estimated."""
+    if joints.confidence is None:
+        return head_foot_segments(joints.frames, joints.pixels, joints.source)
+    return detected_segments(joints.frames, joints.pixels, joints.confidence, joints.world_landmarks)
 
 
 def _is_placed(calibration_file: str | None) -> bool:

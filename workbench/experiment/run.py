@@ -14,6 +14,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.body.angles import FLEXIONS
+from workbench.cameras.camera_motion import TRAVELLING, TURNING
 from workbench.core.capabilities import FIT, IMAGES, KEYPOINTS, POINTS, UNIFORM_WEIGHTS
 from workbench.core.prior import Prior
 from workbench.core.study import Study
@@ -176,6 +177,7 @@ def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Com
         source_rate_hz=info.source_rate_hz,
         shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
         input_counts=info.input_counts,
+        camera_travels=info.camera_motion == TRAVELLING,
     )
 
 
@@ -261,7 +263,7 @@ def recorder_of(config: DictConfig, components: Components, summary: Summary) ->
     It does not show the summary's uninformative metrics.
     """
     live = {"path": summary.recording, "body": components.body, "space": components.inference.space}
-    live |= {"source_video": components.clip.info.video}
+    live |= {"source_video": components.clip.info.video, "camera_turns": components.clip.info.camera_motion == TURNING}
     live |= {"uninformative_metrics": sorted(summary.uninformative_metrics)}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder

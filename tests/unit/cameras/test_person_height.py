@@ -18,6 +18,7 @@ from workbench.cameras.person_height import (
     calibrate_by_height,
     detected_segments,
     head_foot_segments,
+    in_image,
     pose_by_height,
     upright,
 )
@@ -171,7 +172,7 @@ def detected(rng, names, near_m=4.0, far_m=9.0, confidence=0.95):
     order = [SKELETON.joint(name) for name in JOINT_NAMES]
     landmarks = 0.9 * (world @ camera.rotation.T)[:, order]
     certain = np.full(pixels.shape[:2], confidence)
-    return camera, (np.arange(len(names)), pixels[:, order], certain[:, order], landmarks, SIZE)
+    return camera, (np.arange(len(names)), in_image(pixels[:, order], SIZE), certain[:, order], landmarks)
 
 
 @pytest.mark.parametrize("name", POSTURES)
@@ -183,15 +184,15 @@ def test_an_upright_person_is_known_by_the_landmarks(name):
 
 def test_only_detections_of_an_upright_person_from_head_to_feet_are_evidence():
     names = ["upright", "squat"] * 8
-    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(2), names, 5.0)
+    _, (frames, pixels, confidence, landmarks) = detected(np.random.default_rng(2), names, 5.0)
     shown, hidden, below = pixels.copy(), confidence.copy(), pixels.copy()
     hidden[2, JOINT_NAMES.index("left_ankle")] = 0.3
-    below[4, JOINT_NAMES.index("right_ankle"), 1] = size[1] + 5.0
+    below[4, JOINT_NAMES.index("right_ankle"), 1] = SIZE[1] + 5.0
     upright_frames = tuple(range(0, 16, 2))
-    assert detected_segments(frames, shown, confidence, landmarks, size)[0] == upright_frames
-    assert detected_segments(frames, shown, confidence, None, size)[0] == tuple(range(16))
-    assert detected_segments(frames, shown, hidden, landmarks, size)[0] == tuple(f for f in upright_frames if f != 2)
-    assert detected_segments(frames, below, confidence, landmarks, size)[0] == tuple(
+    assert detected_segments(frames, shown, confidence, landmarks)[0] == upright_frames
+    assert detected_segments(frames, shown, confidence, None)[0] == tuple(range(16))
+    assert detected_segments(frames, shown, hidden, landmarks)[0] == tuple(f for f in upright_frames if f != 2)
+    assert detected_segments(frames, in_image(below, SIZE), confidence, landmarks)[0] == tuple(
         f for f in upright_frames if f != 4
     )
 
@@ -202,7 +203,7 @@ def test_squats_do_not_change_the_camera():
     _, detections = detected(rng, ["upright"] * 10 + ["squat"] * 20, near_m=5.0)
     with_squats = calibrate_by_height("one", SIZE, detected_segments(*detections), Measurements(HEIGHT_M))
     upright_only = tuple(array[:10] for array in detections[:4])
-    without = calibrate_by_height("one", SIZE, detected_segments(*upright_only, SIZE), Measurements(HEIGHT_M))
+    without = calibrate_by_height("one", SIZE, detected_segments(*upright_only), Measurements(HEIGHT_M))
     assert with_squats.values == without.values
 
 
@@ -217,21 +218,21 @@ def test_the_stated_standard_deviations_cover_random_cameras():
 
 def test_of_one_place_the_longest_segment_is_evidence():
     """A slight bend that passes for upright is not taken for distance; a step aside is another place."""
-    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(5), ["upright"] * 4, near_m=6.0)
+    _, (frames, pixels, confidence, landmarks) = detected(np.random.default_rng(5), ["upright"] * 4, near_m=6.0)
     head = JOINT_NAMES.index("head_centre")
     pixels[:] = pixels[0]
     pixels[1, head, 1] += 20.0
     height_px = np.linalg.norm(pixels[0, head] - pixels[0, JOINT_NAMES.index("left_ankle")])
     pixels[2, :, 0] += 0.02 * height_px
     pixels[3, :, 0] += 0.05 * height_px
-    assert detected_segments(frames, pixels, confidence, landmarks, size)[0] == (0, 3)
+    assert detected_segments(frames, pixels, confidence, landmarks)[0] == (0, 3)
 
 
 @pytest.mark.parametrize("name", ["squat", "sitting"])
 def test_an_unknown_posture_makes_the_camera_uncertain(name):
     camera, detections = detected(np.random.default_rng(4), [name] * 10)
     estimate = calibrate_by_height("one", SIZE, detected_segments(*detections), Measurements(HEIGHT_M))
-    known = calibrate_by_height("one", SIZE, detected_segments(*detections[:3], None, SIZE), Measurements(HEIGHT_M))
+    known = calibrate_by_height("one", SIZE, detected_segments(*detections[:3], None), Measurements(HEIGHT_M))
     assert estimate.frames == known.frames
     for each in estimate.sigma:
         assert estimate.sigma[each] > known.sigma[each]
@@ -239,8 +240,8 @@ def test_an_unknown_posture_makes_the_camera_uncertain(name):
 
 
 def test_without_a_person_from_head_to_feet_the_camera_is_level_and_uncertain():
-    _, (frames, pixels, confidence, landmarks, size) = detected(np.random.default_rng(4), ["upright"] * 10)
-    segments = detected_segments(frames, pixels, np.zeros_like(confidence), landmarks, size)
+    _, (frames, pixels, confidence, landmarks) = detected(np.random.default_rng(4), ["upright"] * 10)
+    segments = detected_segments(frames, pixels, np.zeros_like(confidence), landmarks)
     estimate = calibrate_by_height("one", SIZE, segments, Measurements(HEIGHT_M))
     assert estimate.frames == ()
     assert estimate.values["tilt_deg"] == estimate.values["roll_deg"] == 0.0
@@ -303,3 +304,21 @@ def test_the_uncertainty_of_the_camera_is_that_of_its_values():
     known = pose_by_height(estimate.camera, Segments(FRAMES, *standing(sigma_px=2.0)), Measurements(HEIGHT_M))
     assert not known.camera.uncertainty[:, 12:].any()
     assert known.camera.uncertainty[:, :12].any()
+
+
+def test_the_uncertainty_of_a_camera_turns_with_it():
+    """As the difference of two cameras turned alike."""
+    camera = calibrate(standing(sigma_px=2.0)).camera
+    turn, zoom = level_rotation(0.3), 1.2
+    change = 1e-6 * camera.uncertainty[1]
+    other = replace(
+        camera, rotation=camera.rotation + change[:9].reshape(3, 3), translation=camera.translation + change[9:12],
+        matrix=camera.matrix + np.diag([*change[12:14], 0.0]),
+    )  # fmt: skip
+    difference = (other.turned(turn, zoom).row - camera.turned(turn, zoom).row) / 1e-6
+    np.testing.assert_allclose(camera.turned(turn, zoom).uncertainty[1], difference, rtol=1e-5, atol=1e-6)
+
+
+def level_rotation(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -125,7 +125,7 @@ def test_everyone_who_is_detected_for_a_second_is_a_job_of_one_sweep(video, tmp_
     pixels = camera.project(walker_joints()[:8])
     both = [
         [points("BODY_25B", dict(zip(JOINT_NAMES, each.tolist(), strict=True))) for each in frame]
-        for frame in ((one, one + [60.0, 0.0]) for one in pixels)
+        for frame in ((one, np.add(one, [60.0, 0.0])) for one in pixels)
     ]
     write(tmp_path / "both", dict(enumerate([both[0][:1], *both[1:]])))
     words = []

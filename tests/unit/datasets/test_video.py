@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera_file import load_cameras
 from workbench.datasets.video import Video
@@ -318,3 +319,53 @@ def test_chosen_images_of_a_video_and_of_a_folder_are_decoded(tmp_path):
     for source in (tmp_path / "a.avi", tmp_path / "images"):
         levels = [image.mean() / 40.0 for image in decode(source, 1, 4, {0, 2, 4, 5})]
         assert np.round(levels).tolist() == [2.0, 4.0]
+
+
+@pytest.fixture(scope="module")
+def panned(tmp_path_factory):
+    """A folder of images of a wall, seen by a level camera 1.4 m above the floor that pans by 24° after a person who
+    walks 4 to 6 m away, with head and ankles annotated; and the camera's file."""
+    folder, rng, n = tmp_path_factory.mktemp("panned"), np.random.default_rng(0), 25
+    (folder / "images").mkdir()
+    noise = cv2.GaussianBlur(rng.normal(size=(500, 1400)), (0, 0), 2.5)
+    wall = np.clip(128.0 + 40.0 * noise / noise.std(), 0, 255).astype(np.uint8)
+    matrix = np.array([[480.0, 0.0, 239.5], [0.0, 480.0, 134.5], [0.0, 0.0, 1.0]])
+    centred, lines = np.array([[1.0, 0.0, -460.0], [0.0, 1.0, -115.0], [0.0, 0.0, 1.0]]), ["frame,joint,u,v,visible"]
+    for t, angle in enumerate(np.radians(np.linspace(-12.0, 12.0, n))):
+        turn = cv2.Rodrigues(np.array([0.0, -angle, 0.0]))[0]
+        image = cv2.warpPerspective(wall, matrix @ turn @ np.linalg.inv(matrix) @ centred, (480, 270))
+        cv2.imwrite(str(folder / "images" / f"{t:03d}.png"), image)
+        depth = 5.0 + np.sin(0.5 * t)
+        for joint, height in (
+            ("head_centre", HEAD_HEIGHT),
+            ("left_ankle", ANKLE_HEIGHT),
+            ("right_ankle", ANKLE_HEIGHT),
+        ):
+            u, v, w = matrix @ turn @ [depth * np.tan(angle), 1.4 - 1.7 * height, depth]
+            lines.append(f"{t},{joint},{u / w:.3f},{v / w:.3f},1")
+    (folder / "annotations.csv").write_text("\n".join(lines) + "\n")
+    text = CAMERA.format(name="left", width=480, height=270).replace("80.0", "480.0")
+    (folder / "camera.toml").write_text(text.replace("31.0", "239.5").replace("23.0", "134.5"))
+    return folder
+
+
+def _pan_deg(camera, later):
+    return np.degrees(np.arccos(np.clip(camera.rotation[2] @ later.rotation[2], -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("calibration_file", ["camera.toml", None])
+def test_each_frame_of_a_camera_that_pans_has_its_camera(panned, calibration_file):
+    file = None if calibration_file is None else str(panned / calibration_file)
+    keypoints = str(panned / "annotations.csv")
+    dataset = Video(str(panned / "images"), file, rate_hz=25.0, keypoints=keypoints, height_m=1.7)
+    cameras = [frame.views[0].camera for frame in dataset.frames()]
+    assert dataset.info.camera_motion == "turning"
+    assert cameras[0].is_equal(dataset.source_camera)
+    assert cameras[0].matrix[0, 0] == pytest.approx(480.0, rel=0.1)
+    assert _pan_deg(cameras[0], cameras[-1]) == pytest.approx(24.0, rel=0.1)
+    np.testing.assert_allclose([camera.position for camera in cameras], [cameras[0].position] * 25, atol=1e-9)
+    assert calibration_file or cameras[0].position[2] == pytest.approx(1.4, abs=0.05)
+
+
+def test_without_keypoints_the_motion_of_the_camera_is_not_measured(panned):
+    assert Video(str(panned / "images"), str(panned / "camera.toml"), rate_hz=25.0).info.camera_motion is None

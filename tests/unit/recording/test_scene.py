@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
@@ -47,6 +48,18 @@ def test_overlays_are_the_joints_projected_without_distortion():
     chains = scene.figure(BODY).chains
     (drawn,) = fields_of(images.overlay(recorded_camera, "estimate", positions, chains)).values()
     assert drawn["strips"] == pytest.approx(camera.project(positions)[0][chains], abs=1e-3)  # float32
+
+
+def test_a_camera_that_turns_is_recorded_in_every_frame():
+    camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.5, 0.0, 1.2))
+    recorded = images.turned(images.recorded_camera(camera), replace(camera, matrix=1.1 * camera.matrix))
+    pose = fields_of(images.turn(recorded))[recorded.path]
+    np.testing.assert_allclose(Rotation.from_quat(pose["quaternion"][0]).as_matrix(), camera.rotation.T, atol=1e-12)
+    np.testing.assert_allclose(pose["translation"][0], camera.position)
+    lens = dict(images.zoom(recorded))[f"{recorded.path}/image"].image_from_camera.as_arrow_array().to_pylist()
+    np.testing.assert_allclose(np.reshape(lens, (3, 3)).T, 1.1 * camera.matrix)
+    still = dict(images.fixed(recorded, turns=False))
+    assert set(still) - set(dict(images.fixed(recorded, turns=True))) == {recorded.path}
 
 
 def test_undistorted_pixels_are_projections_without_distortion():

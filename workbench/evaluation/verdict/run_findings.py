@@ -26,6 +26,8 @@ from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, Finding, level_of
 
+MOVING_CAMERA = "moving camera"
+"""Kind of the finding that the camera travels."""
 _LIMB_TOLERANCE = 0.20
 """Tolerance of a single limb against the others: three deviations, and the error of a detector's joint."""
 _MAX_JUMP = 5.0
@@ -64,6 +66,7 @@ class RunInputs:
     height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: configured rate of the frames, and the
     rate in their source's file. shows_person: the dataset has observations of the person. input_counts: of the frames
     in which a person was selected among the detected ones, see `TargetPerson`; empty without detections.
+    camera_travels: the only camera changes its place.
     """
 
     height_m: float | None = None
@@ -72,6 +75,7 @@ class RunInputs:
     source_rate_hz: float | None = None
     shows_person: bool = True
     input_counts: Mapping[str, int] = field(default_factory=dict)
+    camera_travels: bool = False
 
 
 def coverage(inputs: RunInputs) -> Finding | None:
@@ -98,6 +102,8 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     yield from of_inputs
     if (covered := coverage(inputs)) is not None:
         yield covered
+    if inputs.camera_travels:
+        yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from _limbs(measured)
         yield from _walk(measured)

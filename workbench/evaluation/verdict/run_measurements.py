@@ -11,6 +11,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import LIMBS
 from workbench.cameras.camera import Camera
+from workbench.cameras.camera_motion import in_camera
 from workbench.cameras.image_height import height_px
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.core.frame import View
@@ -109,6 +110,7 @@ class MeasurementCollector:
         self._rows: list[dict[str, Any]] = []
         self._cameras: dict[str, Camera] = {}
         self._searched: set[str] = set()
+        self._turns = False
         self._iterations = 0.0
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
@@ -119,7 +121,7 @@ class MeasurementCollector:
         places[self._named] = estimate[self._body_joints]
         annotations = None if frame.truth is None else frame.truth.annotations
         for view in frame.views:
-            self._cameras.setdefault(view.camera.name, view.camera)
+            self._turns |= not self._cameras.setdefault(view.camera.name, view.camera).is_equal(view.camera)
         self._searched |= {view.camera.name for view in frame.views if view.keypoints is not None}
         points = None if frame.points is None or not len(frame.points) else frame.points
         uncertain = _uncertain(errors)
@@ -131,6 +133,7 @@ class MeasurementCollector:
             {
                 "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
                 "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
+                "in_cameras": {view.camera.name: self._in_first(view) for view in frame.views},
                 "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
@@ -141,6 +144,12 @@ class MeasurementCollector:
             }
         )  # fmt: skip
         self._iterations = max(self._iterations, float(step.diagnostics.get("iterations", 0.0)))
+
+    def _in_first(self, view: View) -> FloatArray:
+        """Return a view's keypoints (J, 3) where the first frame's camera would see them."""
+        keypoints = np.full((len(JOINT_NAMES), 3), np.nan) if view.keypoints is None else view.keypoints
+        first = self._cameras[view.camera.name]
+        return np.column_stack([in_camera(keypoints[:, :2], view.camera, first), keypoints[:, 2]])
 
     def _view(self, view: View, joints_m: FloatArray) -> tuple[float, bool]:
         """Return keypoint_error_px and in_image of a view; joints_m: (J, 3), estimated."""
@@ -166,9 +175,11 @@ class MeasurementCollector:
         keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
         errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
+        in_cameras = np.array([[row["in_cameras"].get(name, none) for row in rows] for name in cameras], np.float64)
+        shape = len(cameras), n, len(JOINT_NAMES), 3
         observed = ObservedJoints(
-            tuple(cameras.values()), keypoints.reshape(len(cameras), n, len(JOINT_NAMES), 3), searched,
-            times_s=series["time_s"], scale=self._scale,
+            tuple(cameras.values()), keypoints.reshape(shape), searched, times_s=series["time_s"], scale=self._scale,
+            in_cameras=in_cameras.reshape(shape) if self._turns else None,
         )  # fmt: skip
         return RunMeasurements(
             frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=series["time_s"],

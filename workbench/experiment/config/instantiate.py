@@ -27,6 +27,7 @@ _LIVE = frozenset(
         "run_id",
         "settings",
         "uninformative_metrics",
+        "camera_turns",
     }
 )
 """Parameters that the run fills with live objects and that are no configuration keys.

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import rerun as rr
+from scipy.spatial.transform import Rotation
 
 from workbench.cameras.camera import Camera
 from workbench.core.frame import Truth
@@ -52,17 +53,41 @@ def recorded_camera(camera: Camera) -> RecordedCamera:
     return RecordedCamera(path, camera, replace(camera, distortion=np.zeros(5)), maps)
 
 
-def fixed(recorded: RecordedCamera) -> Entities:
-    """Yield pose and lens of a static camera, and the styles of overlays on its images."""
+def fixed(recorded: RecordedCamera, turns: bool) -> Entities:
+    """Yield the styles of overlays on a camera's images, pose and lens; of a camera that turns what is constant."""
     camera = recorded.camera
-    yield recorded.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
-    size, axes = [camera.width, camera.height], rr.ViewCoordinates.RDF
-    lens = rr.Pinhole(image_from_camera=camera.matrix, resolution=size, camera_xyz=axes, image_plane_distance=1.2)
+    if not turns:
+        yield recorded.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
+    size, axes, matrix = [camera.width, camera.height], rr.ViewCoordinates.RDF, None if turns else camera.matrix
+    lens = rr.Pinhole.from_fields(
+        image_from_camera=matrix, resolution=[size], camera_xyz=axes, image_plane_distance=1.2
+    )
     yield f"{recorded.path}/image", lens
     for order, (name, colour, width) in enumerate(_LINES, start=1):
         colors, radii = None if colour is None else [colour], rr.Radius.ui_points(width)
         style = rr.LineStrips2D.from_fields(colors=colors, radii=radii, draw_order=10.0 * order)
         yield f"{recorded.path}/image/{name}", style
+
+
+def turned(recorded: RecordedCamera, camera: Camera) -> RecordedCamera:
+    """Return the recorded camera of a frame in which it has turned or zoomed."""
+    if not np.array_equal(camera.matrix, recorded.source.matrix):
+        return recorded_camera(camera)
+    return replace(recorded, source=camera, camera=replace(camera, distortion=np.zeros(5)))
+
+
+def turn(recorded: RecordedCamera) -> Rows:
+    """Yield the pose in one frame of a camera that turns."""
+    pose = {
+        "translation": recorded.camera.position[None],
+        "quaternion": Rotation.from_matrix(recorded.camera.rotation.T).as_quat()[None],
+    }
+    yield recorded.path, Row(rr.Transform3D, pose)
+
+
+def zoom(recorded: RecordedCamera) -> Entities:
+    """Yield the lens from one frame on of a camera that turns."""
+    yield f"{recorded.path}/image", rr.Pinhole.from_fields(image_from_camera=recorded.camera.matrix)
 
 
 def jpeg(recorded: RecordedCamera, pixels: ByteArray, quality: int) -> ByteArray:

@@ -62,6 +62,7 @@ class Recorder:
     video : store source_video, an MP4 file, in place of a JPEG of every image: about a tenth of the size. The viewer
         decodes it, H.264 by an installed FFmpeg or in a browser.
     source_video : file whose frames are the images of the only camera, see `SequenceInfo.video`.
+    camera_turns : the only camera turns or zooms, and is recorded in each frame.
     uninformative_metrics : equal in all runs of such components; recorded, but not shown.
 
     Raises
@@ -74,7 +75,8 @@ class Recorder:
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
         n_particles_shown: int = 20,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
-        video: bool = False, source_video: Path | None = None, uninformative_metrics: Sequence[str] = (),
+        video: bool = False, source_video: Path | None = None, camera_turns: bool = False,
+        uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
         values = (n_particles_shown, marginal_bins, jpeg_quality)
         for (name, (low, high)), value in zip(_RANGES.items(), values, strict=True):
@@ -86,6 +88,8 @@ class Recorder:
         self._ranks: list[FloatArray] = []  # (k,) by frame; the first pose is given and has none
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
+        self._camera_turns = camera_turns
+        self._lens: FloatArray | None = None  # of a camera that turns
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_unflushed = 0
         self._began_s = self._flushed_s = monotonic()
@@ -227,6 +231,9 @@ class Recorder:
         expected, every = frames.positions, -(-len(drawn) // _MAX_OVERLAID)
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
             recorded = self._camera(view.camera)
+            if self._camera_turns:
+                recorded = self._turned(recorded, view.camera)
+                yield from images.turn(recorded)
             self._encode(step.frame, recorded, view.image)
             yield from images.overlay(recorded, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(recorded, "estimate", expected, figure.chains)
@@ -258,11 +265,19 @@ class Recorder:
     def _camera(self, camera: Camera) -> "images.RecordedCamera":
         if camera.name not in self._cameras:
             self._cameras[camera.name] = images.recorded_camera(camera)
-            self._file.send(images.fixed(self._cameras[camera.name]), static=True)
+            self._file.send(images.fixed(self._cameras[camera.name], self._camera_turns), static=True)
             if self._video is not None:
                 video = [(images.video_path(self._cameras[camera.name]), self._video[0])]
                 self._file.send(iter(video), static=True)
         return self._cameras[camera.name]
+
+    def _turned(self, recorded: "images.RecordedCamera", camera: Camera) -> "images.RecordedCamera":
+        """Return the recorded camera of a frame, and record its lens where it differs from the frame's before."""
+        turned = images.turned(recorded, camera)
+        if self._lens is None or not np.array_equal(self._lens, camera.matrix):
+            self._file.send(images.zoom(turned))
+            self._lens = camera.matrix
+        return turned
 
     def _flexions(self, step: Step) -> tuple[str, ...]:
         return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))

@@ -221,3 +221,10 @@ def test_a_run_without_observations_is_not_trusted():
     assert (images.outcome.kind, images.level, set(images.states)) == ("no ground truth", DOUBTFUL, {""})
     empty = replace(without_keypoints, inputs=replace(INPUTS, shows_person=False)).verdict()
     assert (empty.kind, empty.level) == ("no person visible", NOT_USABLE)
+
+
+def test_a_camera_that_travels_makes_positions_doubtful():
+    still, travelling = (replace(ONE, inputs=replace(ONE.inputs, camera_travels=each)).verdict() for each in (0, 1))
+    assert still.level == "trustworthy"
+    assert (travelling.level, travelling.kind) == ("doubtful", "moving camera")
+    assert "positions are relative to the camera" in travelling.message

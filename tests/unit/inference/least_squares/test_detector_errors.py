@@ -219,7 +219,7 @@ def test_the_sensitivity_to_an_estimated_camera_is_that_of_a_refit():
     problem, minimum, poses = minimum_of(cameras=CAMERAS[:1])
     changes = np.zeros((3, 23))
     changes[0, 9], changes[1, 11], changes[2, 12:14] = 0.05, 0.1, 50.0  # m, m and px: translation and focal lengths
-    sensitivity = estimated_camera_sensitivity(problem, poses, changes)
+    sensitivity = estimated_camera_sensitivity(problem, poses, changes[:, None])
     for k, change in enumerate(changes):
         step = 1e-2
         moved = [

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from keypoint_scenes import BODY, streams
+from scipy.spatial.transform import Rotation
 from view_scenes import CAMERAS, frames, observed
 
 from tests.oracles.smooth_poses import foot_drifts, joint_residual
@@ -46,6 +47,17 @@ def test_the_standing_foot_is_in_contact_and_the_swinging_one_is_not(cameras):
     assert contacts[:, 0].all()
     assert not contacts[:, 1].any()  # it is slow at its turning points, for less than MIN_CONTACT_S
     assert MIN_CONTACT_S > 2.0 * 0.1
+
+
+def test_contacts_are_the_same_if_the_camera_pans():
+    times, poses = leg_swing()
+    (still,) = CAMERAS[:1]
+    turns = Rotation.from_euler("y", 0.01 * np.arange(30)[:, None]).as_matrix()  # the person leaves the image
+    cameras = [replace(still, rotation=turn @ still.rotation, translation=turn @ still.translation) for turn in turns]
+    panned = [observed(SKELETON, frames(SKELETON, times, poses, (camera,), 1.0))[t] for t, camera in enumerate(cameras)]
+    contacts = detect_foot_contacts(SKELETON, panned, times)
+    assert contacts[:, 0].all()
+    assert not contacts[:, 1].any()
 
 
 def test_a_contact_ends_where_frames_are_missing():

@@ -40,6 +40,20 @@ def both_problems(n_frames, cameras=CAMERAS, loss="huber", ground_m=0.1):
     return batch, functions, poses + 0.3 * rng.standard_normal(poses.shape)
 
 
+def test_a_camera_that_turns_is_one_view_with_a_row_for_each_frame():
+    times, poses = swinging(SKELETON, 3)
+    (still,) = CAMERAS[:1]
+    cameras = [replace(still, translation=still.translation + 0.1 * t) for t in range(3)]
+    views = [observed(SKELETON, frames(SKELETON, times, poses, (camera,)))[t] for t, camera in enumerate(cameras)]
+    keypoints = KeypointArrays.of(views, np.sqrt)
+    np.testing.assert_array_equal(keypoints.rows, [camera.row for camera in cameras])
+    assert np.unique(keypoints.cameras).tolist() == [0, 1, 2]
+    assert not keypoints.views.any()
+    problem = PoseProblem(SKELETON, keypoints, times, SQUARED, Smoothness(), np.zeros((3, 2), bool))
+    np.testing.assert_allclose(problem.residuals(poses), 0.0, atol=1e-9)
+    assert len(problem.select_frames(np.array([1])).keypoints.views) == keypoints.first[2] - keypoints.first[1]
+
+
 def random_pose_prior(poses):
     root = np.random.default_rng(1).standard_normal((25, 25))
     root[:4] = 0.0

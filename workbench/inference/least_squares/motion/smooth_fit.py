@@ -190,7 +190,7 @@ def fit_smooth(
         errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
         result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
     if single_camera is not None and single_camera.uncertainty is not None:
-        errors = estimated_camera_sensitivity(problem, fit.poses, single_camera.uncertainty)
+        errors = estimated_camera_sensitivity(problem, fit.poses, _camera_uncertainty(observations))
         result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
     if systematic_errors:
         result = replace(result, covariances=result.covariances + detector_covariances(problem, fit.poses))
@@ -226,6 +226,12 @@ def _single_camera(observations: Sequence[Observed]) -> Camera | None:
     """Return the camera of all observations if there is only one, else None."""
     cameras = {keypoints.camera.name: keypoints.camera for frame in observations for keypoints in frame.keypoints}
     return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in observed_kinds(observations) else None
+
+
+def _camera_uncertainty(observations: Sequence[Observed]) -> FloatArray:
+    """Return the uncertainty (G, C, 23) of an only camera that is estimated, in the order of the keypoints' rows."""
+    cameras = {id(view.camera): view.camera for frame in observations for view in frame.keypoints}
+    return np.stack([each.uncertainty for each in cameras.values() if each.uncertainty is not None], axis=1)
 
 
 def _initial_poses(

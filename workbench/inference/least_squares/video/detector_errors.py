@@ -83,16 +83,16 @@ def camera_sensitivity(problem: PoseProblem, factor: Factor, poses: FloatArray) 
     factor : of the Gauss–Newton matrix at the poses.
     """
     keypoints = problem.keypoints
-    cameras = np.unique(keypoints.cameras)
+    cameras = np.unique(keypoints.views)
     if len(cameras) < 2:
         return np.zeros((*poses.shape, 0))
     residuals_px = problem.residuals(poses) / keypoints.whitening[:, None]
-    medians = [np.median(residuals_px[keypoints.cameras == camera], axis=0) for camera in cameras]
+    medians = [np.median(residuals_px[keypoints.views == camera], axis=0) for camera in cameras]
     sigma_px = np.sqrt(np.square(medians).sum() / (2 * len(cameras) - 3))
     gradient, changes = problem.expand(poses.ravel()).gradient, []
     for camera in cameras:
         for axis in sigma_px * np.eye(2):
-            pixels = keypoints.pixels + np.outer(keypoints.cameras == camera, axis)
+            pixels = keypoints.pixels + np.outer(keypoints.views == camera, axis)
             displaced = replace(problem, keypoints=replace(keypoints, pixels=pixels))
             changes.append(gradient - displaced.expand(poses.ravel()).gradient)
     return factor.solve(np.stack(changes, axis=1)).reshape(*poses.shape, -1)
@@ -107,8 +107,8 @@ def noise_scales(problem: PoseProblem, poses: FloatArray) -> FloatArray:
     camera, the median of its residuals, is subtracted.
     """
     keypoints, residuals, n_joints = problem.keypoints, problem.residuals(poses), len(problem.skeleton.names)
-    series = keypoints.cameras * n_joints + keypoints.joints
-    residuals = residuals - _medians(residuals, series, len(keypoints.rows) * n_joints)[series]
+    series = keypoints.views * n_joints + keypoints.joints
+    residuals = residuals - _medians(residuals, series, int(series.max(initial=0)) + 1)[series]
     scales = _ROBUST_STD * _medians(np.abs(residuals), keypoints.joints, n_joints).mean(axis=1)
     frames = np.repeat(np.arange(problem.n_frames), np.diff(keypoints.first))
     n_correlated = integrated_autocorrelation(residuals, series, frames)

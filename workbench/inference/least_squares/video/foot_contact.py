@@ -38,9 +38,10 @@ def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], t
     foot_contacts, visible = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
     for name in dict.fromkeys(view.camera.name for frame in observations for view in frame.keypoints):
         views = [next((view for view in frame.keypoints if view.camera.name == name), None) for frame in observations]
-        height_px = person_px([view for view in views if view is not None])
+        seen = [view for view in views if view is not None]
+        height_px, turns = person_px(seen), not all(view.camera.is_equal(seen[0].camera) for view in seen)
         for k, joint in enumerate(ANKLES):
-            speeds = image_speeds(_joint_track(views, skeleton, joint), times_s) / height_px
+            speeds = image_speeds(_joint_track(views, skeleton, joint, turns), times_s) / height_px
             visible[:, k] |= np.isfinite(speeds)
             foot_contacts[:, k] &= ~(speeds > MAX_CONTACT_SPEED)
     foot_contacts &= visible
@@ -48,7 +49,7 @@ def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], t
 
 
 def image_speeds(positions: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Return the speeds (T,), px/s, of a point (T, 2), px, NaN where invisible: the slope of a line fitted within
+    """Return the speeds (T,), px/s, of a point (T, 2 or 3), px, NaN where invisible: the slope of a line fitted within
     WINDOW_S, NaN for too few frames."""
     speeds = np.full(len(times_s), np.nan)
     step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
@@ -83,10 +84,12 @@ def _remove_short(contacts: BoolArray, times_s: FloatArray) -> BoolArray:
     return lasting
 
 
-def _joint_track(views: Sequence[Keypoints | None], skeleton: Skeleton, joint: str) -> FloatArray:
-    """Return a joint's positions (T, 2), px, in the views (T,) of one camera; NaN where it is invisible."""
-    positions = np.full((len(views), 2), np.nan)
+def _joint_track(views: Sequence[Keypoints | None], skeleton: Skeleton, joint: str, turns: bool) -> FloatArray:
+    """Return a joint's positions (T, 2), px, in the views (T,) of one camera; NaN where it is invisible. Of a camera
+    that turns they lie on a sphere (T, 3) about it, with the focal length as radius."""
+    positions = np.full((len(views), 3 if turns else 2), np.nan)
     for t, view in enumerate(views):
         if view is not None and joint in skeleton.names and (rows := view.joints == skeleton.joint(joint)).any():
-            positions[t] = view.detections[rows][0, :2]
+            pixel, camera = view.detections[rows][0, :2], view.camera
+            positions[t] = camera.matrix[0, 0] * camera.directions(camera.undistorted(pixel)) if turns else pixel
     return positions

@@ -41,7 +41,8 @@ _FIXED_PRECISION = 1e12
 @dataclass(frozen=True, eq=False)
 class KeypointArrays:
     """Keypoints of T frames. first: (T + 1,) index of each frame's first one. joints, cameras: (K,). pixels: (K, 2),
-    px. whitening: (K,) inverse standard deviations, 1/px. rows: (C, 23), `Camera.row` of each camera."""
+    px. whitening: (K,) inverse standard deviations, 1/px. rows: (C, 23), `Camera.row` of each camera; one that turns
+    has a row for each frame. views: (K,) numbers of the cameras by name."""
 
     first: IntArray
     joints: IntArray
@@ -49,6 +50,7 @@ class KeypointArrays:
     pixels: FloatArray
     whitening: FloatArray
     rows: FloatArray
+    views: IntArray
 
     @staticmethod
     def of(observations: Sequence[Observed], whitening: Callable[[FloatArray], FloatArray]) -> "KeypointArrays":
@@ -56,6 +58,7 @@ class KeypointArrays:
         views = [view for frame in observations for view in frame.keypoints]
         rows = {id(view.camera): view.camera.row for view in views}
         number, sizes = {camera: k for k, camera in enumerate(rows)}, [len(view.joints) for view in views]
+        names = {name: k for k, name in enumerate(dict.fromkeys(view.camera.name for view in views))}
         keypoints = np.concatenate([np.empty((0, 3)), *(view.detections for view in views)])
         ends = np.cumsum([sum(len(view.joints) for view in frame.keypoints) for frame in observations])
         return KeypointArrays(
@@ -65,6 +68,7 @@ class KeypointArrays:
             pixels=np.ascontiguousarray(keypoints[:, :2]),
             whitening=np.ascontiguousarray(whitening(keypoints[:, 2])),
             rows=np.array([*rows.values()]).reshape(-1, 23),
+            views=np.repeat(np.array([names[view.camera.name] for view in views], dtype=np.int64), sizes),
         )
 
     @staticmethod
@@ -77,14 +81,15 @@ class KeypointArrays:
         indices = [np.arange(self.first[t], self.first[t + 1]) for t in frames]
         k = np.concatenate([np.empty(0, np.int64), *indices])
         first = np.concatenate([[0], np.cumsum([len(frame) for frame in indices])]).astype(np.int64)
-        return KeypointArrays(first, self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k], self.rows)
+        each = self.joints[k], self.cameras[k], self.pixels[k], self.whitening[k]
+        return KeypointArrays(first, *each, self.rows, self.views[k])
 
     def select(self, chosen: BoolArray) -> "KeypointArrays":
         """Return the keypoints that are chosen, (K,)."""
         first = np.concatenate([[0], np.cumsum(chosen)])[self.first]
         return replace(
             self, first=first, joints=self.joints[chosen], cameras=self.cameras[chosen], pixels=self.pixels[chosen],
-            whitening=self.whitening[chosen],
+            whitening=self.whitening[chosen], views=self.views[chosen],
         )  # fmt: skip
 
     @property

@@ -37,7 +37,7 @@ def estimated_camera_sensitivity(problem: PoseProblem, poses: FloatArray, uncert
 
     Parameters
     ----------
-    uncertainty : (G, 23), see `Camera`.
+    uncertainty : (G, C, 23), changes of the keypoints' rows, see `Camera`.
     """
     problem, keypoints, gradients = replace(problem, ground_m=None), problem.keypoints, []
     for change in _DERIVATIVE_STEP * uncertainty:

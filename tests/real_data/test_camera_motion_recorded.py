@@ -1,0 +1,98 @@
+"""A camera that follows the recorded woman, made from the static video of her walk, is measured and compensated."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from workbench.cameras.background_tracks import track_background
+from workbench.cameras.camera_file import load_cameras
+from workbench.cameras.camera_motion import STATIC, TURNING, camera_motion
+from workbench.cli.main import main
+from workbench.detections.joint_annotations import read_annotations
+from workbench.utils.decode import decode
+
+FIRST, LAST = 50, 175
+WIDTH, HEIGHT = 900, 994
+MAX_RATIO = 1.2
+"""Of the error with a moving camera over that with the static one."""
+
+
+def _left():
+    """Return the left edges (T,), px, of a window that follows her to the left."""
+    frames = np.arange(FIRST, LAST + 1)
+    left = np.interp(frames, [60, 165], [868.0, 0.0])
+    return np.convolve(np.pad(left, 10, mode="edge"), np.ones(21) / 21, "valid")
+
+
+def _pan(camera, left):
+    """Return the angle, rad, between the axis and the middle of a window."""
+    return np.arctan((left + 0.5 * WIDTH - camera.matrix[0, 2]) / camera.matrix[0, 0])
+
+
+@pytest.fixture(scope="module")
+def homographies(data):
+    """Return the homographies (T, 3, 3) of the static images, of a moving crop, and of a camera that turns."""
+    (camera,) = load_cameras(data / "sports2d_walk" / "Calib_demo.toml")
+    lens = camera.matrix.copy()
+    lens[:2, 2] = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+    crops = [np.array([[1.0, 0.0, -round(left)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) for left in _left()]
+    turns = Rotation.from_euler("y", -_pan(camera, _left())[:, None]).as_matrix()
+    pan = [lens @ turn @ np.linalg.inv(camera.matrix) for turn in turns]
+    return {"static": [np.eye(3)] * len(crops), "crop": crops, "pan": pan}
+
+
+def _images(data, homographies):
+    size = (WIDTH, HEIGHT) if np.any(homographies[0] - np.eye(3)) else None
+    for image, homography in zip(decode(data / "sports2d_walk" / "demo.mp4", FIRST, LAST), homographies, strict=True):
+        yield cv2.warpPerspective(image, homography, size or image.shape[1::-1], flags=cv2.INTER_LINEAR)
+
+
+@pytest.mark.slow
+def test_the_pan_is_measured(data, homographies):
+    joints = read_annotations(data / "sports2d_walk" / "keypoints.csv")
+    (camera,) = load_cameras(data / "sports2d_walk" / "Calib_demo.toml")
+    nobody, expected = np.empty((0, joints.pixels.shape[1], 2)), np.ptp(np.degrees(_pan(camera, _left())))
+    for name, kind in (("static", STATIC), ("pan", TURNING)):
+        motion = camera_motion(track_background(_images(data, homographies[name]), [nobody] * (LAST - FIRST + 1)))
+        assert motion.kind == kind
+    motion = motion.at_focal(float(camera.matrix[0, 0]) / HEIGHT)
+    axes = motion.rotations[:, 2]
+    assert np.ptp(np.degrees(np.arctan2(axes[:, 0], axes[:, 2]))) == pytest.approx(expected, rel=0.02)
+    assert np.ptp(np.degrees(np.arcsin(axes[:, 1]))) < 0.3
+
+
+@pytest.fixture(scope="module")
+def errors_px(data, homographies, tmp_path_factory):
+    """Return the errors, px of the source, of the woman tracked in each of the videos."""
+    folder, errors = tmp_path_factory.mktemp("moving"), {}
+    with (data / "sports2d_walk" / "keypoints.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for name, each in homographies.items():
+        images = list(_images(data, each))
+        video = cv2.VideoWriter(
+            str(folder / f"{name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, images[0].shape[1::-1]
+        )
+        for image in images:
+            video.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        video.release()
+        lines = ["frame,joint,u,v,visible"]
+        for row in rows:
+            frame = int(row["frame"]) - FIRST
+            x, y, z = each[frame] @ [float(row["u"]), float(row["v"]), 1.0]
+            lines.append(f"{frame},{row['joint']},{x / z:.2f},{y / z:.2f},{row['visible']}")
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        model, run = data / "blazepose" / "pose_landmark_full.tflite", folder / name
+        words = ["track", str(folder / f"{name}.mp4"), "--height", "1.65", "--model", str(model), "-o", str(run)]
+        assert main([*words, f"dataset.eval_annotations={folder / name}.csv", f"dataset.cache={folder}"]) == 0
+        errors[name] = json.loads((run / "summary.json").read_text(encoding="utf-8"))["metrics"]["mpjpe_px"]
+    return errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["crop", "pan"])
+def test_a_camera_that_follows_her_has_the_error_of_the_static_one(errors_px, name):
+    assert errors_px[name] < MAX_RATIO * errors_px["static"]
