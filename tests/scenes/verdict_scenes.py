@@ -12,6 +12,7 @@ from workbench.cameras.camera import plain_camera
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
+from workbench.evaluation.uncertainty.step_calibration import expected_errors
 from workbench.evaluation.verdict.run_findings import RunInputs
 from workbench.evaluation.verdict.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict.run_verdict import verdict
@@ -44,7 +45,8 @@ class Scene:
     """The inputs of a run, which a fault may change.
 
     cameras: the calibration. keypoints: (V, N, J, 3). poses: the estimate (N, 25). points: (N, K, 3) or None. truth_m:
-    offset of the true joints from the estimate's, (N, 3), or None.
+    offset of the true joints from the estimate's, (N, 3), or None. depth_std_m: of the particles along the first
+    camera's line of sight, beyond 0.01 of every pose parameter. expected_errors: whether the run states them.
     """
 
     cameras: tuple
@@ -58,6 +60,8 @@ class Scene:
     truth_m: np.ndarray | None = None
     inlier_fraction: float = 0.9
     body: object = BODY
+    depth_std_m: float = 0.0
+    expected_errors: bool = False
 
     def verdict(self):
         collector = MeasurementCollector(self.body)
@@ -69,9 +73,12 @@ class Scene:
                 truth = Truth(joints=joints(self.body.skeleton, pose[None])[0] + self.truth_m[t])
             frame = Frame(t, float(self.times_s[t]), views, truth, None if self.points is None else self.points[t])
             poses = pose + 0.01 * rng.standard_normal((20, 25))
+            if self.depth_std_m:
+                poses[:, :3] += self.depth_std_m * np.outer(rng.standard_normal(20), self.cameras[0].rotation[2])
             step = Step(frame, SPACE, poses[:, :1], poses, np.full(20, -np.log(20.0)), np.zeros(20, np.int64), pose,
                         pose, 20.0, np.nan, diagnostics={"inlier_fraction": self.inlier_fraction})  # fmt: skip
-            collector.add(step, {name: float(values[t]) for name, values in self.errors.items()})
+            stated = expected_errors(step, self.body.skeleton) if self.expected_errors else {}
+            collector.add(step, stated | {name: float(values[t]) for name, values in self.errors.items()})
         return verdict(collector.measurements(), self.inputs)
 
 

@@ -33,6 +33,8 @@ _LIMB_TOLERANCE = 0.20
 _MAX_JUMP = 5.0
 """Times the motion of the keypoints in the frames around. Even a kick at 30 Hz stays below twice, by the accelerations
 that legs and arms are capable of."""
+_MIN_JUMP_SPEED = 30.0 * FOREARM_OVER_HEIGHT
+"""In heights per second, 2.2 m/s on average over all joints: a slower person may just begin to move."""
 _JUMP_FRAMES = 10
 _MIN_GAP_S = 0.25
 """Shortest reported gap in keypoints that are otherwise there in every frame: half a step of a walk."""
@@ -239,7 +241,9 @@ def _place(measured: RunMeasurements) -> Iterator[Finding]:
     places = measured.estimated_joints
     if has_values(places[:, 0]):
         yield from (distance(camera, places[:, 0]) for camera in measured.observed.cameras)
-    axis = _joint(places, "neck") - 0.5 * (_joint(places, "left_ankle") + _joint(places, "right_ankle"))
+    ankles = places[:, [JOINT_NAMES.index("left_ankle"), JOINT_NAMES.index("right_ankle")]]
+    standing = np.take_along_axis(ankles, ankles[:, :, 2:].argmin(axis=1)[:, None], axis=1)[:, 0]
+    axis = _joint(places, "neck") - standing
     if has_values(axis):
         yield upright(np.nanmean(axis, axis=0), "in the mean of the estimate")
 
@@ -261,11 +265,9 @@ def _uncertainty(measured: RunMeasurements) -> Iterator[Finding]:
         text = f"the expected error of {groups} exceeds {UNCERTAIN_MM:g} mm in {len(uncertain)} frames"
         yield Finding("large expected error", text)
     depth_m = measured.depth_std_m[shown]
-    if has_values(depth_m) and (std := float(np.nanmedian(depth_m))) > 1e-3 * UNCERTAIN_MM:
-        estimated = measured.observed.cameras[0].uncertainty is not None
-        text = f"the person's depth is known to ± {std:.2f} m only"
-        reason = ", because the camera is estimated" if estimated else ""
-        yield Finding("uncertain depth", text + reason, NOTE if estimated else DOUBTFUL)
+    known = all(camera.uncertainty is None for camera in measured.observed.cameras)  # otherwise the outcome states it
+    if known and has_values(depth_m) and (std := float(np.nanmedian(depth_m))) > 1e-3 * UNCERTAIN_MM:
+        yield Finding("uncertain depth", f"the person's depth is known to ± {std:.2f} m only")
 
 
 def _missing(measured: RunMeasurements) -> Iterator[Finding]:
@@ -278,7 +280,7 @@ def _missing(measured: RunMeasurements) -> Iterator[Finding]:
                 where = f"frames {measured.frames[first]} to {measured.frames[last]}"
                 yield Finding("missing frames or jumps", f"no keypoints in {where}, {seconds:.2g} s")
     motion = measured.observed.motion
-    jumps = _jumps(motion)
+    jumps = _jumps(motion, measured.times_s)
     if len(jumps):
         at, more = jumps[0], f" and {len(jumps) - 1} times more" if len(jumps) > 1 else ""
         moved = f"by {motion[at]:.0%} of the person's height"
@@ -286,10 +288,11 @@ def _missing(measured: RunMeasurements) -> Iterator[Finding]:
         yield Finding("missing frames or jumps", f"the keypoints jump {moved} {where}{more}")
 
 
-def _jumps(motion: FloatArray) -> list[int]:
-    """Return the frames whose motion (F,) is _MAX_JUMP times the median around them, and more than a forearm."""
-    jumps = []
-    for t in np.flatnonzero(np.nan_to_num(motion) > FOREARM_OVER_HEIGHT):
+def _jumps(motion: FloatArray, times_s: FloatArray) -> list[int]:
+    """Return the frames at times (F,) whose motion (F,) since the last one is _MAX_JUMP times the median around them,
+    and more than a forearm's width and than at _MIN_JUMP_SPEED."""
+    jumps, steps_s = [], np.diff(times_s, prepend=times_s[:1])
+    for t in np.flatnonzero(np.nan_to_num(motion) > np.maximum(FOREARM_OVER_HEIGHT, _MIN_JUMP_SPEED * steps_s)):
         around = np.delete(motion[max(t - _JUMP_FRAMES, 0) : t + _JUMP_FRAMES + 1], min(int(t), _JUMP_FRAMES))
         if np.isfinite(around).sum() >= WINDOW_FRAMES and motion[t] > _MAX_JUMP * np.nanmedian(around):
             jumps.append(int(t))

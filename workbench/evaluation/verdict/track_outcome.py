@@ -174,7 +174,9 @@ def _details(measured: RunMeasurements) -> str:
         parts.append(f"{drift.message}, within its 90 % interval")
     depth_m = measured.depth_std_m
     if has_values(depth_m) and not _has_truth(measured):
-        parts.append(f"depth known to ± {np.nanmedian(depth_m):.2f} m")
+        estimated = any(camera.uncertainty is not None for camera in measured.observed.cameras)
+        reason = " as the camera is estimated" if estimated else ""
+        parts.append(f"depth known to ± {np.nanmedian(depth_m):.2f} m{reason}")
     return ", ".join(filter(None, parts))
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, RunInputs, cameras, scene
+from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, RunInputs, cameras, scene, walk
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import FOREARM_OVER_HEIGHT
@@ -16,6 +16,7 @@ from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
 from workbench.evaluation.verdict.knee_bends import bends
+from workbench.evaluation.verdict.run_findings import _jumps
 from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.utils.finding import (
     DOUBTFUL,
@@ -228,3 +229,38 @@ def test_a_camera_that_travels_makes_positions_doubtful():
     assert still.level == "trustworthy"
     assert (travelling.level, travelling.kind) == ("doubtful", "moving camera")
     assert "positions are relative to the camera" in travelling.message
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "motion", "is_jump"), [(30.0, 0.043, False), (30.0, 0.045, True), (5.0, 0.26, False), (5.0, 0.27, True)]
+)
+def test_a_jump_is_longer_than_a_forearm_is_wide_and_faster_than_a_person_begins_to_move(rate_hz, motion, is_jump):
+    steps = np.full(30, 0.001)
+    steps[15] = motion
+    assert (_jumps(steps, np.arange(30) / rate_hz) == [15]) == is_jump
+
+
+def with_estimated_camera(intact, depth_m):
+    """Return the scene with a camera whose focal length is uncertain, and particles spread along its line of sight."""
+    (camera,) = intact.cameras
+    by_focal = np.zeros((1, 23))
+    by_focal[0, 12:14] = 0.1 * camera.row[12:14]
+    return replace(intact, cameras=(replace(camera, uncertainty=by_focal),), depth_std_m=depth_m)
+
+
+def test_the_distance_from_an_estimated_camera_is_stated_and_no_reason_to_doubt():
+    known = replace(ONE, depth_std_m=1.0, expected_errors=True).verdict()
+    estimated = replace(with_estimated_camera(ONE, 1.0), expected_errors=True).verdict()
+    assert known.level == DOUBTFUL
+    assert {"uncertain depth", "large expected error"} <= {finding.kind for finding in problems(known.findings)}
+    assert estimated.level == TRUSTWORTHY, estimated.message
+    assert "m as the camera is estimated" in estimated.message
+
+
+def test_a_person_on_one_leg_stands_upright():
+    poses = walk().copy()
+    poses[:, BODY.skeleton.dof("left_hip_flexion")] = 1.6
+    poses[:, BODY.skeleton.dof("left_knee_flexion")] = 0.2
+    poses[:, 4:6] = 0.0
+    raised = replace(ONE, poses=poses)
+    assert "vertical" not in {finding.kind for finding in problems(raised.verdict().findings)}
