@@ -17,7 +17,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import videos
+from analysis.tables import cameras, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -25,7 +25,7 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
-VIDEOS = "videos"
+VIDEOS, CAMERAS = "videos", "cameras"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -83,9 +83,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         source = Source(options.runs, options.data, quick=False)
-        names = command.chosen(options.names, [*TABLES, VIDEOS])
+        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS])
         tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
+        if CAMERAS in names and not options.stored:
+            write(options.folder, CAMERAS, cameras.table(options.seeds or cameras.N_SCENES))
         if VIDEOS in names and not options.stored:
             try:
                 data = None if options.data is None else Path(options.data)

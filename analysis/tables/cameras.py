@@ -6,7 +6,7 @@ person's height that lasts for several frames. Nothing is rendered, so that the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -16,10 +16,10 @@ from analysis.tables.table import markdown
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.stature import LIMBS, usual_height
 from workbench.cameras.camera import Camera
 from workbench.cameras.person_height import Measurements, calibrate_by_height, detected_segments
 from workbench.core.frame import Frame, View
-from workbench.datasets.video import ADULT_M
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.video.detector_errors import offset_std
@@ -34,7 +34,7 @@ _RATE_HZ, _DURATION_S = 30.0, 3.0
 _CORRELATION = 0.8
 """Of a joint's errors in successive frames at 30 Hz."""
 _NORMAL_90 = float(scipy.stats.norm.ppf(0.95))
-_HEADER = ("quantity", "scenes", "mean of z", "standard deviation of z", "within the 90 % interval")
+_HEADER = ("quantity", "mean of z", "standard deviation of z", "within the 90 % interval")
 """z = (estimate − truth) / σ"""
 
 
@@ -52,10 +52,9 @@ def table(n_scenes: int = N_SCENES) -> str:
     """Return the table of z of focal length and depth, in Markdown."""
     z = np.array([scores(scene) for scene in tqdm(scenes(n_scenes), total=n_scenes, disable=None)])
     rows = [
-        [name, str(len(each)), f"{each.mean():.2f}", f"{each.std(ddof=1):.2f}",
-         f"{(np.abs(each) < _NORMAL_90).sum()} of {len(each)}"]
-        for name, each in zip(("log of the focal length", "log of the distance"), z.T, strict=True)
-    ]  # fmt: skip
+        [name, f"{each.mean():.2f}", f"{each.std(ddof=1):.2f}", f"{(np.abs(each) < _NORMAL_90).sum()} of {len(each)}"]
+        for name, each in zip(("logarithm of the focal length", "logarithm of the distance"), z.T, strict=True)
+    ]
     return markdown([_HEADER, ["---"] * len(_HEADER), *rows])
 
 
@@ -88,7 +87,9 @@ def _scene(rng: np.random.Generator) -> _Scene | None:
     noise = SIGMA_HEIGHTS * height_px * correlated(rng, pixels.shape)
     order = [skeleton.joint(name) for name in JOINT_NAMES]
     keypoints = np.concatenate([pixels + noise, np.full((*pixels.shape[:2], 1), 0.95)], axis=2)[:, order]
-    height_m = subject.shape.height * float(np.exp(rng.normal(0.0, 0.01)))
+    height_m = usual_height({limb: getattr(subject.shape, limb) for limb in LIMBS}) * float(
+        np.exp(rng.normal(0.0, 0.01))
+    )
     return _Scene(camera, keypoints, camera.to_camera(places)[:, 0, 2], height_m)
 
 
@@ -126,12 +127,13 @@ def scores(scene: _Scene) -> tuple[float, float]:
     """Return z of the logarithms of the focal length and of the mean distance of the pelvis."""
     n = len(scene.keypoints)
     pixels, confidence = scene.keypoints[..., :2], scene.keypoints[..., 2]
-    segments = detected_segments(np.arange(n), pixels, confidence, None, SIZE)
+    segments = detected_segments(np.arange(n), pixels, confidence, None)
     measured = Measurements(scene.height_m, gait=0.04, step_frames=0.5 * _RATE_HZ)
     estimate = calibrate_by_height("camera", SIZE, segments, measured)
     image = np.zeros((2, 2), np.uint8)
     frames = [
-        Frame(t, t / _RATE_HZ, (View(estimate.camera, image, keypoints),)) for t, keypoints in enumerate(scene.keypoints)
+        Frame(t, t / _RATE_HZ, (View(estimate.camera, image, keypoints),))
+        for t, keypoints in enumerate(scene.keypoints)
     ]
     body = of_keypoints(frames, height_m=scene.height_m)
     sigma_px = SIGMA_HEIGHTS * float(np.median(np.ptp(pixels[..., 1], axis=1)))
