@@ -12,7 +12,14 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.association.assignment import Tracks
 from workbench.detections.association.detector_view import DetectorView
 from workbench.detections.association.keypoint_kalman import LEGS
-from workbench.detections.association.left_right import PARTS, _cheapest, _cost, exchanged_labels, with_corrected_labels
+from workbench.detections.association.left_right import (
+    PARTS,
+    _cheapest,
+    _cost,
+    _twist_costs,
+    exchanged_labels,
+    with_corrected_labels,
+)
 from workbench.detections.association.target_selection import select_target
 from workbench.detections.association.track_stitching import stitched, without_short
 from workbench.detections.readers.people import People
@@ -210,6 +217,21 @@ def test_exchanged_labels_are_detected(names, frames):
     estimated = exchanged_labels(views, with_corrected_labels(joints, swapped), RATE_HZ)
     np.testing.assert_array_equal(estimated, swapped)
     np.testing.assert_array_equal(with_corrected_labels(with_corrected_labels(joints, swapped), estimated), joints)
+
+
+@pytest.mark.parametrize(
+    ("twist_deg", "expected"), [(89.0, [False, False, True, False]), (91.0, [True, False, False, True])]
+)
+def test_shoulders_turned_from_the_hips_by_over_a_right_angle_are_a_cost(twist_deg, expected):
+    """Of the states none, legs, arms, both exchanged."""
+    joints, angle = np.full((2, len(JOINT_NAMES), 6), np.nan), np.radians(twist_deg)
+    for joint, across in (("shoulder", [np.cos(angle), 0.0, np.sin(angle)]), ("hip", [1.0, 0.0, 0.0])):
+        for side, sign in (("left", 0.2), ("right", -0.2)):
+            joints[0, JOINT_NAMES.index(f"{side}_{joint}"), 3:] = sign * np.array(across)
+    costs = _twist_costs(joints)
+    assert (costs[0, 0, 0] > 0.0).tolist() == expected
+    assert not costs[1].any()
+    assert not _twist_costs(joints[..., :3]).any()
 
 
 def test_the_cheapest_path_is_that_of_enumeration():

@@ -123,6 +123,7 @@ def with_world_landmarks(folder, world):
 
 def test_world_landmarks_are_converted_to_joints(tmp_path):
     world = np.random.default_rng(0).standard_normal((6, 33, 3))
+    world[:, [11, 12, 23, 24], 0] += [9.0, -9.0, 9.0, -9.0]  # shoulders and hips have left and right on the same sides
     annotations = read_annotations(with_world_landmarks(tmp_path / "shots", world))
     landmarks = annotations.world_landmarks_at(4)
     np.testing.assert_allclose(landmarks[JOINT_NAMES.index("left_knee")], world[4, 25])

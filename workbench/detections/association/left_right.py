@@ -2,8 +2,8 @@
 
 The labels of arms and legs in each view are a hidden Markov chain: each part is "as detected" or "exchanged", and half
 of the changes concern both, because a detector of whole people exchanges a person's sides at once. The most likely path
-(Viterbi) has small second differences of the joints in the image and, with several cameras, small distances between
-rays.
+(Viterbi) has small second differences of the joints in the image, with several cameras small distances between rays,
+and with world landmarks shoulders and hips whose left sides are on the same side of the body.
 """
 
 from collections.abc import Sequence
@@ -33,6 +33,9 @@ _ACCELERATION_M_S2 = 15.0
 """Standard deviation of a joint's acceleration, in addition to the detector's noise SIGMA_M."""
 _MAX_COST = 4.5
 """Largest cost of a joint, nats, for robustness against outliers."""
+_TWIST_COST = 2.0 * _MAX_COST
+"""Of shoulders that are turned by over 90° from the hips by the world landmarks, that of two outliers, nats. People
+twist by up to 60°. It is not a cost of exchanged legs, in which the detector often has the hips right."""
 _MAX_CHANGES = 20
 _ROWS = tuple(np.array([j for j, name in enumerate(JOINT_NAMES) if name.split("_")[-1] in part]) for part in PARTS)
 """Joints of the parts, in the order of JOINT_NAMES."""
@@ -42,10 +45,11 @@ def exchanged_labels(views: Sequence[DetectorView], joints: FloatArray, rate_hz:
     """Return whether left and right are exchanged, (V, T, 2), in arms and legs of V views in T frames.
 
     Paths are first computed from each view's motion alone, then one at a time given all others, the one with the
-    largest gain first, until there is no gain. joints: (V, T, J, 3), [u px, v px, confidence]; NaN without a detection.
+    largest gain first, until there is no gain. joints: (V, T, J, 3), [u px, v px, confidence], or (V, T, J, 6) with
+    world landmarks, see `People`; NaN without a detection.
     """
     places = np.array([[view.detection(one).places for one in rows] for view, rows in zip(views, joints, strict=True)])
-    motion_costs = [_motion_costs(one, rate_hz) for one in places]
+    motion_costs = [_motion_costs(one, rate_hz) + _twist_costs(rows) for one, rows in zip(places, joints, strict=True)]
     states = np.array([_cheapest(costs) for costs in motion_costs])
     for _ in range(_MAX_CHANGES if len(views) > 1 else 0):
         current, best_gain, best = with_corrected_labels(places, _STATES[states]), 1e-6, None
@@ -86,6 +90,22 @@ def _motion_costs(places: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(
         sum(costs[:, labels[before, k], labels[last, k], labels[now, k]] for k, costs in enumerate(by_part))
     )
+
+
+def _twist_costs(joints: FloatArray) -> FloatArray:
+    """Return costs (T, 1, 1, 4) of the states by the directions of shoulders and hips in one view's world landmarks, of
+    joints (T, J, 6), none of joints (T, J, 3)."""
+    costs = np.zeros((len(joints), 1, 1, len(_STATES)))
+    if joints.shape[2] < 6:
+        return costs
+    sides = [[JOINT_NAMES.index(f"{side}_{joint}") for joint in ("shoulder", "hip")] for side in ("left", "right")]
+    across = joints[:, sides[0], 3:] - joints[:, sides[1], 3:]
+    agree = (across[:, 0] * across[:, 1]).sum(axis=1)  # NaN if unknown
+    arms_only = _STATES[:, 0] & ~_STATES[:, 1]
+    both_or_none = _STATES[:, 0] == _STATES[:, 1]
+    costs[agree > 0.0, 0, 0] = _TWIST_COST * arms_only
+    costs[agree < 0.0, 0, 0] = _TWIST_COST * both_or_none
+    return costs
 
 
 def _ray_costs(views: Sequence[DetectorView], current: FloatArray, detected: FloatArray, v: int) -> FloatArray:
