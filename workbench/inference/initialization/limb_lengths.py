@@ -133,7 +133,8 @@ def fit_lengths(
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
     error_px = float(np.median(sigma_px) * np.sqrt((project(x)[0] ** 2).sum() / n_keypoints))
     lengths, rows = x[: len(start)], jacobian(x)
-    from_height(height_of(lengths))  # raises for an impossible height, which trial steps may have
+    if height_m is None:
+        from_height(height_of(lengths))  # raises for an impossible height, which trial steps may have
     covariance = np.linalg.pinv(rows.T @ rows, hermitian=True)[: len(start), : len(start)]  # Laplace approximation
     length_uncertainty = _by_length(lengths) @ np.linalg.cholesky(covariance)
     return _MeasuredLengths(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, length_uncertainty)

@@ -174,6 +174,14 @@ def test_one_camera_measures_proportions_of_a_person_of_known_height():
         of_keypoints([replace(frame, views=()) for frame in sequence])
 
 
+@pytest.mark.parametrize("height_m", [0.5, 2.5])
+def test_the_smallest_and_the_largest_person_have_limbs(height_m):
+    skeleton = person_skeleton(from_height(height_m))
+    times, poses = swinging(skeleton, 4, rate_hz=7.0)
+    body = of_keypoints(frames(skeleton, times, poses, CAMERAS[:1]), height_m=height_m)
+    assert body.shape.thigh == pytest.approx(from_height(height_m).thigh, rel=0.1)
+
+
 def test_lengths_are_measured_where_most_of_the_person_is_seen():
     """In each of three equal parts; of equal frames in the first."""
     views = observed(SKELETON, frames(SKELETON, *swinging(SKELETON, 9), CAMERAS[:1]))
