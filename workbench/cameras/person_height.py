@@ -8,7 +8,8 @@ problem, whose Jacobian gives standard deviations. Priors cover what the segment
 camera or equal distances only the focal length over the distance is observable, and without segments nothing is.
 
 Segments of detections come from frames in which the person is upright by the detector's world landmarks, because a
-shorter segment is else taken for a larger distance, and in which head and feet are in the image.
+shorter segment is else taken for a larger distance, and in which head and feet are in the image. Where hardly any frame
+is such, as landmarks of a person seen from above are poor, they come from all frames, with an uncertain length.
 """
 
 from dataclasses import dataclass, replace

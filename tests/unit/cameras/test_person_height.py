@@ -197,6 +197,15 @@ def test_only_detections_of_an_upright_person_from_head_to_feet_are_evidence():
     )
 
 
+@pytest.mark.parametrize(("n_upright", "n_segments"), [(2, 10), (3, 3)])
+def test_a_posture_is_unknown_with_fewer_than_three_upright_frames(n_upright, n_segments):
+    names = ["upright"] * n_upright + ["sitting"] * (10 - n_upright)
+    _, detections = detected(np.random.default_rng(8), names, near_m=6.0)
+    segments = detected_segments(*detections)
+    assert len(segments.frames) == n_segments
+    assert segments.posture_spread == pytest.approx(0.02 if n_upright == 3 else 0.15)
+
+
 def test_squats_do_not_change_the_camera():
     """The squatting person's segments are a third shorter, as if the person were farther away."""
     rng = np.random.default_rng(3)
