@@ -17,7 +17,7 @@ from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import LIMBS, usual_height
-from workbench.cameras.camera import Camera
+from workbench.cameras.camera import Camera, level_rotation
 from workbench.cameras.person_height import Measurements, calibrate_by_height, detected_segments
 from workbench.core.frame import Frame, View
 from workbench.inference.initialization.limb_lengths import of_keypoints
@@ -99,21 +99,9 @@ def random_camera(rng: np.random.Generator, distance_m: float) -> Camera:
     height_m = float(np.exp(rng.normal(np.log(1.4), 0.4)))
     tilt = np.arctan2(height_m - 0.9, distance_m) + rng.normal(0.0, np.radians(3.0))
     roll = rng.normal(0.0, np.radians(2.0))
-    rotation = rolled(roll) @ level(tilt)
+    rotation = level_rotation(tilt, roll)
     matrix = np.array([[focal_px, 0.0, (SIZE[0] - 1) / 2], [0.0, focal_px, (SIZE[1] - 1) / 2], [0.0, 0.0, 1.0]])
     return Camera("camera", *SIZE, matrix, rotation, -rotation @ [0.0, 0.0, height_m], np.zeros(5))
-
-
-def level(tilt: float) -> FloatArray:
-    """Return the rotation (3, 3) of a camera that looks along x, and downwards by tilt, rad."""
-    c, s = np.cos(tilt), np.sin(tilt)
-    return np.array([[0.0, -1.0, 0.0], [-s, 0.0, -c], [c, 0.0, -s]])
-
-
-def rolled(roll: float) -> FloatArray:
-    """Return the rotation (3, 3) about the optical axis by roll, rad."""
-    c, s = np.cos(roll), np.sin(roll)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
@@ -124,7 +112,7 @@ def correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
 
 
 def scores(scene: _Scene) -> tuple[float, float]:
-    """Return z of the logarithms of the focal length and of the mean distance of the pelvis."""
+    """Return z of the logarithms of the focal length and of the pelvis' distance, the median over the frames."""
     n = len(scene.keypoints)
     pixels, confidence = scene.keypoints[..., :2], scene.keypoints[..., 2]
     segments = detected_segments(np.arange(n), pixels, confidence, None)

@@ -55,9 +55,9 @@ def _images(data, homographies):
 def test_the_pan_is_measured(data, homographies):
     joints = read_annotations(data / "sports2d_walk" / "keypoints.csv")
     (camera,) = load_cameras(data / "sports2d_walk" / "Calib_demo.toml")
-    nobody, expected = np.empty((0, joints.pixels.shape[1], 2)), np.ptp(np.degrees(_pan(camera, _left())))
+    no_people, expected = np.empty((0, joints.pixels.shape[1], 2)), np.ptp(np.degrees(_pan(camera, _left())))
     for name, kind in (("static", STATIC), ("pan", TURNING)):
-        motion = camera_motion(track_background(_images(data, homographies[name]), [nobody] * (LAST - FIRST + 1)))
+        motion = camera_motion(track_background(_images(data, homographies[name]), [no_people] * (LAST - FIRST + 1)))
         assert motion.kind == kind
     motion = motion.at_focal(float(camera.matrix[0, 0]) / HEIGHT)
     axes = motion.rotations[:, 2]

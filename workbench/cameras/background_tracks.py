@@ -129,6 +129,8 @@ class _Picture:
 
     @staticmethod
     def of(number: int, image: ByteArray, joints: FloatArray, overlaid: FloatArray) -> "_Picture":
+        """Return the small picture of an image; its background excludes people with joints (n, J, 2 or more) and
+        overlaid places (m, 2), px."""
         factor = min(LONG_SIDE_PX / max(image.shape[:2]), 1.0)
         small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) if factor < 1 else image
         grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
@@ -234,6 +236,7 @@ def _flow(before: ByteArray, after: ByteArray, start: FloatArray, guess: FloatAr
 
 
 def _tracks(size: tuple[int, int], keys: Sequence[int], pairs: Sequence[_Pair | None]) -> Tracks:
+    """Return the tracks of images of a size (width, height), px, from the key frames and the pairs of all frames."""
     n = max([_MIN_TRACKS, *(len(pair[0]) for pair in pairs if pair is not None)])
     start, end = (np.full((len(pairs), n, 2), np.nan) for _ in range(2))
     consistent = np.zeros((len(pairs), n), bool)

@@ -18,7 +18,7 @@ N_ROW_POSE = 12
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
+    """One camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
     p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t.
     uncertainty: (G, 23) changes of `row` by a standard deviation of each error of an estimated camera; None: known."""
 
@@ -106,6 +106,15 @@ class Camera:
             ], axis=1)  # fmt: skip
         rotation, translation = turn @ self.rotation, turn @ self.translation
         return replace(self, matrix=matrix, rotation=rotation, translation=translation, uncertainty=uncertainty)
+
+
+def level_rotation(tilt: float, roll: float) -> FloatArray:
+    """Return the rotation (3, 3) of a camera that looks along the world's x axis, turned downwards by `tilt` and then
+    about its optical axis by `roll`, rad."""
+    (c, cr), (s, sr) = np.cos([tilt, roll]), np.sin([tilt, roll])
+    tilted = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    rolled = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(rolled @ tilted @ TO_LEVEL)
 
 
 def plain_camera(

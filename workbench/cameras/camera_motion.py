@@ -199,6 +199,8 @@ class _Rays:
 
     @staticmethod
     def of(tracks: Tracks, lens: Camera | None) -> "_Rays":
+        """Return the tracks of a camera whose lens is known, or of one without distortion with its principal point in
+        the image's middle."""
         size, longer = np.array(tracks.size), max(tracks.size)
         if lens is None:
             places = [(each - (size - 1.0) / 2.0) / longer for each in (tracks.start, tracks.end)]

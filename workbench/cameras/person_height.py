@@ -20,7 +20,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cameras.camera import N_ROW_POSE, TO_LEVEL, Camera
+from workbench.cameras.camera import N_ROW_POSE, Camera, level_rotation
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -350,10 +350,7 @@ class _Problem:
 
     def camera(self, x: FloatArray) -> Camera:
         """Return the camera of a solution."""
-        focal, height, (c, cr), (s, sr) = np.exp(x[0]), np.exp(x[3]), np.cos(x[1:3]), np.sin(x[1:3])
-        tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        roll = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
-        rotation = roll @ tilt @ TO_LEVEL
+        focal, height, rotation = np.exp(x[0]), np.exp(x[3]), level_rotation(x[1], x[2])
         matrix = np.array([[focal, 0.0, self.centre[0]], [0.0, focal, self.centre[1]], [0.0, 0.0, 1.0]])
         return Camera("", *self.size, matrix, rotation, -rotation @ [0.0, 0.0, height], np.zeros(5))
 

@@ -70,16 +70,17 @@ def track(
         raise InputError(f"--everyone: expected one video, found {len(videos)}; call it once for each")
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
-    folder = resumed or output or _new_folder(videos[0], "sweeps" if each or everyone else "runs")
+    is_sweep = each or everyone
+    folder = resumed or output or _new_folder(videos[0], "sweeps" if is_sweep else "runs")
     words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     words += overrides
     people = _people(words) if everyone else []
     words += [f"dataset.person={','.join(map(str, people))}"] if everyone else []
     sources = [Path(video) for video in videos] * max(len(people), 1) if each or len(videos) == 1 else [None]
-    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if each or everyone else [f"hydra.run.dir={folder}"]
+    options = ["-m", f"hydra.sweep.dir={folder}", _NO_LIST_OF_JOBS] if is_sweep else [f"hydra.run.dir={folder}"]
     code = run([*options, *words])
-    runs = [folder / str(job) for job in range(len(sources))] if each or everyone else [folder]
+    runs = [folder / str(job) for job in range(len(sources))] if is_sweep else [folder]
     for place, source in zip(runs, sources, strict=True):
         summary = read_summary(place) or {}
         if summary.get("status") == "complete":

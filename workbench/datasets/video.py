@@ -19,6 +19,7 @@ from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
 from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion
 from workbench.cameras.person_height import (
+    HeightCalibration,
     Measurements,
     Segments,
     calibrate_by_height,
@@ -194,8 +195,8 @@ class Video:
         joints = dict(zip(self._keypoints.frames.tolist(), self._keypoints.pixels[:, None], strict=True))
         for people in ({} if self._people is None else self._people).values():
             joints = dict(zip(people.frames.tolist(), people.joints, strict=True))
-        nobody = np.empty((0, len(JOINT_NAMES), 2))
-        in_images = [joints.get(index, nobody) for index in range(self.first, self.last + 1)]
+        no_people = np.empty((0, len(JOINT_NAMES), 2))
+        in_images = [joints.get(index, no_people) for index in range(self.first, self.last + 1)]
         images = decode(self.path, self.first, self.last)
         bar = tqdm(images, "background", len(in_images), leave=False, unit="frame", disable=None)
         return camera_motion(track_background(bar, in_images), self._lens)
@@ -366,6 +367,11 @@ class Video:
             estimate = pose_by_height(seen_by, segments, measured)
         else:
             estimate = calibrate_by_height("camera", self.image_size, segments, measured)
+        self._report_camera(estimate, height_m, lens)
+        return estimate.camera if turning is None else turning.in_first(estimate.camera, lens)
+
+    def _report_camera(self, estimate: HeightCalibration, height_m: float, lens: Camera | None) -> None:
+        """Log an estimated camera with its standard deviations, and what is assumed."""
         value, sigma = estimate.values, estimate.sigma
         assumed = " of an adult, which is assumed" if self.height_m is None else ""
         log.info(
@@ -376,7 +382,6 @@ class Video:
         )  # fmt: skip
         if not estimate.frames:
             log.info("no frame shows the person from head to feet: a level camera at a usual height is assumed")
-        return estimate.camera if turning is None else turning.in_first(estimate.camera, lens)
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]

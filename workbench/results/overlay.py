@@ -33,7 +33,7 @@ _MIN_OPACITY = 0.25
 """Of a limb that the detector does not see, which is drawn faintly, as its place is only inferred."""
 _WIDTH_OVER_HEIGHT = 1.0 / 200.0
 _LARGEST_PX = 1e6
-"""Lines further away, of limbs beside the camera, are omitted; OpenCV draws up to 2^31."""
+"""Lines further away, of limbs next to the camera, are omitted; OpenCV draws up to 2^31."""
 _DEFAULT_HZ = 30.0
 PERSON_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(person_skeleton(from_height(1.7)))]
 """Names of the joints of the lines of a person's skeleton, as recorded."""

@@ -22,7 +22,7 @@ WIDTH, HEIGHT, FOCAL_PX = 480, 270, 480.0
 SIZE, N = (WIDTH, HEIGHT), 25
 K = np.array([[FOCAL_PX, 0.0, (WIDTH - 1) / 2], [0.0, FOCAL_PX, (HEIGHT - 1) / 2], [0.0, 0.0, 1.0]])
 LENS = Camera("camera", WIDTH, HEIGHT, K, np.eye(3), np.zeros(3), np.zeros(5))
-NOBODY = np.empty((0, 22, 3))
+NO_PEOPLE = np.empty((0, 22, 3))
 WALL_PX = 1200
 
 
@@ -51,7 +51,7 @@ def _homography(pan_deg=0.0, tilt_deg=0.0, zoom=1.0):
 
 
 def _motion(images, lens=LENS):
-    return camera_motion(track_background(images, [NOBODY] * len(images)), lens)
+    return camera_motion(track_background(images, [NO_PEOPLE] * len(images)), lens)
 
 
 def _exact(homographies, rng, n=100, moving=0.0):

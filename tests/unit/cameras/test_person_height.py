@@ -318,7 +318,7 @@ def test_the_uncertainty_of_the_camera_is_that_of_its_values():
 def test_the_uncertainty_of_a_camera_turns_with_it():
     """As the difference of two cameras turned alike."""
     camera = calibrate(standing(sigma_px=2.0)).camera
-    turn, zoom = level_rotation(0.3), 1.2
+    turn, zoom = turn_about_y(0.3), 1.2
     change = 1e-6 * camera.uncertainty[1]
     other = replace(
         camera, rotation=camera.rotation + change[:9].reshape(3, 3), translation=camera.translation + change[9:12],
@@ -328,6 +328,6 @@ def test_the_uncertainty_of_a_camera_turns_with_it():
     np.testing.assert_allclose(camera.turned(turn, zoom).uncertainty[1], difference, rtol=1e-5, atol=1e-6)
 
 
-def level_rotation(angle):
+def turn_about_y(angle):
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
