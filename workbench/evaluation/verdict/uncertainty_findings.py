@@ -11,9 +11,10 @@ from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding
 
 _MIN_INLIERS, _HARDLY_ANY_INLIERS = 0.5, 0.25
 """Fractions of the observations that must lie near the body; with fewer, most show the person elsewhere."""
-_MIN_COVERAGE = 0.42
-"""Coverage of 90 % intervals of a normal distribution whose stated standard deviation is a third of the error's:
-P(|z| < 1.645 / 3). A factor of two is usual, as joints are defined differently by people, bodies and detectors."""
+_MIN_COVERAGE, _HARDLY_ANY_COVERAGE = 0.6, 0.4
+"""Coverage of 90 % intervals of a normal distribution whose stated standard deviation is a half and a third of the
+error's: P(|z| < 1.645 / 2) = 0.59 and P(|z| < 1.645 / 3) = 0.42. That people, bodies and detectors define joints
+differently explains less than the first."""
 
 
 def uncertainty_findings(measured: RunMeasurements, max_iterations: float | None) -> Iterator[Finding]:
@@ -32,10 +33,11 @@ def uncertainty_findings(measured: RunMeasurements, max_iterations: float | None
 def _uncertainty(measured: RunMeasurements) -> Iterator[Finding]:
     """Compare the stated uncertainty with the errors, and with UNCERTAIN_MM."""
     errors = {name: values[1:] for name, values in measured.errors.items()}
-    coverage = errors.get("coverage_90", errors.get("coverage_90_joints", np.empty(0)))
-    if has_values(coverage) and (covered := float(np.nanmean(coverage))) < _MIN_COVERAGE:
+    coverages = [errors[name] for name in ("coverage_90", "coverage_90_joints") if name in errors]
+    covered = min((float(np.nanmean(each)) for each in coverages if has_values(each)), default=1.0)
+    if covered < _MIN_COVERAGE:
         text = f"the 90 % credible intervals cover {covered:.0%} of the true values"
-        yield Finding("overconfident", text)
+        yield Finding("overconfident", text, DOUBTFUL if covered >= _HARDLY_ANY_COVERAGE else NOT_USABLE)
     drift = depth_drift(measured)
     if drift.exceeds.any():
         yield Finding("depth drift", drift.message)
