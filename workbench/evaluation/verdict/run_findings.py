@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from workbench.evaluation.verdict.input_findings import input_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.evaluation.verdict.time_findings import coverage, time_findings
+from workbench.evaluation.verdict.time_findings import time_findings
 from workbench.evaluation.verdict.uncertainty_findings import uncertainty_findings
 from workbench.utils.finding import NOT_USABLE, Finding, level_of
 
@@ -40,8 +40,6 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
     ]
     yield from of_inputs
-    if (covered := coverage(inputs.input_counts)) is not None:
-        yield covered
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence

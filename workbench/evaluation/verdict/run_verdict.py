@@ -10,7 +10,7 @@ from typing import Any
 
 from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.evaluation.verdict.time_findings import coverage
+from workbench.evaluation.verdict.time_findings import lost_person, tracked_frames
 from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
@@ -56,7 +56,8 @@ class Verdict:
 def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     """Return the verdict on a run from its measurements and inputs."""
     result, states = outcome(measured, inputs.shows_person)
-    if (covered := coverage(inputs.input_counts)) is not None and not covered.is_problem:
-        result = replace(result, message=f"{result.message}, {covered.message}")
-    worst = {each.kind: each for each in reversed(problems(run_findings(measured, inputs)))}  # the first of a kind
+    if n_tracked := tracked_frames(measured, inputs.input_counts, states):
+        result = replace(result, message=f"{result.message}, {n_tracked}")
+    findings = [*filter(None, [lost_person(measured, inputs.input_counts, states)]), *run_findings(measured, inputs)]
+    worst = {each.kind: each for each in reversed(problems(findings))}  # the first of a kind
     return Verdict(tuple(reversed(worst.values())), result, states)
