@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from workbench.evaluation.verdict.frozen_findings import frozen_findings
 from workbench.evaluation.verdict.input_findings import input_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
@@ -38,6 +39,7 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     of_inputs = [
         *input_findings(measured, inputs.height_m),
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
+        *frozen_findings(measured),
     ]
     yield from of_inputs
     if inputs.camera_travels:

@@ -83,3 +83,47 @@ def test_the_longest_gap_is_named():
     keypoints[:, [*range(7), *range(20, 40)]] = np.nan
     message = kinds(replace(ONE, keypoints=keypoints))["missing frames or jumps"]
     assert message == "no keypoints in frames 20 to 39, 0.8 s, and 1 shorter"
+
+
+def frozen(intact, frames, v=slice(None), error_px=0.0):
+    """Return the scene with the keypoints of the frame before in some frames, with an error."""
+    keypoints = intact.keypoints.copy()
+    for t in frames:
+        keypoints[v, t] = keypoints[v, t - 1] + [error_px * (-1) ** t, 0.0, 0.0]
+    return replace(intact, keypoints=keypoints)
+
+
+@pytest.mark.parametrize(
+    ("n_frozen", "level"),
+    [(6, ""), (12, ""), (13, "doubtful"), (36, "doubtful"), (37, "not usable"), (59, "not usable")],
+)
+def test_frozen_keypoints_lower_the_verdict(n_frozen, level):
+    verdict = frozen(ONE, range(1, 1 + n_frozen)).verdict()
+    levels = {finding.kind: finding.level for finding in verdict.findings}
+    assert levels.get("frozen frames", "") == level
+    if level:
+        text = (
+            f"the keypoints of {n_frozen} of 60 frames are those of the frame before, frozen from frame 0 to {n_frozen}"
+        )
+        assert text in verdict.message
+
+
+def test_a_frozen_camera_of_several_is_named():
+    assert kinds(frozen(FOUR, range(20, 50), v=2))["frozen frames"].startswith("c2: ")
+
+
+@pytest.mark.parametrize(("error_px", "is_frozen"), [(0.004, True), (0.1, False)])
+def test_a_still_person_is_not_frozen(error_px, is_frozen):
+    assert ("frozen frames" in kinds(frozen(ONE, range(20, 50), error_px=error_px))) == is_frozen
+
+
+@pytest.mark.parametrize(("length", "is_frozen"), [(6, False), (7, True)])
+def test_short_stretches_repeat_and_long_ones_freeze(length, is_frozen):
+    """Stretches of 0.24 s and 0.28 s, with one new frame between them."""
+    found = kinds(frozen(ONE, [t for t in range(1, N) if t % (length + 1)]))
+    assert ("frozen frames" in found, "repeated frames" in found) == (is_frozen, not is_frozen)
+
+
+@pytest.mark.parametrize(("n_repeated", "is_finding"), [(12, False), (13, True), (30, True)])
+def test_duplicated_frames_are_reported(n_repeated, is_finding):
+    assert ("repeated frames" in kinds(frozen(ONE, range(1, 2 * n_repeated, 2)))) == is_finding
