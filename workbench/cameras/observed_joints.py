@@ -7,6 +7,7 @@ import numpy as np
 from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+from workbench.utils.nan_statistics import nan_median
 
 MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""
@@ -59,12 +60,9 @@ class ObservedJoints:
     def motion(self) -> FloatArray:
         """Motion (F,) of the keypoints since the frame before: the median over joints of the distance in heights of
         the person, then over cameras; NaN after a gap."""
-        pixels, heights = self.pixels(), self.heights_px.T
-        moved, steps_s = np.full(heights.shape, np.nan), np.diff(self.times_s, prepend=self.times_s[:1])
-        after_gap = steps_s > _LONG_GAP_S if len(steps_s) else np.zeros(heights.shape[1], dtype=bool)
-        for v, t in np.ndindex(*heights.shape):
-            steps = np.linalg.norm(pixels[v, t] - pixels[v, t - 1], axis=1)
-            if t and not after_gap[t] and heights[v, t] > 0.0 and np.isfinite(steps).any():
-                moved[v, t] = np.nanmedian(steps) / heights[v, t]
-        valid = np.isfinite(moved).any(axis=0)
-        return np.array([np.nanmedian(moved[:, t]) if valid[t] else np.nan for t in range(len(valid))])
+        pixels, heights = self.pixels(), self.heights_px.T[:, 1:]
+        steps = nan_median(np.linalg.norm(np.diff(pixels, axis=1), axis=-1))
+        moved = np.where(heights > 0.0, steps / np.maximum(heights, 1e-9), np.nan)
+        if len(self.times_s):
+            moved[:, np.diff(self.times_s) > _LONG_GAP_S] = np.nan
+        return np.concatenate([[np.nan] * min(1, pixels.shape[1]), nan_median(moved.T)])

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from workbench.evaluation.verdict.frozen_findings import frozen_findings
 from workbench.evaluation.verdict.input_findings import input_findings
+from workbench.evaluation.verdict.keypoint_findings import keypoint_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.time_findings import time_findings
@@ -39,6 +40,7 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
         *input_findings(measured, inputs.height_m),
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
         *frozen_findings(measured),
+        *keypoint_findings(measured),
     ]
     yield from of_inputs
     if inputs.camera_travels:
