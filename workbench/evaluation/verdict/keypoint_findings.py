@@ -59,8 +59,9 @@ def _disorder(joints: FloatArray, times_s: FloatArray) -> float:
     median over the joints that move; 0 for a few of them, or for few frames."""
     if len(joints) < _MIN_FRAMES or np.median(np.diff(times_s)) > _MAX_STEP_S:
         return 0.0
-    order = np.random.default_rng(0).permutation(len(joints))
-    between_any = nan_median(np.linalg.norm(joints - joints[order], axis=-1).T)
+    rng = np.random.default_rng(0)
+    pairs = [joints - joints[rng.permutation(len(joints))] for _ in range(5)]
+    between_any = nan_median(np.linalg.norm(np.concatenate(pairs), axis=-1).T)
     steps = nan_median(np.linalg.norm(np.diff(joints, axis=0), axis=-1).T)
     moving = (between_any > _MIN_MOTION) & np.isfinite(steps)
     return float(np.median(steps[moving] / between_any[moving])) if moving.sum() >= _MIN_JOINTS else 0.0
