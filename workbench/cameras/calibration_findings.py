@@ -12,7 +12,7 @@ from workbench.body.units import TYPICAL_M, UNIT_NAMES, unit_of_person
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_agreement import camera_findings
 from workbench.cameras.image_height import height_px
-from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
@@ -179,7 +179,8 @@ def _floor(floor_m: float, cameras: Sequence[Camera], subject: str) -> Finding:
 
 def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Finding:
     """Compare a camera's keypoints with the joints from all cameras, and from the others if these are several."""
-    camera, keypoints, kind = observed.cameras[v], observed.keypoints[v], "inconsistent cameras"
+    rows, kind = some_frames(len(joints)), "inconsistent cameras"
+    camera, keypoints, joints = observed.cameras[v], observed.keypoints[v, rows], joints[rows]
     others = [k for k in range(len(observed.cameras)) if k != v]
     error = _error_px(camera, keypoints, joints)
     if np.isnan(error):
@@ -191,7 +192,7 @@ def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Findi
         return Finding(kind, f"{camera.name}: no joint is also detected in another camera", NOTE)
     text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
     if len(others) > 1:
-        from_others = triangulate([observed.cameras[k] for k in others], observed.pixels(MIN_WEIGHT)[others])
+        from_others = triangulate([observed.cameras[k] for k in others], observed.pixels(MIN_WEIGHT)[others, rows])
         text += f", {_px(_error_px(camera, keypoints, from_others))} from those of the others"
     heights = height_px(keypoints[..., :2])
     tall = float(np.median(heights[heights > 0.0])) if (heights > 0.0).any() else float("nan")

@@ -1,6 +1,7 @@
 """Annotated or detected joints of a sequence's frames in all cameras."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,13 @@ _MIN_JOINTS = 4
 """Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
 _LONG_GAP_S = 0.5
 """Time between two frames above which the motion between them is no jump."""
+_SOME_FRAMES = 120
+"""Evenly spaced frames in which cameras are compared."""
+
+
+def some_frames(n: int, least: int = _SOME_FRAMES) -> slice:
+    """Return evenly spaced ones of n frames: all of few, and at least `least` of many."""
+    return slice(None, None, max(n // least, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +51,20 @@ class ObservedJoints:
 
     def pixels(self, min_weight: float = 0.0) -> FloatArray:
         """Return the pixels (V, F, J, 2), NaN where the weight is 0 or less than min_weight."""
-        weights = np.nan_to_num(self.keypoints[..., 2:])
+        weights = self.keypoints[..., 2:]
         return np.where((weights > 0.0) & (weights >= min_weight), self.keypoints[..., :2], np.nan)
 
-    @property
+    @cached_property
     def heights_px(self) -> FloatArray:
         """Heights (F, V) of the person in the images, 0 for fewer than two joints."""
         return height_px(self.pixels()).T
 
-    @property
+    @cached_property
     def shows_person(self) -> BoolArray:
         """Whether a view's keypoints show a person, (F, V)."""
         return np.asarray((np.isfinite(self.pixels()[..., 0]).sum(axis=2) >= _MIN_JOINTS).T)
 
-    @property
+    @cached_property
     def motion(self) -> FloatArray:
         """Motion (F,) of the keypoints since the frame before: the median over joints of the distance in heights of
         the person, then over cameras; NaN after a gap."""

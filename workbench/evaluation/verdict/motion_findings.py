@@ -8,7 +8,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import limb_lengths, usual_height
 from workbench.cameras.calibration_findings import HEIGHTS_M, distance, upright
-from workbench.cameras.observed_joints import MIN_WEIGHT
+from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
 from workbench.evaluation.verdict.track_outcome import has_values
@@ -42,7 +42,8 @@ def _limbs(measured: RunMeasurements) -> Iterator[Finding]:
     """Compare the body's limbs, and the triangulated ones, with those of people of their height."""
     observed = measured.observed
     several = len(observed.cameras) > 1 and measured.has_keypoints
-    triangulated = limb_lengths(triangulate(observed.cameras, observed.pixels(MIN_WEIGHT))) if several else {}
+    pixels = observed.pixels(MIN_WEIGHT)[:, some_frames(len(measured.frames))]
+    triangulated = limb_lengths(triangulate(observed.cameras, pixels)) if several else {}
     height_m = usual_height(measured.lengths_m)
     if not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
         low, high = HEIGHTS_M
