@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from workbench.evaluation.verdict.frozen_findings import frozen_findings
+from workbench.evaluation.verdict.identity_findings import identity_findings
 from workbench.evaluation.verdict.input_findings import input_findings
 from workbench.evaluation.verdict.keypoint_findings import keypoint_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
@@ -41,6 +42,7 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
         *frozen_findings(measured),
         *keypoint_findings(measured),
+        *identity_findings(measured),
     ]
     yield from of_inputs
     if inputs.camera_travels:
