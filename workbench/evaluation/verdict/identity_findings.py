@@ -19,8 +19,8 @@ _WINDOW_S, _MIN_FRAMES = 0.25, 3
 _MAX_IN_IMAGE, _MAX_RATE = 0.1, 0.6
 """Change of the logarithm of the lengths in the image: by posture and the detector's error, and per second of a person
 who runs towards a camera, at 3 m/s and 5 m."""
-_WINDOW_3D_S, _MAX_IN_SPACE = 1.0, 0.1
-"""The same for triangulated lengths, which only change by the detector's error, 3 % in the mean of a second. Heights of
+_WINDOW_3D_S, _MAX_IN_SPACE = 0.5, 0.1
+"""The same for triangulated lengths, which only change by the detector's error, up to 4 % in half a second. Heights of
 adults differ by 5 % (one standard deviation), so that many other persons are not distinguished by this."""
 _SERIES_FRAMES = 500
 _ENDS = [*LIMBS.values(), ("shoulder", "hip")]
