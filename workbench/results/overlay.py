@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
-from workbench.evaluation.verdict.track_outcome import LOST
+from workbench.evaluation.verdict.joint_states import LOST
 from workbench.recording.read.chunks import cells, timed
 from workbench.recording.read.reader import Run
 from workbench.recording.write.outcome import STATE
