@@ -26,7 +26,8 @@ such as a walk there and back, is not in the rest."""
 
 
 def joint_findings(measured: RunMeasurements, joints: JointStates) -> Iterator[Finding]:
-    """Yield stretches in which the landmarks contradict torso or knees, or joints are far from their detections, or lost by their annotations.
+    """Yield stretches in which the landmarks contradict torso or knees, or joints are far from their detections, and
+    joints that are lost by their annotations.
 
     None with true positions, by which the outcome is decided.
     """

@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from workbench.evaluation.verdict.frozen_findings import frozen_findings
 from workbench.evaluation.verdict.input_findings import input_findings
 from workbench.evaluation.verdict.joint_findings import joint_findings
 from workbench.evaluation.verdict.joint_states import JointStates
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.evaluation.verdict.time_findings import coverage, time_findings
+from workbench.evaluation.verdict.time_findings import time_findings
 from workbench.evaluation.verdict.uncertainty_findings import uncertainty_findings
 from workbench.utils.finding import NOT_USABLE, Finding, level_of
 
@@ -40,10 +41,9 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
     of_inputs = [
         *input_findings(measured, inputs.height_m),
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
+        *frozen_findings(measured),
     ]
     yield from of_inputs
-    if (covered := coverage(inputs.input_counts)) is not None:
-        yield covered
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence

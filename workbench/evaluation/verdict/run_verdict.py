@@ -12,7 +12,7 @@ from typing import Any
 from workbench.evaluation.verdict.joint_states import JOINT_GROUPS, joint_states
 from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.evaluation.verdict.time_findings import coverage
+from workbench.evaluation.verdict.time_findings import lost_person, tracked_frames
 from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
@@ -61,9 +61,10 @@ def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     """Return the verdict on a run from its measurements and inputs."""
     joints = joint_states(measured)
     result, states = outcome(measured, joints, inputs.shows_person)
-    if (covered := coverage(inputs.input_counts)) is not None and not covered.is_problem:
-        result = replace(result, message=f"{result.message}, {covered.message}")
-    findings = problems(run_findings(measured, joints, inputs))
+    if n_tracked := tracked_frames(measured, inputs.input_counts, states):
+        result = replace(result, message=f"{result.message}, {n_tracked}")
+    lost = lost_person(measured, inputs.input_counts, states)
+    findings = problems([*([] if lost is None else [lost]), *run_findings(measured, joints, inputs)])
     worst = {each.kind: each for each in reversed(findings)}  # the first of a kind
     by_group = {group: joints.of_joints(names) for group, names in JOINT_GROUPS.items()}
     return Verdict(tuple(reversed(worst.values())), result, states, by_group if joints.compared.any() else {})
