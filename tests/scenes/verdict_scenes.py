@@ -60,6 +60,7 @@ class Scene:
     annotations: np.ndarray | None = None
     truth_m: np.ndarray | None = None
     inlier_fraction: float = 0.9
+    cost_decrease: float = 0.0
     body: object = BODY
     depth_std_m: float = 0.0
     expected_errors: bool = False
@@ -83,8 +84,9 @@ class Scene:
             poses = pose + 0.01 * rng.standard_normal((20, 25))
             if self.depth_std_m:
                 poses[:, :3] += self.depth_std_m * np.outer(rng.standard_normal(20), self.cameras[0].rotation[2])
+            diagnostics = {"inlier_fraction": self.inlier_fraction, "cost_decrease": self.cost_decrease}
             step = Step(frame, SPACE, poses[:, :1], poses, np.full(20, -np.log(20.0)), np.zeros(20, np.int64), pose,
-                        pose, 20.0, np.nan, diagnostics={"inlier_fraction": self.inlier_fraction})  # fmt: skip
+                        pose, 20.0, np.nan, diagnostics=diagnostics)  # fmt: skip
             stated = expected_errors(step, self.body.skeleton) if self.expected_errors else {}
             collector.add(step, stated | {name: float(values[t]) for name, values in self.errors.items()})
         return collector.measurements()

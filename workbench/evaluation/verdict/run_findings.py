@@ -21,14 +21,13 @@ MOVING_CAMERA = "moving camera"
 class RunInputs:
     """Configured inputs of a run.
 
-    height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: configured rate of the frames, and the
+    height_m: the person's. rate_hz, source_rate_hz: configured rate of the frames, and the
     rate in their source's file. shows_person: the dataset has observations of the person. input_counts: of the frames
     in which a person was selected among the detected ones, see `TargetPerson`; empty without detections.
     camera_travels: the only camera changes its place.
     """
 
     height_m: float | None = None
-    max_iterations: float | None = None
     rate_hz: float | None = None
     source_rate_hz: float | None = None
     shows_person: bool = True
@@ -49,4 +48,4 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from joint_findings(measured, joints)
         yield from motion_findings(measured)
-    yield from uncertainty_findings(measured, inputs.max_iterations)
+    yield from uncertainty_findings(measured)

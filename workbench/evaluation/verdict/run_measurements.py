@@ -47,7 +47,7 @@ class RunMeasurements:
     inlier_fraction: (F,) fraction of the observations near the body.
     uncertain_groups: (F,) groups of joints whose expected error exceeds UNCERTAIN_MM; with an only camera that is
         estimated, of their positions relative to the root, whose distance is uncertain with the focal length.
-    iterations: of a fit, 0 without one.
+    cost_decrease: relative, in the last steps of a fit that used all its iterations; 0 for another.
     estimated_joints: (F, J, 3), m.
     depth_std_m: (F,) standard deviation of the pelvis' distance, where the only camera measures it.
     depth_error_m: (F,) mean error of the joints along the first camera's line of sight, by the true joints.
@@ -68,7 +68,7 @@ class RunMeasurements:
     lengths_m: Mapping[str, float]
     inlier_fraction: FloatArray
     uncertain_groups: tuple[tuple[str, ...], ...]
-    iterations: float
+    cost_decrease: float
     estimated_joints: FloatArray
     depth_std_m: FloatArray
     depth_error_m: FloatArray
@@ -130,7 +130,7 @@ class MeasurementCollector:
         self._cameras: dict[str, Camera] = {}
         self._searched: set[str] = set()
         self._turns = False
-        self._iterations = 0.0
+        self._cost_decrease = 0.0
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
@@ -169,7 +169,7 @@ class MeasurementCollector:
                 ),
             }
         )  # fmt: skip
-        self._iterations = max(self._iterations, float(step.diagnostics.get("iterations", 0.0)))
+        self._cost_decrease = max(self._cost_decrease, float(step.diagnostics.get("cost_decrease", 0.0)))
 
     def _in_first(self, view: View) -> FloatArray:
         """Return a view's keypoints (J, 3) where the first frame's camera would see them."""
@@ -235,7 +235,7 @@ class MeasurementCollector:
             annotation_height_px=series["annotation_height_px"],
             lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS},
             inlier_fraction=series["inlier_fraction"],
-            uncertain_groups=tuple(row["uncertain"] for row in rows), iterations=self._iterations,
+            uncertain_groups=tuple(row["uncertain"] for row in rows), cost_decrease=self._cost_decrease,
             estimated_joints=series["joints"].reshape(n, len(JOINT_NAMES), 3), depth_std_m=series["depth_std_m"],
             depth_error_m=series["depth_error_m"],
             point_extent_m=series["extent_m"].reshape(n, 3),

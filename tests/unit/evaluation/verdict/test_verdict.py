@@ -30,7 +30,7 @@ from workbench.utils.finding import (
 )
 
 LATE = np.arange(N) >= 20
-INPUTS = RunInputs(height_m=HEIGHT_M, max_iterations=40, rate_hz=RATE_HZ)
+INPUTS = RunInputs(height_m=HEIGHT_M, rate_hz=RATE_HZ)
 
 
 def standing(knee=0.6):
