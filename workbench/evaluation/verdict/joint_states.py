@@ -24,7 +24,7 @@ from workbench.utils.finding import DOUBTFUL
 TRACKED, LOST, NOT_SEEN, UNKNOWN = "tracked", "lost", "not seen", "not known"
 """States of a joint or a frame, with DOUBTFUL; UNKNOWN where nothing shows whether it is tracked."""
 JOINT_GROUPS = {
-    "torso": ("neck", "head_centre", "left_shoulder", "right_shoulder", "left_hip", "right_hip"),
+    "torso": ("pelvis", "neck", "head_centre", "left_shoulder", "right_shoulder", "left_hip", "right_hip"),
     **{f"{side}_arm": (f"{side}_elbow", f"{side}_wrist") for side in SIDES},
     **{f"{side}_leg": (f"{side}_knee", f"{side}_ankle") for side in SIDES},
 }
