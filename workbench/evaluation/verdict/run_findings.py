@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from workbench.evaluation.verdict.frozen_findings import frozen_findings
 from workbench.evaluation.verdict.identity_findings import identity_findings
 from workbench.evaluation.verdict.input_findings import input_findings
+from workbench.evaluation.verdict.joint_findings import joint_findings
+from workbench.evaluation.verdict.joint_states import JointStates
 from workbench.evaluation.verdict.keypoint_findings import keypoint_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
@@ -35,7 +37,7 @@ class RunInputs:
     camera_travels: bool = False
 
 
-def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Finding]:
+def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInputs) -> Iterator[Finding]:
     """Yield the findings on a run, those on its inputs first."""
     of_inputs = [
         *input_findings(measured, inputs.height_m),
@@ -48,5 +50,6 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
+        yield from joint_findings(measured, joints)
         yield from motion_findings(measured)
     yield from uncertainty_findings(measured)

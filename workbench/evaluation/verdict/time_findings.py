@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
+from workbench.evaluation.verdict.joint_states import LOST
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.evaluation.verdict.track_outcome import LOST
 from workbench.utils.arrays import FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, Finding
