@@ -1,5 +1,7 @@
 """Cuts of a video, where another camera or another time follows at once, and images that repeat the one before."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 
@@ -48,15 +50,17 @@ class ImageChanges:
         width, height = (max(round(factor * side), 1) for side in image.shape[1::-1])
         sampled = cv2.resize(image, (_SAMPLES * width, _SAMPLES * height), interpolation=cv2.INTER_NEAREST)
         grey = np.asarray(cv2.cvtColor(sampled, cv2.COLOR_RGB2GRAY), np.uint8)
-        same_size = self._before is not None and self._before.shape == grey.shape
-        self._differences.append(cv2.norm(grey, self._before, cv2.NORM_L1) / grey.size if same_size else np.inf)
-        self._before = grey
+        before, self._before = self._before, grey
+        if before is None or before.shape != grey.shape:
+            self._differences.append(np.inf)
+        else:
+            self._differences.append(float(cv2.absdiff(grey, before).mean()))
         thumbnail = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
         if (details := _details(thumbnail)) is None:
             return
-        if self._last is not None and _correlation(self._last[1], details) < _UNLIKE:
-            if not _is_found_again(_grey(self._last[0]), _grey(image)):
-                self._candidates.append(len(self._thumbnails))
+        unlike = self._last is not None and _correlation(self._last[1], details) < _UNLIKE
+        if unlike and self._last is not None and not _is_found_again(_grey(self._last[0]), _grey(image)):
+            self._candidates.append(len(self._thumbnails))
         self._last = image, details
         self._thumbnails.append(thumbnail)
         self._numbers.append(len(self._differences) - 1)
@@ -117,13 +121,13 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
 
 def _are_alike(details: list[FloatArray]) -> bool:
     """Return whether most neighbours of successive images are alike."""
-    each = [_correlation(one, other) for one, other in zip(details, details[1:], strict=False)]
+    each = [_correlation(one, other) for one, other in pairwise(details)]
     return bool(each) and float(np.median(each)) > _ALIKE
 
 
 def _is_found_again(before: ByteArray, after: ByteArray) -> bool:
     """Return whether corners of a grey image are found again in another one, at places of one homography."""
-    detector = cv2.ORB_create(_N_CORNERS)
+    detector = cv2.ORB.create(_N_CORNERS)
     (corners, words), (places, other_words) = (detector.detectAndCompute(each, None) for each in (before, after))
     if words is None or other_words is None:
         return False

@@ -22,6 +22,7 @@ from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
 from workbench.evaluation.verdict.knee_bends import bends
 from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
 from workbench.evaluation.verdict.track_outcome import depth_drift, has_values
+from workbench.evaluation.verdict.video_findings import video_findings
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, Finding, level_of
@@ -104,6 +105,7 @@ def run_findings(measured: RunMeasurements, inputs: RunInputs) -> Iterator[Findi
     yield from of_inputs
     if (covered := coverage(inputs)) is not None:
         yield covered
+    yield from video_findings(inputs.input_counts)
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence

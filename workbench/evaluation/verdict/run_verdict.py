@@ -11,6 +11,7 @@ from typing import Any
 from workbench.evaluation.verdict.run_findings import RunInputs, coverage, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.track_outcome import outcome
+from workbench.evaluation.verdict.video_findings import video_findings
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
 
@@ -18,9 +19,9 @@ from workbench.utils.finding import Finding, conclusion, level_of, problems
 class Verdict:
     """The verdict on a run.
 
-    findings: problems, the worst first. outcome: whether the person was tracked, of kind "tracked", "lost", "no ground
-    truth" or "no person visible". states: (F,) by frame, "tracked", "doubtful", "lost", "not known" in a frame without
-    errors, or "" in a run without errors.
+    findings: problems, the worst first, then notes. outcome: whether the person was tracked, of kind "tracked", "lost",
+    "no ground truth" or "no person visible". states: (F,) by frame, "tracked", "doubtful", "lost", "not known" in a
+    frame without errors, or "" in a run without errors.
     """
 
     findings: tuple[Finding, ...]
@@ -57,5 +58,7 @@ def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     result, states = outcome(measured, inputs.shows_person)
     if (covered := coverage(inputs)) is not None and not covered.is_problem:
         result = replace(result, message=f"{result.message}, {covered.message}")
+    notes = [each for each in video_findings(inputs.input_counts) if not each.is_problem]
+    result = replace(result, message=", ".join([result.message, *(each.message for each in notes)]))
     worst = {each.kind: each for each in reversed(problems(run_findings(measured, inputs)))}  # the first of a kind
-    return Verdict(tuple(reversed(worst.values())), result, states)
+    return Verdict((*reversed(worst.values()), *notes), result, states)
