@@ -30,6 +30,10 @@ images."""
 _SAME_LEVELS, _SAME_RATIO = 0.1, 0.05
 """Mean difference from the image before, grey levels, below which an image repeats it, and its ratio to that of moving
 images: twenty times less than by the noise of a camera and a person's motion, and less than by coding."""
+_MAX_REDRAWN, _REDRAWN_LEVELS = 5, 2
+"""Images that an encoder takes to draw a picture anew, and the largest difference of its thumbnails, grey levels: that
+of the coding, and of rounding twice. A hand that moves by its width changes a pixel of a thumbnail by a tenth of its
+contrast or more."""
 _FROZEN_S, _MIN_FROZEN = 0.25, 3
 """Shortest time for which a video is frozen, half a step of a walk, and the least number of repeated images."""
 
@@ -39,8 +43,9 @@ class ImageChanges:
 
     def __init__(self) -> None:
         self._differences = list[float]()
-        self._thumbnails, self._numbers = list[ByteArray](), list[int]()  # of the images with contrast
-        self._candidates = list[int]()  # thumbnails unlike the one before, whose corners are not found again
+        self._thumbnails = list[ByteArray]()
+        self._numbers = list[int]()  # of the images with contrast
+        self._candidates = list[int]()  # rows of them that are unlike the row before, without its corners
         self._before: ByteArray | None = None
         self._last: tuple[ByteArray, FloatArray] | None = None  # the latest image with contrast, and its details
 
@@ -55,15 +60,14 @@ class ImageChanges:
             self._differences.append(np.inf)
         else:
             self._differences.append(float(cv2.absdiff(grey, before).mean()))
-        thumbnail = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-        if (details := _details(thumbnail)) is None:
+        self._thumbnails.append(np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.uint8))
+        if (details := _details(self._thumbnails[-1])) is None:
             return
         unlike = self._last is not None and _correlation(self._last[1], details) < _UNLIKE
         if unlike and self._last is not None and not _is_found_again(_grey(self._last[0]), _grey(image)):
-            self._candidates.append(len(self._thumbnails))
+            self._candidates.append(len(self._numbers))
         self._last = image, details
-        self._thumbnails.append(thumbnail)
-        self._numbers.append(len(self._differences) - 1)
+        self._numbers.append(len(self._thumbnails) - 1)
 
     def cuts(self, rate_hz: float) -> IntArray:
         """Return the numbers of the images that begin another part of the video, increasing.
@@ -76,17 +80,31 @@ class ImageChanges:
         return np.array([self._numbers[k] for k in self._candidates if self._is_cut(k, window)], dtype=np.intp)
 
     def _is_cut(self, k: int, window: int) -> bool:
-        sides = (self._thumbnails[max(k - window, 0) : k], self._thumbnails[k : k + window])
-        before, after = ([each for each in map(_details, side) if each is not None] for side in sides)
+        sides = (self._numbers[max(k - window, 0) : k], self._numbers[k : k + window])
+        details = [[_details(self._thumbnails[number]) for number in side] for side in sides]
+        before, after = ([each for each in side if each is not None] for side in details)
         unlike = all(_correlation(one, other) < _UNLIKE for one in before for other in after)
         return unlike and _are_alike(before) and _are_alike(after)
 
     def repeated(self) -> BoolArray:
-        """Return which images (F,) repeat the one before, in a video that moves otherwise."""
+        """Return which images (F,) repeat the one before, in a video that moves otherwise.
+
+        Between two stretches of repeated images, up to _MAX_REDRAWN others repeat them, too, if the picture is the same
+        after as before: there the encoder draws it anew, and sharpens it.
+        """
         differences = np.array(self._differences)
         moving = differences[np.isfinite(differences) & (differences >= _SAME_LEVELS)]
         limit = min(_SAME_LEVELS, _SAME_RATIO * float(np.median(moving))) if len(moving) else 0.0
-        return np.asarray(differences < limit)
+        repeated = np.asarray(differences < limit)
+        for before, after in pairwise(np.flatnonzero(repeated).tolist()):
+            if 1 < after - before <= _MAX_REDRAWN + 1 and self._is_same_picture(before, after):
+                repeated[before:after] = True
+        return repeated
+
+    def _is_same_picture(self, number: int, other: int) -> bool:
+        """Return whether two images differ only in what coding adds, which the mean over a thumbnail's pixel removes."""
+        one, another = self._thumbnails[number], self._thumbnails[other]
+        return one.shape == another.shape and int(cv2.absdiff(one, another).max()) <= _REDRAWN_LEVELS
 
 
 def frozen(repeated: BoolArray, rate_hz: float) -> BoolArray:

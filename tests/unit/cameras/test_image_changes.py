@@ -177,3 +177,16 @@ def test_repeated_images_differ_by_less_than_a_twentieth_of_moving_ones(noise, i
     other = images[-1].copy()
     other[:, : SIZE[1] // 16] += 1
     assert changes([*images, other]).repeated()[-1] == is_repeated
+
+
+@pytest.mark.parametrize(("n", "lighter", "is_repeated"), [(4, 0, True), (5, 0, False), (1, 2, True), (1, 3, False)])
+def test_a_picture_that_is_drawn_anew_is_a_repeated_image(n, lighter, is_repeated):
+    """Between two stretches, by n images with another noise, after which the picture may be lighter.
+
+    The first image after the noise differs from it, and is part of what is drawn anew.
+    """
+    images, rng = moving(N), np.random.default_rng(0)
+    last = images[-1]
+    noisy = [np.clip(last + rng.normal(scale=3.0, size=last.shape), 0, 255).astype(np.uint8) for _ in range(n)]
+    repeated = changes([*images, *[last] * 5, *noisy, *[last + np.uint8(lighter)] * 5]).repeated()
+    assert repeated[N:].tolist() == [True] * 5 + [is_repeated] * (n + 1) + [True] * 4

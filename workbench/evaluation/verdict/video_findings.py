@@ -21,6 +21,6 @@ def video_findings(input_counts: Mapping[str, int]) -> Iterator[Finding]:
     if frozen:
         level = NOT_USABLE if frozen > _MAX_FROZEN * n else DOUBTFUL
         yield Finding("frozen images", f"the video is frozen in {frozen} of {n} frames, without any motion", level)
-    if repeated - frozen >= _MIN_REPEATED * max(n - frozen, 1):
-        text = f"{repeated - frozen} of {n} images repeat the one before: fewer images a second than frames"
+    elif repeated >= _MIN_REPEATED * max(n, 1):
+        text = f"{repeated} of {n} images repeat the one before: fewer images a second than frames"
         yield Finding("frame-rate mismatch", text, NOTE)
