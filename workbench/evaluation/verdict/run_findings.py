@@ -13,6 +13,7 @@ from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.time_findings import time_findings
 from workbench.evaluation.verdict.uncertainty_findings import uncertainty_findings
+from workbench.evaluation.verdict.video_findings import video_findings
 from workbench.utils.finding import NOT_USABLE, Finding, level_of
 
 MOVING_CAMERA = "moving camera"
@@ -47,6 +48,7 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
         *identity_findings(measured),
     ]
     yield from of_inputs
+    yield from video_findings(inputs.input_counts)
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
