@@ -8,8 +8,9 @@ people and detectors, or from reasoning; none was fitted to failed runs.
 from dataclasses import dataclass, replace
 from typing import Any
 
-from workbench.evaluation.verdict.run_findings import RunInputs, coverage, run_findings
+from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.time_findings import coverage
 from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
@@ -55,7 +56,7 @@ class Verdict:
 def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     """Return the verdict on a run from its measurements and inputs."""
     result, states = outcome(measured, inputs.shows_person)
-    if (covered := coverage(inputs)) is not None and not covered.is_problem:
+    if (covered := coverage(inputs.input_counts)) is not None and not covered.is_problem:
         result = replace(result, message=f"{result.message}, {covered.message}")
     worst = {each.kind: each for each in reversed(problems(run_findings(measured, inputs)))}  # the first of a kind
     return Verdict(tuple(reversed(worst.values())), result, states)

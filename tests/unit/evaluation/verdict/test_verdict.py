@@ -16,8 +16,8 @@ from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
 from workbench.evaluation.verdict.knee_bends import bends
-from workbench.evaluation.verdict.run_findings import _jumps
 from workbench.evaluation.verdict.run_verdict import Verdict
+from workbench.evaluation.verdict.time_findings import _jumps
 from workbench.utils.finding import (
     DOUBTFUL,
     NOT_USABLE,
