@@ -63,7 +63,8 @@ class Scene:
     depth_std_m: float = 0.0
     expected_errors: bool = False
 
-    def verdict(self):
+    def measurements(self):
+        """Return the measurements of a run on the scene."""
         collector = MeasurementCollector(self.body)
         rng, image = np.random.default_rng(1), np.zeros((2, 2), np.uint8)
         for t, pose in enumerate(self.poses):
@@ -79,7 +80,10 @@ class Scene:
                         pose, 20.0, np.nan, diagnostics={"inlier_fraction": self.inlier_fraction})  # fmt: skip
             stated = expected_errors(step, self.body.skeleton) if self.expected_errors else {}
             collector.add(step, stated | {name: float(values[t]) for name, values in self.errors.items()})
-        return verdict(collector.measurements(), self.inputs)
+        return collector.measurements()
+
+    def verdict(self):
+        return verdict(self.measurements(), self.inputs)
 
 
 def scene(n_cameras=4, sigma_px=2.0):
