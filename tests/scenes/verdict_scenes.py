@@ -13,10 +13,11 @@ from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import expected_errors
-from workbench.evaluation.verdict.run_findings import RunInputs
+from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict.run_verdict import verdict
 from workbench.motion.sources import find_motion
+from workbench.utils.finding import problems
 
 HEIGHT_M, RATE_HZ, N = 1.7, 25.0, 60
 BODY = person(from_height(HEIGHT_M))
@@ -84,6 +85,12 @@ class Scene:
 
     def verdict(self):
         return verdict(self.measurements(), self.inputs)
+
+
+def level(measured, kind, **inputs):
+    """Return the worst level of the findings of a kind on a run, "" without a problem."""
+    findings = problems(run_findings(measured, RunInputs(**inputs)))
+    return next((each.level for each in findings if each.kind == kind), "")
 
 
 def scene(n_cameras=4, sigma_px=2.0):
