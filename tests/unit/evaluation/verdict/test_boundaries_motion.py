@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, level, point_scene, scene
+from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, level, point_scene, scene, walk
 
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
@@ -40,11 +40,9 @@ def test_a_limb_of_the_body_differs_from_the_others_by_20_percent(limb, factor, 
 @pytest.mark.parametrize(("factor", "expected"), FACTORS)
 def test_a_triangulated_limb_differs_from_the_others_by_20_percent(factor, expected):
     body = person(from_height(HEIGHT_M, forearm=factor * 0.146 * HEIGHT_M))
-    pose = np.zeros((1, 25))
-    pose[0, 2] = 0.9
     keypoints = TWO.observed.keypoints.copy()
     for v, camera in enumerate(TWO.observed.cameras):
-        keypoints[v, ..., :2] = camera.project(joints(body.skeleton, pose))
+        keypoints[v, ..., :2] = camera.project(joints(body.skeleton, walk()))
     measured = replace(TWO, observed=replace(TWO.observed, keypoints=keypoints))
     assert level(measured, "implausible limb lengths") == expected
 
