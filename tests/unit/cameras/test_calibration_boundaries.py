@@ -249,8 +249,8 @@ def test_half_of_the_keypoints_lie_inside_of_the_image(n_outside, problem):
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize(
     ("axis", "pixel", "problem"),
-    [(0, -0.4, False), (0, -0.6, True), (0, 1279.4, False), (0, 1279.6, True), (1, -0.4, False), (1, -0.6, True),
-     (1, 959.4, False), (1, 959.6, True)],
+    [(0, -0.45, False), (0, -0.55, True), (0, 1279.45, False), (0, 1279.55, True), (1, -0.45, False),
+     (1, -0.55, True), (1, 959.45, False), (1, 959.55, True)],
 )  # fmt: skip
 def test_the_image_ends_half_a_pixel_beyond_the_centres_of_its_outer_pixels(axis, pixel, problem, scale):
     (camera,) = camera_arc(1)

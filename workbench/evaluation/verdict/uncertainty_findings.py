@@ -15,18 +15,21 @@ _MIN_COVERAGE, _HARDLY_ANY_COVERAGE = 0.6, 0.4
 """Coverage of 90 % intervals of a normal distribution whose stated standard deviation is a half and a third of the
 error's: P(|z| < 1.645 / 2) = 0.59 and P(|z| < 1.645 / 3) = 0.42. That people, bodies and detectors define joints
 differently explains less than the first."""
+_MAX_DECREASE = 0.01
+"""Relative decrease of a fit's cost in its last ten steps. At the minimum, an observation contributes about a half to
+the cost, and a displacement by a tenth of the standard deviation 0.005, a hundredth of this."""
 
 
-def uncertainty_findings(measured: RunMeasurements, max_iterations: float | None) -> Iterator[Finding]:
-    """Yield the findings on uncertainty, inliers and convergence; max_iterations: of a fit."""
+def uncertainty_findings(measured: RunMeasurements) -> Iterator[Finding]:
+    """Yield the findings on uncertainty, inliers and convergence."""
     yield from _uncertainty(measured)
     inliers = measured.inlier_fraction[measured.observed_frames]
     if has_values(inliers) and (near := float(np.nanmean(inliers))) < _MIN_INLIERS:
         level = DOUBTFUL if near >= _HARDLY_ANY_INLIERS else NOT_USABLE
         text = f"only {near:.0%} of the observations lie near the body"
         yield Finding("observations far from the body", text, level)
-    if max_iterations and measured.iterations >= max_iterations:
-        used = f"the fit used all {max_iterations:g} iterations without converging"
+    if measured.cost_decrease > _MAX_DECREASE:
+        used = f"the cost still decreased by {measured.cost_decrease:.1%} in the last steps of the fit"
         yield Finding("not converged", f"{used}, increase inference.max_iterations")
 
 

@@ -56,3 +56,8 @@ def test_large_expected_errors_in_most_frames_lower_the_verdict(share, level):
 def test_an_uncertain_depth_lowers_the_verdict(ratio, level):
     uncertain = replace(ONE, depth_std_m=1e-3 * ratio * UNCERTAIN_MM)
     assert level_of(uncertain, "uncertain depth")[0] == level
+
+
+@pytest.mark.parametrize(("decrease", "level"), [(0.0, ""), (0.009, ""), (0.011, "doubtful")])
+def test_a_fit_whose_cost_still_decreases_has_not_converged(decrease, level):
+    assert level_of(replace(ONE, cost_decrease=decrease), "not converged")[0] == level
