@@ -53,14 +53,15 @@ def test_a_limb_out_of_proportion_is_reported(factor, is_finding):
     assert ("implausible limb lengths" in kinds(replace(ONE, body=body))) == is_finding
 
 
-def stepping(length_m, per_min, n_steps, height_m=1.7):
-    """Return joints (F, J, 3) and times (F,) of a person who steps along x, with feet 0.8 steps apart."""
+def stepping(length_m, per_min, n_steps, height_m=1.7, apart_m=None):
+    """Return joints (F, J, 3) and times (F,) of a person who steps along x, with feet up to 0.8 steps apart."""
+    apart_m = 0.8 * length_m if apart_m is None else apart_m
     times_s = np.arange(0.0, (n_steps + 1.0) * 60.0 / per_min, 0.01)
     places = np.zeros((len(times_s), len(JOINT_NAMES), 3))
     places[..., 0] = (length_m * per_min / 60.0 * times_s)[:, None]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         places[:, JOINT_NAMES.index(f"{side}_hip"), 1] = sign * 0.05 * height_m
-        swing = 0.4 * length_m * np.cos(np.pi * times_s * per_min / 60.0)
+        swing = 0.5 * apart_m * np.cos(np.pi * times_s * per_min / 60.0)
         places[:, JOINT_NAMES.index(f"{side}_ankle"), 0] += sign * swing
     return places, times_s
 
@@ -77,6 +78,13 @@ def test_the_walk_ratio_is_step_length_over_cadence(height_m):
 def test_few_or_small_steps_have_no_walk_ratio(length_m, n_steps, known):
     """Between four crossings of the ankles there are three steps."""
     assert (steps_of(*stepping(length_m, 100.0, n_steps), 1.7) is not None) == known
+
+
+@pytest.mark.parametrize(
+    ("length_m", "apart_m", "known"), [(0.7, 0.168, False), (0.7, 0.172, True), (0.168, 0.5, False), (0.172, 0.5, True)]
+)
+def test_steps_and_the_distance_of_the_feet_are_a_tenth_of_the_height(length_m, apart_m, known):
+    assert (steps_of(*stepping(length_m, 100.0, 6, 1.7, apart_m), 1.7) is not None) == known
 
 
 @pytest.mark.parametrize(
