@@ -50,7 +50,7 @@ def test_frames_with_a_lost_estimate_are_not_tracked():
     assert f"the person is lost in {n} of the 60 frames" in verdict.message
 
 
-@pytest.mark.parametrize(("margin", "level"), [(0.2, "trustworthy"), (0.3, "doubtful")])
+@pytest.mark.parametrize(("margin", "level"), [(0.24, "trustworthy"), (0.26, "doubtful")])
 @pytest.mark.parametrize("end", ["before", "after"])
 def test_a_person_enters_and_leaves_through_the_images_edge(end, margin, level):
     keypoints, (camera,) = ONE.keypoints[0, ..., :2], ONE.cameras
