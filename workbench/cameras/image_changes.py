@@ -50,7 +50,7 @@ class ImageChanges:
         self._last: tuple[ByteArray, FloatArray] | None = None  # the latest image with contrast, and its details
 
     def add(self, image: ByteArray) -> None:
-        """Add the next image (height, width, 3), RGB."""
+        """Add the next image (height, width, 3), RGB or BGR."""
         factor = _SIDE_PX / max(image.shape[:2])
         width, height = (max(round(factor * side), 1) for side in image.shape[1::-1])
         sampled = cv2.resize(image, (_SAMPLES * width, _SAMPLES * height), interpolation=cv2.INTER_NEAREST)
@@ -102,7 +102,7 @@ class ImageChanges:
         return repeated
 
     def _is_same_picture(self, number: int, other: int) -> bool:
-        """Return whether two images differ only by coding, which the mean over a thumbnail's pixel removes."""
+        """Return whether two images differ only in what coding adds, which thumbnails hardly show."""
         one, another = self._thumbnails[number], self._thumbnails[other]
         return one.shape == another.shape and int(cv2.absdiff(one, another).max()) <= _REDRAWN_LEVELS
 

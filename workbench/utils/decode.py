@@ -54,7 +54,7 @@ def decode(
         index = 0
         while (last is None or index <= last) and video.grab():
             if index >= first and (chosen is None or index in chosen):
-                yield _retrieved(video, source, index)
+                yield _rgb(_retrieved(video, source, index))
             index += 1
 
 
@@ -68,7 +68,7 @@ def timestamps(
 ) -> FloatArray:
     """Return the presentation timestamps (F,), s, of a video file's decodable frames, up to `at_most`.
 
-    observe : called with every image, as of `decode`.
+    observe : called with every image (height, width, 3), BGR.
 
     Warns where the file declares more frames than can be decoded. Raises InputError as `decode` does, and where no
     frame can be decoded, with the codec.
@@ -172,14 +172,14 @@ def _capture_settings() -> Iterator[None]:
 
 
 def _retrieved(video: Any, source: Path, index: int) -> ByteArray:
-    """Return the image (height, width, 3), RGB, that a video has grabbed."""
+    """Return the image (height, width, 3), BGR, that a video has grabbed."""
     try:
         decoded, image = video.retrieve()
     except cv2.error:
         decoded, image = False, None
     if not decoded:
         raise InputError(f"{source}: frame {index} cannot be decoded")
-    return _rgb(image)
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _image(file: Path) -> Any:

@@ -5,8 +5,11 @@ import numpy as np
 from workbench.utils.arrays import FloatArray
 
 
-def nan_median(values: FloatArray) -> FloatArray:
-    """Return the median (...) over the last axis of values (..., n), NaN where all n are."""
+def nan_median(values: FloatArray, axis: int = -1) -> FloatArray:
+    """Return the median of values over an axis, NaN where all are, or none is."""
+    values = np.moveaxis(values, axis, -1)
+    if not values.shape[-1]:
+        return np.full(values.shape[:-1], np.nan)
     ordered = np.sort(values, axis=-1)  # NaN come last
     n = np.isfinite(ordered).sum(axis=-1, keepdims=True)
     last = np.maximum(n - 1, 0)

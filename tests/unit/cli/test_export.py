@@ -11,9 +11,13 @@ from recording_steps import BODY, SPACE, steps
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cli.main import main
+from workbench.evaluation.verdict.joint_states import JOINT_GROUPS
+from workbench.evaluation.verdict.run_measurements import MeasurementCollector
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.finding import Finding
 
 N = 12  # more than one flush
 
@@ -222,3 +226,46 @@ def test_the_folder_of_the_output_is_made(recorded, tmp_path):
     for name in ("walk.mot", "walk.csv"):
         assert exported(recorded, tmp_path / name[-3:] / "new" / name) == 0
         assert (tmp_path / name[-3:] / "new" / name).is_file()
+
+
+@pytest.fixture(scope="module")
+def judged(run, tmp_path_factory):
+    """A recording whose left leg is doubtful from the fifth frame on and lost in the last."""
+    states = dict.fromkeys(JOINT_GROUPS, ["tracked"] * N)
+    states["left_leg"] = [*["tracked"] * 4, *["doubtful"] * (N - 5), "lost"]
+    collector = MeasurementCollector(BODY)
+    path = tmp_path_factory.mktemp("judged") / "run.rrd"
+    with recorder(path) as recording:
+        for step in run:
+            recording.log(step, {})
+            collector.add(step, {})
+        verdict = Verdict((), Finding("tracked", "tracked", "trustworthy"), ("tracked",) * N, states)
+        recording.set_verdict(verdict, collector.measurements())
+    return path
+
+
+@pytest.mark.parametrize(("min_state", "n_shown"), [("tracked", 4), ("doubtful", N - 1)])
+def test_joints_below_a_state_are_left_out(judged, estimated, tmp_path, min_state, n_shown):
+    output = tmp_path / "out.csv"
+    assert exported(judged, output, "--min-state", min_state) == 0
+    rows = list(csv.DictReader(output.open()))
+    for name in ("left_knee_x_m", "left_ankle_z_m", "left_knee_flexion_rad", "left_hip_flexion_rad"):
+        assert [k for k, row in enumerate(rows) if row[name]] == list(range(n_shown))
+    assert all(row["right_ankle_x_m"] and row["right_knee_flexion_rad"] and row["pelvis_x_m"] for row in rows)
+    shown = [float(row["left_ankle_y_m"]) for row in rows[:n_shown]]
+    np.testing.assert_allclose(shown, estimated[:n_shown, JOINT_NAMES.index("left_ankle"), 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "state", "message"),
+    [("a.bvh", "tracked", "a.bvh"), ("a.trc", "lost", "--min-state"), ("a.mot", "doubtful", "a.mot")],
+)
+def test_an_impossible_state_or_format_is_rejected(judged, tmp_path, capsys, name, state, message):
+    assert exported(judged, tmp_path / name, "--min-state", state) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / name).exists()
+
+
+def test_a_recording_without_states_of_joints_is_rejected(recorded, tmp_path, capsys):
+    assert exported(recorded, tmp_path / "a.trc", "--min-state", "tracked") == 2
+    assert "states" in capsys.readouterr().err

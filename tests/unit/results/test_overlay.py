@@ -200,3 +200,14 @@ def test_a_dataset_without_a_readable_video_is_rejected(tmp_path):
     with pytest.raises(InputError, match=r"other\.mp4: expected a video that Rerun reads"):
         Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True, source_video=other)
     assert not any(tmp_path.glob("run.rrd*"))
+
+
+def test_limbs_with_a_hidden_end_are_not_drawn():
+    lines, names = persons_lines()
+    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
+    picture = Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines})
+    k = names[row].index("left_ankle")
+    (u, v), (u_thigh, v_thigh) = (lines[row, at - 1 : at + 1].mean(axis=0).astype(int) for at in (k, k - 1))
+    image = drawn(picture, hidden={"left_ankle"})
+    assert not image[v, u].any()
+    assert image[v_thigh, u_thigh].any()

@@ -16,10 +16,11 @@ from workbench.evaluation.verdict.landmark_agreement import (
     facing_deg,
     knee_differences_deg,
 )
-from workbench.evaluation.verdict.run_measurements import RunMeasurements, nan_median
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL
+from workbench.utils.nan_statistics import nan_median
 
 TRACKED, LOST, NOT_SEEN, UNKNOWN = "tracked", "lost", "not seen", "not known"
 """States of a joint or a frame, with DOUBTFUL; UNKNOWN where nothing shows whether it is tracked."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import SIDES
-from workbench.evaluation.verdict.run_measurements import RunMeasurements, nan_median
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_median
 
 MAX_FACING_DEG = 60.0
 """Angle between two directions of a torso: four standard deviations of a detector's, which are 10 to 15 degrees."""

@@ -1,6 +1,5 @@
 """Measurements of a run's frames and steps, collected for its verdict."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from workbench.core.step import Step
 from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
 from workbench.evaluation.uncertainty.step_calibration import GROUPS, expected_distances, expected_errors
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.nan_statistics import nan_median
 
 _MIN_SPEED_M_S = 0.3
 """Speed of the pelvis from which on a person walks; slow walking is twice as fast."""
@@ -315,13 +315,6 @@ def walking_velocity(pelvis: FloatArray, times_s: FloatArray) -> FloatArray:
 def foot_speeds(ankles: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return the horizontal speeds (F, 2), m/s, of ankles (F, 2, 3), m."""
     return np.asarray(np.linalg.norm(_velocity(ankles, times_s, _STEP_S)[..., :2], axis=-1))
-
-
-def nan_median(values: FloatArray, axis: int) -> FloatArray:
-    """Return the median of the values that are not NaN; NaN where all are."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice")
-        return np.asarray(np.nanmedian(values, axis=axis))
 
 
 def _in_image(camera: Camera, joints_m: FloatArray) -> bool:

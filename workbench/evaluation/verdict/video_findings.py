@@ -20,7 +20,7 @@ def video_findings(input_counts: Mapping[str, int]) -> Iterator[Finding]:
     n = input_counts.get("frames", 0) - input_counts.get("frames_unseen", 0)
     if frozen:
         level = NOT_USABLE if frozen > _MAX_FROZEN * n else DOUBTFUL
-        yield Finding("frozen images", f"the video is frozen in {frozen} of {n} frames, without any motion", level)
+        yield Finding("frozen frames", f"the video is frozen in {frozen} of {n} frames, without any motion", level)
     elif repeated >= _MIN_REPEATED * max(n, 1):
         text = f"{repeated} of {n} images repeat the one before: fewer images a second than frames"
         yield Finding("frame-rate mismatch", text, NOTE)
