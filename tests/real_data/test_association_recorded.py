@@ -30,8 +30,8 @@ def man(recorded):
 
 def test_the_man_is_distinguished_from_the_bystander(recorded, man):
     cameras, people = recorded
-    counts = {"people": 2, "frames": 100, "frames_unseen": 0, "frames_lost": 0, "swapped_sides": 0}
-    assert man.counts == counts  # two cameras show a seated bystander
+    counts = {name: n for name, n in man.counts.items() if n}
+    assert counts == {"people": 2, "frames": 100}  # two cameras show a seated bystander
     assert np.isfinite(man.joints[..., 0]).any(axis=2).all()
     bystander = select_target(people, cameras, RATE_HZ, {"cam_01": 1})
     np.testing.assert_array_equal(bystander.joints, select_target(people, cameras, RATE_HZ, {"cam_02": 1}).joints)

@@ -73,7 +73,7 @@ def verdict_of(dataset, height_m=1.69, **inputs):
     streams = {name: np.random.default_rng(0) for name in ("start", "prior")}
     for step in fit.run(clip, None, streams):
         collector.add(step, {})
-    run_inputs = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.info.rate_hz, **inputs)
+    run_inputs = RunInputs(height_m=height_m, rate_hz=dataset.info.rate_hz, **inputs)
     return verdict(collector.measurements(), run_inputs)
 
 

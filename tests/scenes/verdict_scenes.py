@@ -47,6 +47,7 @@ class Scene:
     cameras: the calibration. keypoints: (V, N, J, 3). poses: the estimate (N, 25). points: (N, K, 3) or None. truth_m:
     offset of the true joints from the estimate's, (N, 3), or None. depth_std_m: of the particles along the first
     camera's line of sight, beyond 0.01 of every pose parameter. expected_errors: whether the run states them.
+    landmarks: (V, N, J, 3) of a detector, see `View`, or None.
     """
 
     cameras: tuple
@@ -59,15 +60,23 @@ class Scene:
     annotations: np.ndarray | None = None
     truth_m: np.ndarray | None = None
     inlier_fraction: float = 0.9
+    cost_decrease: float = 0.0
     body: object = BODY
     depth_std_m: float = 0.0
     expected_errors: bool = False
+    landmarks: np.ndarray | None = None
 
     def verdict(self):
+        return verdict(self.measurements(), self.inputs)
+
+    def measurements(self):
         collector = MeasurementCollector(self.body)
         rng, image = np.random.default_rng(1), np.zeros((2, 2), np.uint8)
         for t, pose in enumerate(self.poses):
-            views = tuple(View(c, image, rows[t]) for c, rows in zip(self.cameras, self.keypoints, strict=True))
+            views = tuple(
+                View(c, image, rows[t], None if self.landmarks is None else self.landmarks[v, t])
+                for v, (c, rows) in enumerate(zip(self.cameras, self.keypoints, strict=True))
+            )
             truth = None if self.annotations is None else Truth(annotations=self.annotations[t])
             if self.truth_m is not None:
                 truth = Truth(joints=joints(self.body.skeleton, pose[None])[0] + self.truth_m[t])
@@ -75,11 +84,12 @@ class Scene:
             poses = pose + 0.01 * rng.standard_normal((20, 25))
             if self.depth_std_m:
                 poses[:, :3] += self.depth_std_m * np.outer(rng.standard_normal(20), self.cameras[0].rotation[2])
+            diagnostics = {"inlier_fraction": self.inlier_fraction, "cost_decrease": self.cost_decrease}
             step = Step(frame, SPACE, poses[:, :1], poses, np.full(20, -np.log(20.0)), np.zeros(20, np.int64), pose,
-                        pose, 20.0, np.nan, diagnostics={"inlier_fraction": self.inlier_fraction})  # fmt: skip
+                        pose, 20.0, np.nan, diagnostics=diagnostics)  # fmt: skip
             stated = expected_errors(step, self.body.skeleton) if self.expected_errors else {}
             collector.add(step, stated | {name: float(values[t]) for name, values in self.errors.items()})
-        return verdict(collector.measurements(), self.inputs)
+        return collector.measurements()
 
 
 def scene(n_cameras=4, sigma_px=2.0):
@@ -88,6 +98,19 @@ def scene(n_cameras=4, sigma_px=2.0):
     keypoints = np.array([camera.project(places) for camera in rig]).reshape(n_cameras, N, 15, 2)
     keypoints = keypoints + sigma_px * rng.standard_normal(keypoints.shape)
     return Scene(rig, np.concatenate([keypoints, np.ones_like(keypoints[..., :1])], axis=-1), walk())
+
+
+def with_landmarks(intact, poses=None, frames=slice(None)):
+    """Return the scene with the world landmarks of a detector that sees the walker, in some frames other poses."""
+    seen = walk().copy()
+    if poses is not None:
+        seen[frames] = poses[frames]
+    places, landmarks = joints(BODY.skeleton, seen), np.empty((len(intact.cameras), N, 15, 3))
+    for v, camera in enumerate(intact.cameras):
+        rays = camera.directions(camera.undistorted(intact.keypoints[v, ..., :2].mean(axis=1)))
+        for t, ray in enumerate(rays):
+            landmarks[v, t] = (places[t] - places[t, 0]) @ camera.viewing_axes(ray).T
+    return replace(intact, landmarks=landmarks)
 
 
 def point_scene():

@@ -81,6 +81,15 @@ class Camera:
         directions = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ self.rotation
         return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
+    def viewing_axes(self, direction: FloatArray) -> FloatArray:
+        """Return the axes (3, 3), rows in the world, of the camera turned by the smallest rotation that points it along
+        a unit direction (3,) in the world."""
+        x, y, z = self.rotation @ direction
+        # Rodrigues' formula for the rotation of the optical axis (0, 0, 1) to (x, y, z) in the camera's frame
+        turn = np.array([[1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
+                         [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y], [-x, -y, z]])  # fmt: skip
+        return np.asarray(turn.T @ self.rotation)
+
     def scaled(self, factor: float) -> "Camera":
         """Return the camera of the image resized by `factor` (pixel centres stay aligned, as in cv2.resize)."""
         matrix = self.matrix.copy()

@@ -10,7 +10,7 @@ from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""
-_MIN_JOINTS = 4
+MIN_JOINTS = 4
 """Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
 _LONG_GAP_S = 0.5
 """Time between two frames above which the motion between them is no jump."""
@@ -53,7 +53,7 @@ class ObservedJoints:
     @property
     def shows_person(self) -> BoolArray:
         """Whether a view's keypoints show a person, (F, V)."""
-        return np.asarray((np.isfinite(self.pixels()[..., 0]).sum(axis=2) >= _MIN_JOINTS).T)
+        return np.asarray((np.isfinite(self.pixels()[..., 0]).sum(axis=2) >= MIN_JOINTS).T)
 
     @property
     def motion(self) -> FloatArray:

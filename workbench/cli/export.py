@@ -19,6 +19,7 @@ from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.keypoints import keypoint_weights
 from workbench.recording.read.reader import Run
+from workbench.recording.read.states import joints_below
 from workbench.results.overlay import SUFFIX, write_overlay
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -28,6 +29,7 @@ log = logging.getLogger(__name__)
 _Y_UP = "y is up, z ahead where the world has x"
 _OPENSIM = "y is up, x ahead where the world has x, as in OpenSim's models"
 _Z_UP = "z is up, as in the workbench"
+_WITHOUT_GAPS = (".bvh", ".mot")
 _AXES = {
     ".bvh": _Y_UP, ".trc": _OPENSIM, ".csv": _Z_UP, ".c3d": _Z_UP, ".mot": _OPENSIM,
 }  # fmt: skip
@@ -47,6 +49,12 @@ def export_recording(
     metres: Annotated[bool, typer.Option("--metres", help="Lengths in m, not cm (BVH) or mm (TRC, C3D).")] = False,
     intervals: Annotated[bool, typer.Option("--intervals", help="Include the 90 % credible intervals (.csv).")] = False,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of the video; default: the first.")] = None,
+    min_state: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tracked|doubtful", help="Leave out parts of the body with a lower state (.trc, .c3d, .csv, .mp4)."
+        ),
+    ] = None,
 ) -> None:
     """Export the motion of a recording for Blender (.bvh), OpenSim (.trc, .mot), gait analysis (.c3d) or a spreadsheet
     (.csv).
@@ -58,16 +66,21 @@ def export_recording(
       workbench export run.rrd -o walk.bvh
       workbench export run.rrd -o walk.csv --intervals
       workbench export run.rrd -o overlay.mp4
+      workbench export run.rrd -o tracked.trc --min-state tracked
     """
     if output.suffix.lower() == SUFFIX:
-        n_frames, has_truth = write_overlay(read_sound_run(recording), output, camera)
+        n_frames, has_truth = write_overlay(read_sound_run(recording), output, camera, min_state=min_state)
         print(f"{output}: {n_frames} frames; left cyan, right pink{', truth blue' if has_truth else ''}")
         return
     check_output(output)  # before reading the recording
+    if min_state is not None and output.suffix.lower() in _WITHOUT_GAPS:
+        raise InputError(f"{output}: --min-state: its angles cannot be left out; choose .trc, .c3d, .csv or .mp4")
     run = read_sound_run(recording)
     track = true_track(run) if truth else estimated_track(run)
     if intervals:
         track = replace(track, bands=_intervals(run, track.frames))
+    if min_state is not None:
+        track = without_joints(track, joints_below(run.path, track.frames.tolist(), min_state))
     export(output, with_missing_frames(track), metres=metres)
     if (n_omitted := len(run.poses[0]) - len(track)) > 0:
         print(f"{run.path}: {n_omitted} frames without ground truth are omitted", file=sys.stderr)
@@ -98,6 +111,16 @@ def estimated_track(run: Run) -> Track:
     return Track(
         skeleton, frames, times_s, positions, poses, undetermined=tuple(np.array(skeleton.dof_names)[free].tolist())
     )
+
+
+def without_joints(track: Track, hidden: BoolArray) -> Track:
+    """Return a track without joints (F, J), and without the parameters of its poses that they determine."""
+    positions = np.where(hidden[:, :, None], np.nan, track.positions)
+    if track.poses is None:
+        return replace(track, positions=positions)
+    patterns, of_frame = np.unique(hidden, axis=0, return_inverse=True)
+    free = np.array([undetermined(track.skeleton, ~pattern)[1] for pattern in patterns])
+    return replace(track, positions=positions, poses=np.where(free[of_frame.ravel()], np.nan, track.poses))
 
 
 def _never_shown(run: Run, skeleton: Skeleton) -> tuple[BoolArray, BoolArray]:

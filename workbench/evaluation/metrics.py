@@ -259,6 +259,11 @@ METRICS = (
     ),
     Metric("iterations", "iterations", "", "steps of the least-squares solver", TRACKING, "lower"),
     Metric(
+        "cost_decrease", "decrease of the cost", "fraction",
+        "decrease of the cost in the last ten steps of a least-squares fit that used all its iterations", TRACKING,
+        "lower",
+    ),
+    Metric(
         "variance_fraction_<cue>", "cues' parts of the log-likelihood's variance", "fraction",
         "part of the log likelihood's variance over particles that is due to a cue", TRACKING,
         plot="variance_fraction_<cue>",

@@ -169,10 +169,8 @@ def _track(config: DictConfig, summary: Summary, names: Mapping[str, str], quiet
 def run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Components) -> RunInputs:
     """Return the inputs of a run that its frames may contradict; settings: the resolved configuration."""
     info, body = components.clip.info, settings.get("body") or {}
-    iterations = (settings.get("inference") or {}).get("max_iterations")
     return RunInputs(
         height_m=body.get("height_m"),
-        max_iterations=float(iterations) if isinstance(iterations, int) else None,
         rate_hz=info.rate_hz,
         source_rate_hz=info.source_rate_hz,
         shows_person=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),

@@ -1,6 +1,6 @@
 """A video of a run's images with the estimated skeleton drawn over them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from heapq import merge
 from pathlib import Path
 
@@ -10,10 +10,10 @@ from tqdm import tqdm
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
-from workbench.evaluation.verdict.track_outcome import LOST
-from workbench.recording.read.chunks import cells, timed
+from workbench.evaluation.verdict.joint_states import LOST
+from workbench.recording.read.chunks import timed
 from workbench.recording.read.reader import Run
-from workbench.recording.write.outcome import STATE
+from workbench.recording.read.states import joints_below, lane
 from workbench.recording.write.scene import chains
 from workbench.results.pictures import Picture, pictures
 from workbench.utils.arrays import ByteArray, FloatArray
@@ -40,7 +40,12 @@ PERSON_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(per
 
 
 def write_overlay(
-    run: Run, path: Path, camera: str | None = None, source: Path | None = None, max_side_px: int | None = None
+    run: Run,
+    path: Path,
+    camera: str | None = None,
+    source: Path | None = None,
+    max_side_px: int | None = None,
+    min_state: str | None = None,
 ) -> tuple[int, bool]:
     """Write the images of one camera with the skeletons as an MP4 file; return the number of frames, and whether any
     has a true skeleton.
@@ -50,12 +55,15 @@ def write_overlay(
     camera : name; None: the first by name.
     source : the run's video or folder of images, whose frames without an estimate are then part of the overlay.
     max_side_px : see `pictures`.
+    min_state : limbs of which an end has a state below it are not drawn, see `joints_below`; None: all are.
 
     Raises
     ------
     InputError
-        For a recording without images, an unknown camera, and where OpenCV cannot write the file.
+        For a recording without images, an unknown camera, as of `joints_below`, and where OpenCV cannot write the file.
     """
+    frames = run.poses[0].tolist()
+    below = {} if min_state is None else dict(zip(frames, joints_below(run.path, frames, min_state), strict=True))
     shown = pictures(run, camera=camera, max_side_px=max_side_px)
     if source is not None:
         shown = with_omitted_frames(shown, run, source)
@@ -65,7 +73,8 @@ def write_overlay(
         writer = cv2.VideoWriter()
         try:
             for n, picture in enumerate(tqdm(ahead(shown), desc=path.name, unit="frame", disable=None), 1):
-                image = drawn(picture, picture.frame in lost)
+                hidden = {JOINT_NAMES[joint] for joint in np.flatnonzero(below.get(picture.frame, []))}
+                image = drawn(picture, picture.frame in lost, hidden)
                 has_truth = has_truth or len(picture.skeletons.get("truth", ())) > 0
                 if n == 1:
                     size = image.shape[1], image.shape[0]
@@ -87,14 +96,8 @@ def _rate_hz(run: Run) -> float:
 
 def lost_frames(run: Run) -> set[int]:
     """Return the numbers of the recorded frames that the verdict regards as lost."""
-    entity = f"{STATE}/tracking"
-    changes = cells(run.path, [f"/{entity}"]).get(entity, {}).get("StateChange:state", {})
-    lost, state = set[int](), ""
-    for frame in run.poses[0].tolist():
-        state = changes[frame].as_py()[0] if frame in changes else state
-        if state == LOST:
-            lost.add(frame)
-    return lost
+    frames = run.poses[0].tolist()
+    return {frame for frame, state in zip(frames, lane(run.path, "tracking", frames), strict=True) if state == LOST}
 
 
 def with_omitted_frames(shown: Iterator[Picture], run: Run, source: Path) -> Iterator[Picture]:
@@ -120,17 +123,18 @@ def _decoded(source: Path, frames: Sequence[int], shape: tuple[int, ...]) -> Ite
         yield Picture(frame, np.asarray(cv2.resize(image, shape[1::-1]), np.uint8), {})
 
 
-def drawn(picture: Picture, lost: bool = False) -> ByteArray:
+def drawn(picture: Picture, lost: bool = False, hidden: Set[str] = frozenset()) -> ByteArray:
     """Return a picture's image with its skeletons, (height, width, 3) BGR, of even size.
 
-    Left and right limbs have two colours. A limb is the fainter the less confident the detector is of its ends. A frame
-    without an estimate has a red frame, as one in which the person is lost.
+    Left and right limbs have two colours. A limb is the fainter the less confident the detector is of its ends; one of
+    which an end is hidden, by name, is not drawn. A frame without an estimate has a red frame, as one in which the
+    person is lost.
     """
     grey = picture.image.ndim == 2
     flag = cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR
     image = np.asarray(cv2.cvtColor(picture.image, flag), np.uint8)
     width = max(2, round(_WIDTH_OVER_HEIGHT * image.shape[0]))
-    _draw_limbs(image, picture.skeletons.get("estimate", np.empty((0, 2, 2))), picture.confidence, width)
+    _draw_limbs(image, picture.skeletons.get("estimate", np.empty((0, 2, 2))), picture.confidence, width, hidden)
     truth = np.nan_to_num(picture.skeletons.get("truth", np.empty((0, 2, 2)))).round().astype(np.int32)
     cv2.polylines(image, list(truth), False, TRUTH[::-1], max(1, width // 2), cv2.LINE_AA)
     if lost or not picture.skeletons:
@@ -141,12 +145,15 @@ def drawn(picture: Picture, lost: bool = False) -> ByteArray:
     return np.ascontiguousarray(image[:height, :across], dtype=np.uint8)
 
 
-def _draw_limbs(image: ByteArray, lines: FloatArray, confidence: Mapping[str, float], width: int) -> None:
-    """Draw the lines (C, k, 2) of a person's skeleton, those of another body or of a part of it in one colour."""
+def _draw_limbs(
+    image: ByteArray, lines: FloatArray, confidence: Mapping[str, float], width: int, hidden: Set[str]
+) -> None:
+    """Draw the lines (C, k, 2) of a person's skeleton but for hidden joints, those of another body or of a part of it
+    in one colour."""
     of_person = lines.shape[:2] == (len(PERSON_CHAINS), len(PERSON_CHAINS[0]))
     for line, names in zip(lines, PERSON_CHAINS if of_person else [[""] * lines.shape[1]] * len(lines), strict=True):
         for k in range(len(line) - 1):
-            if of_person and names[k] == names[k + 1]:
+            if of_person and (names[k] == names[k + 1] or hidden & {names[k], names[k + 1]}):
                 continue
             side = names[k + 1].partition("_")[0]
             colour = {"left": LEFT, "right": RIGHT}.get(side, MIDDLE)

@@ -63,7 +63,7 @@ def test_joints_of_a_single_person_are_unchanged():
     selected = target(single, 0)
     for view, name in enumerate(single.cameras):
         np.testing.assert_array_equal(selected.joints[view], [rows[0] for rows in single.people[name].joints])
-    assert selected.counts == {"people": 1, "frames": 30, "frames_unseen": 0, "frames_lost": 0, "swapped_sides": 0}
+    assert {name: n for name, n in selected.counts.items() if n} == {"people": 1, "frames": 30}
 
 
 def test_a_person_who_leaves_and_returns_has_one_track(caplog):

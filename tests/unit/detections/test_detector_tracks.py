@@ -106,6 +106,18 @@ def test_frames_that_may_show_the_target_are_lost(tmp_path):
     assert (counts["frames_unseen"], counts["frames_lost"]) == (30, 20)
 
 
+def test_frames_without_a_file_of_detections_count(tmp_path):
+    def counts(frames, within):
+        found = {k: [points("COCO_17", standing(100.0 + k, 40.0))] for k in frames}
+        people = people_in(write(tmp_path / f"{min(frames)} {len(frames)}", found))
+        counts = select_target({"": people}, None, RATE_HZ, within=within).counts
+        return tuple(counts[f"frames{name}"] for name in ("", "_empty", "_unseen", "_lost", "_before", "_after"))
+
+    assert counts([*range(10, 30), *range(60, 80)], (0, 99)) == (100, 60, 60, 30, 10, 20)
+    assert counts([*range(10, 30), *range(60, 80)], (0, None)) == (80, 40, 40, 30, 10, 0)
+    assert counts(range(4, 94, 3), (0, 99)) == (33, 3, 3, 0, 1, 2)  # every third frame: 1, 4, …, 97
+
+
 def test_only_the_workbenchs_own_numbers_identify_people(tmp_path):
     assert read_points(write(tmp_path / "openpose", {0: [points("COCO_17", standing(9.0, 9.0))]})).identities is None
     own = detections(tmp_path / "own", (4, 0, np.zeros((2, 2)) + 9.0, 100.0))

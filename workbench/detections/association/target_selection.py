@@ -49,8 +49,9 @@ class TargetPerson:
     frames : (T,) numbers of the frames, increasing.
     joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection.
         (V, T, J, 6) with world landmarks, see `People`.
-    counts : numbers of people, of frames, of frames without a detection of the target (unseen), of those of them that
-        may show the target (lost), and of arms and legs in views with exchanged left/right labels.
+    counts : numbers of people, of the video's frames within the chosen ones, of frames without a detection of anybody
+        (empty), of the target (unseen), of those of them that may show the target (lost), of the others before the
+        target's first detection and after the last, and of arms and legs in views with exchanged left/right labels.
     """
 
     frames: IntArray
@@ -120,7 +121,7 @@ def select_target(
     detected = np.asarray(np.isfinite(target[..., 0]).any(axis=2), bool)  # (V, T)
     views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
-    counts = _counts(tracked, number) | {"swapped_sides": int(swapped.sum())}
+    counts = _counts(tracked, number, within) | {"swapped_sides": int(swapped.sum())}
     _report_people(tracked, np.asarray(detected.any(axis=0), bool))
     _report_gaps(tracked, detected, rate_hz)
     _report_joints(people, target, swapped)
@@ -168,21 +169,27 @@ def _in_frame(people: People, frame: int) -> tuple[FloatArray, IntArray]:
     return joints[likeliest], identities[likeliest]
 
 
-def _counts(tracked: TrackedPeople, target: int) -> dict[str, int]:
-    """Return the counts of `TargetPerson` without the labels.
+def _counts(tracked: TrackedPeople, target: int, within: tuple[int, int | None]) -> dict[str, int]:
+    """Return the counts of `TargetPerson` without the labels; within: as of `select_target`.
 
     A frame without the target may show the target if it lies between the target's detections, or if a person is
-    detected in it who is in no frame with the target and may be the same person.
+    detected in it who is in no frame with the target and may be the same person. Frames without a file of detections
+    count, except between those at a regular interval.
     """
-    present = [set(frame.values()) for frame in tracked.assigned]
+    people = {int(n): set(frame.values()) for n, frame in zip(tracked.frames, tracked.assigned, strict=True)}
+    interval = int(np.gcd.reduce(np.diff(tracked.frames))) or 1
+    first, last = within[0] + int(tracked.frames[0] - within[0]) % interval, within[1]
+    numbers = range(first, (int(tracked.frames[-1]) if last is None else last) + 1, interval)
+    present = [people.get(number, set()) for number in numbers]
     others = set[int]().union(*(frame for frame in present if target in frame))
     shown = [t for t, frame in enumerate(present) if target in frame]
-    lost = [
-        t for t, frame in enumerate(present) if target not in frame and (shown[0] < t < shown[-1] or frame - others)
-    ]
+    unseen = {t for t, frame in enumerate(present) if target not in frame}
+    lost = {t for t in unseen if shown[0] < t < shown[-1] or present[t] - others}
     return {
-        "people": len(tracked.numbers), "frames": len(present), "frames_unseen": len(present) - len(shown),
-        "frames_lost": len(lost),
+        "people": len(tracked.numbers), "frames": len(present), "frames_empty": sum(not frame for frame in present),
+        "frames_unseen": len(unseen), "frames_lost": len(lost),
+        "frames_before": sum(t < shown[0] for t in unseen - lost),
+        "frames_after": sum(t > shown[-1] for t in unseen - lost),
     }  # fmt: skip
 
 

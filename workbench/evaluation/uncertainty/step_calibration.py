@@ -163,11 +163,20 @@ def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
 
 
 def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> dict[str, float]:
-    """Return expected_error_<group>_mm: the posterior's expected distance of joints from those of the expected pose,
-    with `relative` of their positions relative to the root.
+    """Return expected_error_<group>_mm: the means of the joints' `expected_distances`, the error of the group that the
+    posterior predicts."""
+    distances = 1e3 * expected_distances(step, skeleton, relative)
+    return {
+        f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
+        for group, members in _joint_groups(skeleton).items()
+    }
 
-    It is the group's joint error that the posterior predicts. More than _MAX_PARTICLES particles are represented by as
-    many at evenly spaced quantiles of their weights.
+
+def expected_distances(step: Step, skeleton: Skeleton, relative: bool = False) -> FloatArray:
+    """Return the posterior's expected distances (J,), m, of joints from those of the expected pose, with `relative` of
+    their positions relative to the root.
+
+    More than _MAX_PARTICLES particles are represented by as many at evenly spaced quantiles of their weights.
     """
     poses, weights = step.poses, np.exp(step.log_weights)
     if len(poses) > _MAX_PARTICLES:
@@ -177,11 +186,7 @@ def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> d
     errors = joints(skeleton, poses) - step.expected_joints(skeleton)
     if relative:
         errors = errors - errors[:, :1]
-    distances = 1e3 * (weights @ np.linalg.norm(errors, axis=2))
-    return {
-        f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
-        for group, members in _joint_groups(skeleton).items()
-    }
+    return np.asarray(weights @ np.linalg.norm(errors, axis=2))
 
 
 def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Measurements of a run's frames and steps, collected for its verdict."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +15,10 @@ from workbench.cameras.camera import Camera
 from workbench.cameras.camera_motion import in_camera
 from workbench.cameras.image_height import height_px
 from workbench.cameras.observed_joints import ObservedJoints
-from workbench.core.frame import View
+from workbench.core.frame import Frame, View
 from workbench.core.step import Step
 from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
-from workbench.evaluation.uncertainty.step_calibration import GROUPS, expected_errors
+from workbench.evaluation.uncertainty.step_calibration import GROUPS, expected_distances, expected_errors
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _MIN_SPEED_M_S = 0.3
@@ -34,15 +35,19 @@ class RunMeasurements:
     """Measurements of F frames and V cameras; NaN where a frame has none.
 
     frames: (F,) their numbers. times_s: (F,). observed: the keypoints of all frames, and the cameras.
-    keypoint_error_px: (F, V) median distance of the estimate's joints from the view's keypoints, px of the source.
+    keypoint_distances_px: (F, V, J) distances of the estimate's joints from the view's keypoints, px of the source.
+    world_landmarks: (F, V, J, 3) of a detector along the world's axes, m, of an average person, see `View`.
     in_image: (F, V) whether the estimate lies in the view's image.
     errors: (F,) by name, of every metric that any frame has, see `Meter.errors`.
-    annotation_height_px: (F,) height of the person in the annotations that errors are measured by.
+    annotation_distances_px: (F, J) distances of the estimate's joints from annotations that errors are measured by, px
+        of the source. annotation_height_px: (F,) height of the person in them.
+    joint_errors_m: (F, J) distances from true joints, relative to the root. expected_joint_errors_m: (F, J) the same by
+        the posterior.
     lengths_m: of the tracked body, by limb.
     inlier_fraction: (F,) fraction of the observations near the body.
     uncertain_groups: (F,) groups of joints whose expected error exceeds UNCERTAIN_MM; with an only camera that is
         estimated, of their positions relative to the root, whose distance is uncertain with the focal length.
-    iterations: of a fit, 0 without one.
+    cost_decrease: relative, in the last steps of a fit that used all its iterations; 0 for another.
     estimated_joints: (F, J, 3), m.
     depth_std_m: (F,) standard deviation of the pelvis' distance, where the only camera measures it.
     depth_error_m: (F,) mean error of the joints along the first camera's line of sight, by the true joints.
@@ -52,14 +57,18 @@ class RunMeasurements:
     frames: IntArray
     times_s: FloatArray
     observed: ObservedJoints
-    keypoint_error_px: FloatArray
+    keypoint_distances_px: FloatArray
+    world_landmarks: FloatArray
     in_image: BoolArray
     errors: Mapping[str, FloatArray]
+    annotation_distances_px: FloatArray
     annotation_height_px: FloatArray
+    joint_errors_m: FloatArray
+    expected_joint_errors_m: FloatArray
     lengths_m: Mapping[str, float]
     inlier_fraction: FloatArray
     uncertain_groups: tuple[tuple[str, ...], ...]
-    iterations: float
+    cost_decrease: float
     estimated_joints: FloatArray
     depth_std_m: FloatArray
     depth_error_m: FloatArray
@@ -71,9 +80,19 @@ class RunMeasurements:
         return tuple(camera.name for camera in self.observed.cameras)
 
     @property
+    def keypoint_error_px(self) -> FloatArray:
+        """Median over joints (F, V) of the distances from the keypoints, px of the source."""
+        return nan_median(self.keypoint_distances_px, axis=2)
+
+    @property
     def person_height_px(self) -> FloatArray:
         """Height (F, V) of the person in the keypoints, px of the source."""
         return self.observed.heights_px / self.observed.scale
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the errors are those from true positions in space."""
+        return "mpjpe_abs_mm" in self.errors
 
     @property
     def has_keypoints(self) -> bool:
@@ -111,7 +130,7 @@ class MeasurementCollector:
         self._cameras: dict[str, Camera] = {}
         self._searched: set[str] = set()
         self._turns = False
-        self._iterations = 0.0
+        self._cost_decrease = 0.0
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
@@ -124,6 +143,9 @@ class MeasurementCollector:
             self._turns |= not self._cameras.setdefault(view.camera.name, view.camera).is_equal(view.camera)
         self._searched |= {view.camera.name for view in frame.views if view.keypoints is not None}
         points = None if frame.points is None or not len(frame.points) else frame.points
+        expected = np.full(len(JOINT_NAMES), np.nan)
+        if len(step.poses) > 1:
+            expected[self._named] = expected_distances(step, self._body.skeleton, relative=True)[self._body_joints]
         uncertain = _uncertain(errors)
         if uncertain and len(frame.views) == 1 and frame.views[0].camera.uncertainty is not None:
             uncertain = _uncertain(expected_errors(step, self._body.skeleton, relative=True))
@@ -134,16 +156,20 @@ class MeasurementCollector:
                 "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
                 "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
                 "in_cameras": {view.camera.name: self._in_first(view) for view in frame.views},
-                "views": {view.camera.name: self._view(view, estimate) for view in frame.views},
+                "distances_px": {view.camera.name: self._distances_px(view, places) for view in frame.views},
+                "landmarks": {view.camera.name: _world_landmarks(view) for view in frame.views},
+                "in_image": {view.camera.name: _in_image(view.camera, estimate) for view in frame.views},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
+                "annotation_distances_px": self._annotation_distances_px(frame, places),
+                "joint_errors_m": self._joint_errors_m(frame, places), "expected_joint_errors_m": expected,
                 "depth_std_m": _depth_std(step), "depth_error_m": _depth_error(step, estimate),
                 "extent_m": np.full(3, np.nan) if points is None else np.ptp(
                     np.percentile(points, [5.0, 95.0], axis=0), axis=0
                 ),
             }
         )  # fmt: skip
-        self._iterations = max(self._iterations, float(step.diagnostics.get("iterations", 0.0)))
+        self._cost_decrease = max(self._cost_decrease, float(step.diagnostics.get("cost_decrease", 0.0)))
 
     def _in_first(self, view: View) -> FloatArray:
         """Return a view's keypoints (J, 3) where the first frame's camera would see them."""
@@ -151,13 +177,28 @@ class MeasurementCollector:
         first = self._cameras[view.camera.name]
         return np.column_stack([in_camera(keypoints[:, :2], view.camera, first), keypoints[:, 2]])
 
-    def _view(self, view: View, joints_m: FloatArray) -> tuple[float, bool]:
-        """Return keypoint_error_px and in_image of a view; joints_m: (J, 3), estimated."""
-        pixels = view.camera.project(joints_m)
-        inside = (pixels >= 0.0).all(axis=1) & (pixels < [view.camera.width, view.camera.height]).all(axis=1)
-        residuals = np.linalg.norm(pixels[self._body_joints] - _keypoint_pixels(view)[self._named], axis=1)
-        error_px = float(np.nanmedian(residuals)) / self._scale if np.isfinite(residuals).any() else np.nan
-        return error_px, bool(inside.mean() > 0.5)
+    def _distances_px(self, view: View, places: FloatArray) -> FloatArray:
+        """Return the distances (J,) of joints (J, 3) from a view's keypoints, px of the source."""
+        distances = np.linalg.norm(view.camera.project(places) - _keypoint_pixels(view), axis=1)
+        return np.asarray(distances / self._scale)
+
+    def _annotation_distances_px(self, frame: Frame, places: FloatArray) -> FloatArray:
+        """Return the distances (J,) of joints (J, 3) from visible annotations in the first view, px of the source."""
+        truth = frame.truth
+        if truth is None or truth.annotations is None or not frame.views:
+            return np.full(len(places), np.nan)
+        visible = True if truth.annotations_visible is None else truth.annotations_visible
+        distances = np.linalg.norm(frame.views[0].camera.project(places) - truth.annotations, axis=1)
+        return np.where(visible, distances / self._scale, np.nan)
+
+    def _joint_errors_m(self, frame: Frame, places: FloatArray) -> FloatArray:
+        """Return the distances (J,), m, of joints (J, 3) from the true ones, relative to the root."""
+        errors = np.full(len(places), np.nan)
+        if frame.truth is not None and frame.truth.joints is not None:
+            true = np.full(places.shape, np.nan)
+            true[self._named] = frame.truth.joints[self._body_joints]
+            errors = np.linalg.norm((places - places[0]) - (true - true[0]), axis=1)
+        return errors
 
     def measurements(self) -> RunMeasurements:
         """Return the measurements of all steps so far."""
@@ -166,13 +207,14 @@ class MeasurementCollector:
             name: np.array([row[name] for row in rows], np.float64)
             for name in (
                 "time_s", "annotation_height_px", "inlier_fraction", "depth_std_m", "depth_error_m", "joints",
-                "extent_m",
+                "extent_m", "annotation_distances_px", "joint_errors_m", "expected_joint_errors_m",
             )
         }  # fmt: skip
-        views = np.array([[row["views"].get(name, (np.nan, 0.0)) for name in cameras] for row in rows], np.float64)
-        views = views.reshape(n, len(cameras), 2)
         none = np.full((len(JOINT_NAMES), 3), np.nan)
         keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
+        inside = np.array([[row["in_image"].get(name, False) for name in cameras] for row in rows], bool)
+        distances = np.array([[row["distances_px"].get(name, none[:, 0]) for name in cameras] for row in rows])
+        landmarks = np.array([[row["landmarks"].get(name, none) for name in cameras] for row in rows])
         errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
         in_cameras = np.array([[row["in_cameras"].get(name, none) for row in rows] for name in cameras], np.float64)
@@ -183,12 +225,17 @@ class MeasurementCollector:
         )  # fmt: skip
         return RunMeasurements(
             frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=series["time_s"],
-            observed=observed, keypoint_error_px=views[..., 0], in_image=views[..., 1] == 1.0,
+            observed=observed, in_image=inside.reshape(n, len(cameras)),
+            keypoint_distances_px=distances.reshape(n, len(cameras), len(JOINT_NAMES)),
+            world_landmarks=landmarks.reshape(n, len(cameras), len(JOINT_NAMES), 3),
+            annotation_distances_px=series["annotation_distances_px"].reshape(n, len(JOINT_NAMES)),
+            joint_errors_m=series["joint_errors_m"].reshape(n, len(JOINT_NAMES)),
+            expected_joint_errors_m=series["expected_joint_errors_m"].reshape(n, len(JOINT_NAMES)),
             errors={name: np.array([row["errors"].get(name, np.nan) for row in rows]) for name in errors},
             annotation_height_px=series["annotation_height_px"],
             lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS},
             inlier_fraction=series["inlier_fraction"],
-            uncertain_groups=tuple(row["uncertain"] for row in rows), iterations=self._iterations,
+            uncertain_groups=tuple(row["uncertain"] for row in rows), cost_decrease=self._cost_decrease,
             estimated_joints=series["joints"].reshape(n, len(JOINT_NAMES), 3), depth_std_m=series["depth_std_m"],
             depth_error_m=series["depth_error_m"],
             point_extent_m=series["extent_m"].reshape(n, 3),
@@ -268,6 +315,30 @@ def walking_velocity(pelvis: FloatArray, times_s: FloatArray) -> FloatArray:
 def foot_speeds(ankles: FloatArray, times_s: FloatArray) -> FloatArray:
     """Return the horizontal speeds (F, 2), m/s, of ankles (F, 2, 3), m."""
     return np.asarray(np.linalg.norm(_velocity(ankles, times_s, _STEP_S)[..., :2], axis=-1))
+
+
+def nan_median(values: FloatArray, axis: int) -> FloatArray:
+    """Return the median of the values that are not NaN; NaN where all are."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice")
+        return np.asarray(np.nanmedian(values, axis=axis))
+
+
+def _in_image(camera: Camera, joints_m: FloatArray) -> bool:
+    """Return whether more than half of the joints (J, 3), m, lie in a camera's image."""
+    pixels = camera.project(joints_m)
+    inside = (pixels >= 0.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    return bool(inside.mean() > 0.5)
+
+
+def _world_landmarks(view: View) -> FloatArray:
+    """Return a view's world landmarks (J, 3) along the world's axes, NaN without."""
+    pixels = _keypoint_pixels(view)
+    pixels = pixels[np.isfinite(pixels[:, 0])]
+    if view.world_landmarks is None or not len(pixels):
+        return np.full((len(JOINT_NAMES), 3), np.nan)
+    direction = view.camera.directions(view.camera.undistorted(pixels).mean(axis=0))
+    return np.asarray(view.world_landmarks @ view.camera.viewing_axes(direction))
 
 
 def _keypoint_pixels(view: View) -> FloatArray:

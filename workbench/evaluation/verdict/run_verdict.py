@@ -5,11 +5,14 @@ case the configured inputs are compared with the measurements. Thresholds come f
 people and detectors, or from reasoning; none was fitted to failed runs.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from workbench.evaluation.verdict.run_findings import RunInputs, coverage, run_findings
+from workbench.evaluation.verdict.joint_states import JOINT_GROUPS, joint_states
+from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.time_findings import lost_person, tracked_frames
 from workbench.evaluation.verdict.track_outcome import outcome
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
@@ -20,12 +23,14 @@ class Verdict:
 
     findings: problems, the worst first. outcome: whether the person was tracked, of kind "tracked", "lost", "no ground
     truth" or "no person visible". states: (F,) by frame, "tracked", "doubtful", "lost", "not known" in a frame without
-    errors, or "" in a run without errors.
+    errors, or "" in a run without errors. joint_states: (F,) of each of JOINT_GROUPS, the worst of its joints; "not
+    seen" where no camera sees any of them. Empty in a run without errors.
     """
 
     findings: tuple[Finding, ...]
     outcome: Finding
     states: tuple[str, ...]
+    joint_states: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def level(self) -> str:
@@ -54,8 +59,12 @@ class Verdict:
 
 def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     """Return the verdict on a run from its measurements and inputs."""
-    result, states = outcome(measured, inputs.shows_person)
-    if (covered := coverage(inputs)) is not None and not covered.is_problem:
-        result = replace(result, message=f"{result.message}, {covered.message}")
-    worst = {each.kind: each for each in reversed(problems(run_findings(measured, inputs)))}  # the first of a kind
-    return Verdict(tuple(reversed(worst.values())), result, states)
+    joints = joint_states(measured)
+    result, states = outcome(measured, joints, inputs.shows_person)
+    if n_tracked := tracked_frames(measured, inputs.input_counts, states):
+        result = replace(result, message=f"{result.message}, {n_tracked}")
+    lost = lost_person(measured, inputs.input_counts, states)
+    findings = problems([*([] if lost is None else [lost]), *run_findings(measured, joints, inputs)])
+    worst = {each.kind: each for each in reversed(findings)}  # the first of a kind
+    by_group = {group: joints.of_joints(names) for group, names in JOINT_GROUPS.items()}
+    return Verdict(tuple(reversed(worst.values())), result, states, by_group if joints.compared.any() else {})

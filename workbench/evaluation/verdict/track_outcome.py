@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
+from workbench.body.skeleton import JOINT_NAMES
 from workbench.evaluation.errors.track_loss import TRACKED_MM, criteria, lost_states
 from workbench.evaluation.metrics import row_of
+from workbench.evaluation.verdict.joint_states import LOST, TRACKED, UNKNOWN, JointStates
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
 
-TRACKED, LOST, UNKNOWN = "tracked", "lost", "not known"
-"""States of a frame, with DOUBTFUL."""
 _MOSTLY, _FAR = 0.5, 2.0
 """A run is not usable if at least this fraction of its frames is lost, with mean errors of at least this many
 thresholds: a trunk's depth."""
@@ -24,23 +24,23 @@ _DRIFT_S = 0.5
 """Time over which the error in depth is averaged, a step of a walk: shorter errors are of limbs and detections."""
 
 
-def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tuple[str, ...]]:
+def outcome(measured: RunMeasurements, joints: JointStates, shows_person: bool) -> tuple[Finding, tuple[str, ...]]:
     """Return whether the person was tracked, and the states (F,) of the frames, "" in a run without errors.
 
     A frame is lost where the error in the image or the root-aligned error reaches its threshold, see `criteria`;
-    without ground truth, also where the distance from the keypoints does. Others are doubtful as of `doubtful_frames`.
-    The first frame, whose pose may be given, is tracked.
-    shows_person: the dataset has observations of the person.
+    without ground truth, also where the distance from the keypoints does, or where most joints are lost. Others are
+    doubtful as of `doubtful_frames`. The first frame, whose pose may be given, is tracked.
+    joints: `joint_states` of the run. shows_person: the dataset has observations of the person.
     """
     n, details = len(measured.frames), _details(measured)
     has_errors, known = bool(criteria(measured.errors)), _evaluated(measured)
     if not has_errors and not known.any():
         return _unknown(measured, shows_person, details), ("",) * n
-    losses = _losses(measured)
+    losses = _losses(measured, joints)
     lost: BoolArray = np.any([np.zeros(n, dtype=bool), *losses.values()], axis=0)
     lost[:1] &= not has_errors
     evaluated = known & (np.arange(n) >= has_errors)  # the frames of `lost_fraction`
-    doubtful = doubtful_frames(measured)
+    doubtful = doubtful_frames(measured, joints)
     states = [UNKNOWN if not known[k] else LOST if lost[k] else DOUBTFUL if doubtful[k] else TRACKED for k in range(n)]
     states[:1] = [TRACKED] if not (lost | doubtful)[:1].any() else [LOST if lost[0] else DOUBTFUL]
     if n == 1 and has_errors:
@@ -48,12 +48,12 @@ def outcome(measured: RunMeasurements, shows_person: bool) -> tuple[Finding, tup
     if lost.any():
         excess = float(np.nanmean(_relative_errors(measured)[lost & known])) if (lost & known).any() else 0.0
         is_usable = lost[evaluated].mean() < _MOSTLY or excess < _FAR
-        level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, losses, lost, evaluated)
+        level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, joints, losses, lost, evaluated)
         return Finding(LOST, _and(text, details), level), tuple(states)
     if not has_errors:
         return Finding("no ground truth", f"no ground truth, {details}", TRUSTWORTHY), tuple(states)
     n_evaluated = int(np.isfinite(next(iter(criteria(measured.errors).values()))[0][1:]).sum())
-    annotated = "" if _has_truth(measured) else "annotated "
+    annotated = "" if measured.has_truth else "annotated "
     frames = f"all {n_evaluated} {annotated}frames" if n_evaluated > 1 else f"the only {annotated}frame"
     where = f"in {frames} after the first"
     return Finding(TRACKED, _and(f"tracked {where}", details), TRUSTWORTHY), tuple(states)
@@ -82,39 +82,37 @@ def depth_drift(measured: RunMeasurements) -> DepthDrift:
     return DepthDrift(message, lost_states(error_mm, limits, window))
 
 
-def doubtful_frames(measured: RunMeasurements) -> BoolArray:
-    """Return whether the depth drifted beyond its stated uncertainty, or the error expected by the posterior exceeds
-    UNCERTAIN_MM, (F,)."""
+def doubtful_frames(measured: RunMeasurements, joints: JointStates) -> BoolArray:
+    """Return whether the depth drifted beyond its stated uncertainty, the error expected by the posterior exceeds
+    UNCERTAIN_MM, or a joint is not tracked, (F,)."""
     uncertain: BoolArray = np.array([bool(groups) for groups in measured.uncertain_groups], dtype=bool)
-    return uncertain | depth_drift(measured).exceeds
+    return np.asarray(uncertain | depth_drift(measured).exceeds | joints.body_doubtful)
 
 
-def _losses(measured: RunMeasurements) -> dict[str, BoolArray]:
+def _losses(measured: RunMeasurements, joints: JointStates) -> dict[str, BoolArray]:
     """Return the lost frames (F,) by each criterion that loses any, described with its mean error in them."""
     after_first = {name: values[1:] for name, values in measured.errors.items()}
     losses: dict[str, BoolArray] = {}
     for name, (errors, thresholds) in criteria(after_first).items():
         if (lost := lost_states(errors, thresholds)).any():
             losses[row_of(name).words(float(np.nanmean(errors[lost])))] = np.concatenate([[False], lost])
-    if not _has_truth(measured):
+    if not measured.has_truth:
         distances_px, widths_px = _keypoint_distances(measured)
         if (lost := lost_states(distances_px, widths_px)).any():
             losses[f"{np.nanmean(distances_px[lost]):.0f} px from the keypoints"] = lost
+        if joints.body_lost.any():
+            losses["most joints far from their detections"] = joints.body_lost
     return losses
 
 
 def _evaluated(measured: RunMeasurements) -> BoolArray:
     """Return the frames with an error or, without ground truth, with keypoints, (F,)."""
     valid = {name: np.isfinite(values) for name, values in measured.errors.items()}
-    if _has_truth(measured):
+    if measured.has_truth:
         in_image = valid.get("mpjpe_px", False) & valid.get("forearm_width_px", valid["mpjpe_abs_mm"])
         return np.asarray(in_image | valid["mpjpe_abs_mm"])
     by_keypoints = np.isfinite(measured.keypoint_error_px).any(axis=1)
     return np.asarray(by_keypoints | valid.get("mpjpe_px", False))
-
-
-def _has_truth(measured: RunMeasurements) -> bool:
-    return "mpjpe_abs_mm" in measured.errors
 
 
 def _keypoint_distances(measured: RunMeasurements) -> tuple[FloatArray, FloatArray]:
@@ -126,22 +124,36 @@ def _keypoint_distances(measured: RunMeasurements) -> tuple[FloatArray, FloatArr
 def _relative_errors(measured: RunMeasurements) -> FloatArray:
     """Return the largest of a frame's errors (F,) over their thresholds; NaN without any."""
     each = [errors / thresholds for errors, thresholds in criteria(measured.errors).values()]
-    if not _has_truth(measured):
+    if not measured.has_truth:
         distance_px, width_px = _keypoint_distances(measured)
         each.append(distance_px / width_px)
     return np.asarray(np.fmax.reduce(each))
 
 
 def _described_loss(
-    measured: RunMeasurements, losses: Mapping[str, BoolArray], lost: BoolArray, evaluated: BoolArray
-) -> str:
-    """Describe a loss in frames (F,): its first frame, by which errors (see `_losses`), and the fraction of the
-    evaluated frames."""
+    measured: RunMeasurements, joints: JointStates, losses: Mapping[str, BoolArray], lost: BoolArray,
+    evaluated: BoolArray,
+) -> str:  # fmt: skip
+    """Describe a loss in frames (F,): its first frame, by which errors (see `_losses`), the first frame from which on
+    every joint is tracked, and the fraction of the evaluated frames."""
     first = int(np.flatnonzero(lost)[0])
     text = f"lost from frame {measured.frames[first]}: {' and '.join(text for text in losses if losses[text][first])}"
     if not lost[-1]:
-        text += f", recovered from frame {measured.frames[int(np.flatnonzero(lost)[-1]) + 1]}"
+        text += f", {_recovery(measured, joints, int(np.flatnonzero(lost)[-1]) + 1)}"
     return f"{text}, {lost[evaluated].mean():.0%} of the frames"
+
+
+def _recovery(measured: RunMeasurements, joints: JointStates, end: int) -> str:
+    """Describe the recovery after a loss that ends before frame index `end`: where all joints stay tracked, or which
+    joints do not."""
+    away = (joints.seen & (joints.far | joints.lost))[end:]
+    if not away.any():
+        return f"recovered from frame {measured.frames[end]}"
+    all_tracked = end + int(np.flatnonzero(away.any(axis=1))[-1]) + 1
+    if all_tracked < len(measured.frames):
+        return f"recovered from frame {measured.frames[all_tracked]}"
+    names = " and ".join(JOINT_NAMES[k].replace("_", " ") for k in np.flatnonzero(away[-1]))
+    return f"recovered from frame {measured.frames[end]} but for {names}"
 
 
 def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Finding:
@@ -162,18 +174,18 @@ def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Fin
 def _details(measured: RunMeasurements) -> str:
     """Return mean errors after the first frame with units, the distances from annotations and keypoints, and the
     uncertainty of one camera's depth."""
-    digits = {"mpjpe_abs_mm": 0, "mpjpe_mm": 0, "pa_mpjpe_mm": 0} | ({"mpjpe_px": 1} if _has_truth(measured) else {})
+    digits = {"mpjpe_abs_mm": 0, "mpjpe_mm": 0, "pa_mpjpe_mm": 0} | ({"mpjpe_px": 1} if measured.has_truth else {})
     errors = {name: measured.errors[name][1:] for name in digits if name in measured.errors}
     parts = [
         row_of(name).words(float(np.nanmean(each)), digits[name]) for name, each in errors.items() if has_values(each)
     ]
-    if not _has_truth(measured):
+    if not measured.has_truth:
         parts += [_annotation_error(measured), _keypoint_error(measured)]
     drift = depth_drift(measured)
     if drift.message and not drift.exceeds.any():  # otherwise a finding
         parts.append(f"{drift.message}, within its 90 % interval")
     depth_m = measured.depth_std_m
-    if has_values(depth_m) and not _has_truth(measured):
+    if has_values(depth_m) and not measured.has_truth:
         estimated = any(camera.uncertainty is not None for camera in measured.observed.cameras)
         reason = " as the camera is estimated" if estimated else ""
         parts.append(f"depth known to ± {np.nanmedian(depth_m):.2f} m{reason}")

@@ -29,6 +29,8 @@ from workbench.utils.timing import working_s
 
 MIN_INLIER_FRACTION = 0.3
 """Below this fraction of a frame's points and keypoints near the body, the step has a warning."""
+_LAST_STEPS = 10
+"""Steps over which the decrease of the cost of a fit that did not converge is reported."""
 _BLOCK = 256
 """Covariances decomposed together, which bounds the memory."""
 
@@ -98,7 +100,7 @@ class LeastSquares:
             yield replace(
                 step, warnings=messages, activity=activity, attachment=self._attachment(step),
                 timing_s={**step.timing_s, **self._one_evaluation(step.expected_pose, observed.points)},
-                diagnostics={**step.diagnostics, **probabilities},
+                diagnostics={**step.diagnostics, **probabilities, **self._decrease(fit)},
             )  # fmt: skip
 
     def fit_frames(
@@ -118,6 +120,13 @@ class LeastSquares:
             self.length_uncertainty,
         )  # fmt: skip
         return self.problem.fit(task, start), observations, warnings
+
+    def _decrease(self, fit: Fit) -> dict[str, float]:
+        """Return the relative decrease of the cost in the last steps of a fit that used all its iterations; empty for
+        one that converged."""
+        if fit.iterations < self.max_iterations:
+            return {}
+        return {"cost_decrease": fit.costs[max(-_LAST_STEPS - 1, -len(fit.costs))] / fit.costs[-1] - 1.0}
 
     def _one_evaluation(self, pose: FloatArray, points: FloatArray) -> dict[str, float]:
         """Return the time, s, of one evaluation of F, and of F with its Jacobian, at fixed attachments: paper D's

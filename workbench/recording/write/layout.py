@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 
 from workbench.body.angles import FLEXIONS
 from workbench.evaluation.metrics import CALIBRATED, CALIBRATION, row_of
+from workbench.evaluation.verdict.joint_states import JOINT_GROUPS
 from workbench.recording.write import styles
 from workbench.recording.write.images import OVERLAYS, RecordedCamera
 from workbench.recording.write.outcome import REPROJECTION_ERRORS, STATE, VERDICT
@@ -27,7 +28,7 @@ KEY = {
 """Overlays that may be drawn with the estimate, and their titles; annotations and keypoints in images only."""
 _LANES = {
     "tracking": "tracked, doubtful or lost", "large_expected_error": "large expected error", "foot_left": "stance",
-    "foot_right": "stance",
+    "foot_right": "stance", **dict.fromkeys(JOINT_GROUPS, "parts of the body"),
 }  # fmt: skip
 _EXPECTED, _TRUE, _CUES = "expected_error_<group>_mm", "mpjpe_abs_<group>_mm", "variance_fraction_<cue>"
 """Families of metrics, each in one plot."""

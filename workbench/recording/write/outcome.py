@@ -15,7 +15,8 @@ from workbench.utils.finding import LEVELS
 
 VERDICT, STATE, REPROJECTION_ERRORS = "verdict", "state", "reprojection_error_px"
 _GREEN, _RED, _GREY, _BLUE, _AMBER = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190), (215, 150, 40)
-_COLOURS = {"tracked": _GREEN, "none": _GREEN, "stance": _BLUE, "not known": _GREY, "lost": _RED}
+_COLOURS = {"tracked": _GREEN, "none": _GREEN, "stance": _BLUE, "not known": _GREY, "not seen": _GREY,
+            "lost": _RED}  # fmt: skip
 """Colours of states; any other, such as doubtful, is amber."""
 _HIDDEN = ("swing", "no gait")
 _FOREARM = "forearm"
@@ -51,6 +52,7 @@ def _lanes(verdict: Verdict, measured: RunMeasurements) -> Mapping[str, Sequence
     words = np.where(np.isnan(stances), "no gait", np.where(stances == 1.0, "stance", "swing")).T.tolist()
     return {
         "tracking": verdict.states,
+        **verdict.joint_states,
         "large_expected_error": uncertain if set(uncertain) != {"none"} else [],
         **(dict(zip(("foot_left", "foot_right"), words, strict=True)) if (stances == 1.0).any() else {}),
     }

@@ -111,7 +111,7 @@ FAULTS = {
     "floor": (raised(FOUR, 0.6), "ground contact", "doubtful"),
     "sliding": (replace(ONE, poses=np.tile(walk()[:1], (N, 1)) + np.linspace(-1, 1, N)[:, None] * np.eye(25)[0]),
                 "ground contact", "doubtful"),
-    "overconfident": (with_truth(60.0, coverage_90=0.35), "overconfident", "doubtful"),
+    "overconfident": (with_truth(60.0, coverage_90=0.5), "overconfident", "doubtful"),
     "depth unknown": (with_truth(60.0, expected_error_root_mm=600.0), "large expected error", "doubtful"),
 }  # fmt: skip
 

@@ -16,8 +16,8 @@ from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
 from workbench.evaluation.verdict.knee_bends import bends
-from workbench.evaluation.verdict.run_findings import _jumps
 from workbench.evaluation.verdict.run_verdict import Verdict
+from workbench.evaluation.verdict.time_findings import _jumps
 from workbench.utils.finding import (
     DOUBTFUL,
     NOT_USABLE,
@@ -30,7 +30,7 @@ from workbench.utils.finding import (
 )
 
 LATE = np.arange(N) >= 20
-INPUTS = RunInputs(height_m=HEIGHT_M, max_iterations=40, rate_hz=RATE_HZ)
+INPUTS = RunInputs(height_m=HEIGHT_M, rate_hz=RATE_HZ)
 
 
 def standing(knee=0.6):
@@ -144,26 +144,6 @@ def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, faulty):
     verdict = faulty.verdict()
     assert kind in {finding.kind for finding in verdict.findings}, verdict.message
     assert verdict.level != TRUSTWORTHY
-
-
-@pytest.mark.parametrize(
-    ("unseen", "lost", "level", "text"),
-    [
-        (0, 0, TRUSTWORTHY, ""),
-        (60, 0, TRUSTWORTHY, "tracked in 40 of 100 frames of the video"),
-        (20, 20, TRUSTWORTHY, "tracked in 80 of 100 frames of the video"),
-        (21, 21, DOUBTFUL, "tracked in 79 of 100 frames of the video"),
-        (50, 12, TRUSTWORTHY, "tracked in 50 of 100 frames of the video, lost in 12"),
-        (60, 60, DOUBTFUL, "tracked in 40 of 100 frames of the video"),
-        (61, 61, NOT_USABLE, "tracked in 39 of 100 frames of the video"),
-    ],
-)
-def test_frames_in_which_the_person_is_lost_lower_the_verdict(unseen, lost, level, text):
-    counts = {"people": 2, "frames": 100, "frames_unseen": unseen, "frames_lost": lost}
-    verdict = replace(ONE, inputs=replace(ONE.inputs, input_counts=counts)).verdict()
-    assert verdict.level == level
-    assert verdict.message.count("frames of the video") == bool(text)
-    assert text in verdict.message
 
 
 def test_the_start_of_an_inconsistency_of_cameras_is_reported():

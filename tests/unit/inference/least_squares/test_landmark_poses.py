@@ -18,7 +18,6 @@ from workbench.inference.least_squares.video.landmark_poses import (
     landmark_paths,
     landmark_poses,
     median_rotations,
-    viewing_axes,
 )
 
 SKELETON, SIGMA_PX = BODY.skeleton, 4.0
@@ -53,7 +52,7 @@ def scene(camera, scale=1.0):
 def test_the_axes_of_a_camera_towards_the_person_are_a_rotation_of_its_own(camera):
     direction = np.array([0.3, 0.9, 0.2])
     direction /= np.linalg.norm(direction)
-    axes = viewing_axes(camera, direction)
+    axes = camera.viewing_axes(direction)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     np.testing.assert_allclose(axes[2], direction, atol=1e-12)

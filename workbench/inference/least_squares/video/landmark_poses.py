@@ -10,7 +10,6 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.cameras.camera import Camera
 from workbench.core.observations import Keypoints, Observed
 from workbench.inference.least_squares.video.pose_problem import reach_in_sequence
 from workbench.utils.arrays import FloatArray
@@ -61,16 +60,6 @@ def landmark_poses(
     return np.column_stack([np.interp(times_s, times_s[frames], column) for column in poses.T])
 
 
-def viewing_axes(camera: Camera, direction: FloatArray) -> FloatArray:
-    """Return the axes (3, 3), rows in the world, of the camera turned by the smallest rotation that points it along a
-    unit direction (3,) in the world."""
-    x, y, z = camera.rotation @ direction
-    # Rodrigues' formula for the rotation of the optical axis (0, 0, 1) to (x, y, z) in the camera's frame
-    turn = np.array([[1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x], [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
-                     [-x, -y, z]])  # fmt: skip
-    return np.asarray(turn.T @ camera.rotation)
-
-
 def torso_rotations(skeleton: Skeleton, places: FloatArray) -> FloatArray:
     """Return the rotations (n, 3, 3) from the pelvis' frame to that of joints (n, J, 3), by shoulders and hips."""
     torso = [skeleton.joint(name) for name in TORSO]
@@ -103,7 +92,7 @@ def _places(skeleton: Skeleton, view: Keypoints, mirrored: bool) -> FloatArray:
     direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
     landmarks = view.world_landmarks * [1.0, 1.0, -1.0 if mirrored else 1.0]
     places = np.full((len(skeleton.names), 3), np.nan)
-    places[view.joints] = landmarks @ viewing_axes(view.camera, direction)
+    places[view.joints] = landmarks @ view.camera.viewing_axes(direction)
     return places
 
 

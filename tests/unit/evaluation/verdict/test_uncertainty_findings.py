@@ -1,0 +1,63 @@
+"""Thresholds of the findings on uncertainty, observations near the body and convergence, on both sides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from verdict_scenes import N, scene
+
+from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
+
+ONE = scene(1)
+
+
+def level_of(intact, kind):
+    """Return the level of a scene's finding of this kind, "" without one, and the verdict's."""
+    verdict = intact.verdict()
+    return next((each.level for each in verdict.findings if each.kind == kind), ""), verdict.level
+
+
+def with_errors(**errors):
+    """Return a scene with a ground truth and these metrics in every frame."""
+    known = {"mpjpe_abs_mm": 60.0, "mpjpe_mm": 60.0, "mpjpe_px": 2.0, "forearm_width_px": 20.0} | errors
+    return replace(ONE, errors={name: np.full(N, value) for name, value in known.items()}, truth_m=np.zeros((N, 3)))
+
+
+@pytest.mark.parametrize("metric", ["coverage_90", "coverage_90_joints"])
+@pytest.mark.parametrize(
+    ("coverage", "level"), [(0.61, ""), (0.59, "doubtful"), (0.41, "doubtful"), (0.39, "not usable")]
+)
+def test_intervals_that_cover_too_little_lower_the_verdict(metric, coverage, level):
+    assert level_of(with_errors(**{metric: coverage}), "overconfident") == (level, level or "trustworthy")
+
+
+def test_the_lower_coverage_of_parameters_and_joints_counts():
+    scene_with_both = with_errors(coverage_90=0.9, coverage_90_joints=0.5)
+    assert level_of(scene_with_both, "overconfident") == ("doubtful", "doubtful")
+
+
+@pytest.mark.parametrize(
+    ("fraction", "level"), [(0.51, ""), (0.49, "doubtful"), (0.26, "doubtful"), (0.24, "not usable")]
+)
+def test_observations_far_from_the_body_lower_the_verdict(fraction, level):
+    far = replace(ONE, inlier_fraction=fraction)
+    assert level_of(far, "observations far from the body") == (level, level or "trustworthy")
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.5, ""), (0.52, "doubtful")])
+def test_large_expected_errors_in_most_frames_lower_the_verdict(share, level):
+    expected = np.where(np.arange(N) < round(share * N), 1.01, 0.99) * UNCERTAIN_MM
+    intact = with_errors()
+    uncertain = replace(intact, errors=intact.errors | {"expected_error_legs_mm": expected})
+    assert level_of(uncertain, "large expected error")[0] == level
+
+
+@pytest.mark.parametrize(("ratio", "level"), [(0.7, ""), (1.4, "doubtful")])
+def test_an_uncertain_depth_lowers_the_verdict(ratio, level):
+    uncertain = replace(ONE, depth_std_m=1e-3 * ratio * UNCERTAIN_MM)
+    assert level_of(uncertain, "uncertain depth")[0] == level
+
+
+@pytest.mark.parametrize(("decrease", "level"), [(0.0, ""), (0.009, ""), (0.011, "doubtful")])
+def test_a_fit_whose_cost_still_decreases_has_not_converged(decrease, level):
+    assert level_of(replace(ONE, cost_decrease=decrease), "not converged")[0] == level
