@@ -28,7 +28,6 @@ from workbench.detections.detector.detection_files import LAYOUT
 from workbench.detections.readers.formats import LAYOUTS, NUMBER_KEY, REGION_KEY, WORLD_KEY
 from workbench.detections.readers.people import SourceImages, read_people
 from workbench.inference.least_squares.video.detector_errors import offset_std
-from workbench.inference.least_squares.video.landmark_poses import viewing_axes
 from workbench.likelihoods.keypoints import SIGMA_HEIGHTS
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT as ANKLE_OVER_CALF
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
@@ -41,9 +40,12 @@ SIZE = (960, 540)
 ONE, SEVERAL, NO_CALIBRATION = "one camera", "several cameras", "no calibration"
 SETTINGS = (NO_CALIBRATION, ONE, SEVERAL)
 _CONFIDENCE = 0.9
-_LANDMARK_STD_M, _LANDMARK_DEPTH_STD_M, _LANDMARK_DEPTH = 0.03, 0.08, 0.65
-"""Errors of world landmarks across and along the line of sight, and how much of a depth they show, as measured in
-`landmark_depths`."""
+_LANDMARK_STD_M, _LANDMARK_DEPTH_STD_M, _LANDMARK_DEPTH = 0.02, 0.055, 0.65
+"""Standard deviations of a world landmark across and along the line of sight, and how much of a depth landmarks show:
+the depth of a bone, of two joints, has one of 0.08 m and is 20 to 50 % too small (`landmark_depths`), and directions of
+a torso and of knees have 10 to 15 degrees (`landmark_agreement`)."""
+_DEFINITION = 1.0 / np.sqrt(2.0)
+"""Factor of `offset_std`, which is for a joint and a reference whose definitions differ independently."""
 _AVERAGE_M = 1.7
 _BALANCE = ("pose2sim_balance", 1.69, 60.0, 0.5)
 """Folder, height of the man, rate of the frames, and scale of the images."""
@@ -121,7 +123,7 @@ def generated(shape: Shape, poses: FloatArray, seed: int, cameras: Sequence[Came
     poses = poses.copy()
     poses[:, :2] -= 0.5 * (poses[:, :2].min(axis=0) + poses[:, :2].max(axis=0))
     frames = forward(skeleton, poses)
-    definitions = offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
+    definitions = _DEFINITION * offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
     turned = frames.rotations[:, skeleton.parents.clip(min=0)]
     detected = frames.positions + (turned @ definitions[:, :, None])[..., 0]
     order = [skeleton.joint(name) for name in JOINT_NAMES]
@@ -143,7 +145,7 @@ def observations(cameras: Sequence[Camera], places: FloatArray, rng: np.random.G
         noise = SIGMA_HEIGHTS * height_px * correlated(rng, pixels.shape)
         directions = places.mean(axis=1) - camera.position
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        axes = np.array([viewing_axes(camera, direction) for direction in directions])
+        axes = np.array([camera.viewing_axes(direction) for direction in directions])
         landmarks = (places - places[:, :1]) @ axes.swapaxes(1, 2)
         landmarks *= (
             _AVERAGE_M / float(np.median(np.ptp(places[..., 2], axis=1)) * 1.1) * np.array([1.0, 1.0, _LANDMARK_DEPTH])
