@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.cameras.background_tracks import track_background
 from workbench.cameras.camera_file import load_cameras
-from workbench.cameras.camera_motion import STATIC, TURNING, camera_motion
+from workbench.cameras.camera_motion import STATIC, TURNING, UNKNOWN, camera_motion
 from workbench.cli.main import main
 from workbench.detections.joint_annotations import read_annotations
 from workbench.utils.decode import decode
@@ -96,3 +96,14 @@ def test_a_camera_that_follows_her_has_the_error_of_the_static_one(data, homogra
     errors_px = tracking_errors_px(data, homographies, tmp_path)
     for name in ("crop", "pan"):
         assert errors_px[name] < MAX_RATIO * errors_px["static"], name
+
+
+@pytest.mark.parametrize("n_frames", [25, 100])
+def test_a_crowd_that_walks_to_and_fro_does_not_make_a_camera_travel(data, n_frames):
+    """The camera above the plaza moves by 8 of 1280 px; most corners are on people whom no detector sees."""
+    if not (video := data.parent / "videos" / "vtest.avi").is_file():
+        pytest.skip(f"no {video}")
+    nobody = [np.empty((0, 22, 3))] * n_frames
+    motion = camera_motion(track_background(decode(video, 0, n_frames - 1), nobody))
+    assert motion.kind == UNKNOWN
+    assert motion.sentence == "much of the background moves by itself; taken as static"

@@ -92,6 +92,12 @@ class Scene:
         return collector.measurements()
 
 
+def level(measured, kind, **inputs):
+    """Return the level of the finding of a kind on a run, "" without a problem."""
+    findings = verdict(measured, RunInputs(**inputs)).findings
+    return next((each.level for each in findings if each.kind == kind), "")
+
+
 def scene(n_cameras=4, sigma_px=2.0):
     """Return the scene of a walker without faults, with n cameras and a detector error."""
     rng, rig, places = np.random.default_rng(2), cameras(n_cameras), joints(BODY.skeleton, walk())

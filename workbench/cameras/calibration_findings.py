@@ -12,7 +12,7 @@ from workbench.body.units import TYPICAL_M, UNIT_NAMES, unit_of_person
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_agreement import camera_findings
 from workbench.cameras.image_height import height_px
-from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
@@ -49,6 +49,8 @@ _MAX_CLEARANCE = 0.1
 _MIN_WALK_M = 1.0
 """Distance over which feet determine the slope of the floor."""
 UP = np.array([0.0, 0.0, 1.0])
+_SMALL_M = 0.01
+"""Length of a vertical at a distance of 1 m whose image is nearly its tangent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,8 @@ def _floor(floor_m: float, cameras: Sequence[Camera], subject: str) -> Finding:
 
 def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Finding:
     """Compare a camera's keypoints with the joints from all cameras, and from the others if these are several."""
-    camera, keypoints, kind = observed.cameras[v], observed.keypoints[v], "inconsistent cameras"
+    rows, kind = some_frames(len(joints)), "inconsistent cameras"
+    camera, keypoints, joints = observed.cameras[v], observed.keypoints[v, rows], joints[rows]
     others = [k for k in range(len(observed.cameras)) if k != v]
     error = _error_px(camera, keypoints, joints)
     if np.isnan(error):
@@ -191,7 +194,7 @@ def _reprojection(observed: ObservedJoints, v: int, joints: FloatArray) -> Findi
         return Finding(kind, f"{camera.name}: no joint is also detected in another camera", NOTE)
     text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
     if len(others) > 1:
-        from_others = triangulate([observed.cameras[k] for k in others], observed.pixels(MIN_WEIGHT)[others])
+        from_others = triangulate([observed.cameras[k] for k in others], observed.pixels(MIN_WEIGHT)[others, rows])
         text += f", {_px(_error_px(camera, keypoints, from_others))} from those of the others"
     heights = height_px(keypoints[..., :2])
     tall = float(np.median(heights[heights > 0.0])) if (heights > 0.0).any() else float("nan")
@@ -256,7 +259,7 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
         joints[complete, JOINT_NAMES.index(name)] = places
     joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
-    lean = _lean(camera, heads[complete] - feet[complete], places, length_m)
+    lean = _lean(camera, feet[complete], heads[complete])
     if lean.is_problem:
         return CalibrationCheck((lean,), joints, floor_m)
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
@@ -303,13 +306,15 @@ def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m:
     return camera.position + s[:, None] * a
 
 
-def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: float) -> Finding:
-    """Compare the directions of bodies in the image (F, 2), px, with the vertical there."""
-    up = camera.project(places + length_m * UP) - camera.project(places)
-    behind = ~np.isfinite(up).all(axis=1)
-    if behind.any():
-        text = f"in {behind.sum()} of {len(places)} frames the person would stand behind the camera: z is not up"
-        return Finding("vertical", f"{camera.name}: {text}", NOT_USABLE)
+def _lean(camera: Camera, feet: FloatArray, heads: FloatArray) -> Finding:
+    """Compare the mean direction from feet (F, 2) to heads (F, 2), px, with that of the vertical at the feet.
+
+    The vertical's direction in the image does not depend on the distance of the feet, so that it is also known where
+    the person is upside down, in all frames or, by a wrong keypoint, in one.
+    """
+    flat = np.column_stack([camera.undistorted(feet), np.ones(len(feet))])
+    places = camera.position + flat @ camera.rotation  # at a depth of 1 m
+    up, bodies = camera.project(places + _SMALL_M * UP) - camera.project(places), heads - feet
     cross, dot = up[:, 0] * bodies[:, 1] - up[:, 1] * bodies[:, 0], (up * bodies).sum(axis=1)
     lean = abs(float(np.degrees(np.arctan2(cross.mean(), dot.mean()))))
     text = f"the person leans by {lean:.0f}° from the calibration's vertical, in the mean of {len(places)} frames"

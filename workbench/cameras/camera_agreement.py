@@ -7,16 +7,17 @@ import numpy as np
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
 from workbench.cameras.camera import Camera
-from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints
+from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints, some_frames
 from workbench.cameras.time_offset import distance_curve
-from workbench.cameras.triangulation import ray_distances, triangulate
+from workbench.cameras.triangulation import ray_distances, triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.crossings import crossings
 from workbench.utils.finding import NOT_USABLE, Finding
+from workbench.utils.nan_statistics import nan_median
 
 _MAX_SHIFT_S = 0.5
-_MAX_FRAMES = 120
-"""Evenly spaced frames in which rays are compared."""
+_SERIES_FRAMES = 500
+"""Evenly spaced frames in which the start of a contradiction is searched for."""
 _EXPLAINED = 0.7
 """Factor by which a shift or an exchange must reduce the distance between rays. It leaves the detector's error, so that
 at 1/√2 the contradiction is as large as that error."""
@@ -61,7 +62,7 @@ def _mean_distance(distances: FloatArray) -> float:
 
 def _exchanged(observed: ObservedJoints, rays: FloatArray) -> Iterator[Finding]:
     """Find the two cameras whose exchange makes all cameras agree."""
-    cameras, rows = observed.cameras, _some(rays.shape[1])
+    cameras, rows = observed.cameras, some_frames(rays.shape[1])
     pixels = observed.pixels(MIN_WEIGHT)[:, rows]
 
     def total(order: list[int]) -> float:
@@ -87,7 +88,7 @@ def _unsynchronized(observed: ObservedJoints, rays: FloatArray) -> Iterator[Find
         return
     n_frames = len(times_s)
     reach = min(int(_MAX_SHIFT_S / step_s), n_frames // 3)
-    rows = np.arange(reach, n_frames - reach)[_some(n_frames - 2 * reach)]
+    rows = np.arange(reach, n_frames - reach)[some_frames(n_frames - 2 * reach)]
     shifts = np.arange(-reach, reach + 1)  # frames by which the camera's rays are later than the others'
     shifts_s = np.asarray(-step_s * shifts, dtype=np.float64)
     by_camera: list[list[FloatArray]] = [[] for _ in cameras]
@@ -110,12 +111,13 @@ def _unsynchronized(observed: ObservedJoints, rays: FloatArray) -> Iterator[Find
 
 def _since(observed: ObservedJoints, skip_first: bool) -> Iterator[Finding]:
     """Yield the pairs of cameras that contradict each other, with the frame from which on they do."""
-    texts = []
-    for (first, second), separation in pair_separations(observed).items():
+    texts, rows = [], some_frames(len(observed.times_s), _SERIES_FRAMES)
+    times_s = observed.times_s[rows]
+    for (first, second), separation in pair_separations(observed, rows).items():
         frames = crossings(separation, np.full(len(separation), FOREARM_OVER_HEIGHT))
         if not frames or (skip_first and frames[0] == 0):
             continue
-        since = f" from {observed.times_s[frames[0]]:.2f} s on" if frames[0] > 0 else ""
+        since = f" from {times_s[frames[0]]:.2f} s on" if frames[0] > 0 else ""
         by = f"by {np.nanmedian(separation[frames[0] :]):.0%} of the person's height{since}"
         texts.append(f"rays of {first} and {second} miss each other {by}")
     if texts:
@@ -123,34 +125,30 @@ def _since(observed: ObservedJoints, skip_first: bool) -> Iterator[Finding]:
         yield Finding("inconsistent cameras", ", ".join([*texts[:2], *more]))
 
 
-def pair_separations(observed: ObservedJoints) -> dict[tuple[str, str], FloatArray]:
-    """Return ray separations (F,) by pair of cameras.
+def pair_separations(observed: ObservedJoints, rows: slice = slice(None)) -> dict[tuple[str, str], FloatArray]:
+    """Return ray separations (F,) by pair of cameras, in the frames of `rows`.
 
     A separation is the median over joints of the mean reprojection error of both cameras from their common triangulated
     point, in heights of the person in the image. A point behind a camera counts as one height of the person.
     """
-    pixels, heights = observed.pixels(MIN_WEIGHT), observed.heights_px.T
-    separations = {}
+    pixels, heights = observed.pixels(MIN_WEIGHT)[:, rows], observed.heights_px.T[:, rows]
+    places, separations = undistorted(observed.cameras, pixels), {}
     for a, b in combinations(range(len(observed.cameras)), 2):
-        points = triangulate([observed.cameras[v] for v in (a, b)], pixels[[a, b]])
+        points = triangulate_normalized([observed.cameras[v] for v in (a, b)], places[[a, b]])
         residuals = [
             np.linalg.norm(observed.cameras[v].project(points) - pixels[v], axis=-1) / _positive(heights[v])
             for v in (a, b)
         ]
         valid = np.isfinite(points[..., 0]) & np.isfinite(_positive(heights[[a, b]])).all(0)
         mean = np.where(valid, np.nan_to_num(np.mean(residuals, axis=0), nan=1.0), np.nan)
-        series = [np.nanmedian(row) if np.isfinite(row).any() else np.nan for row in mean]
+        series = nan_median(mean)
         if np.isfinite(series).any():
-            separations[observed.cameras[a].name, observed.cameras[b].name] = np.array(series)
+            separations[observed.cameras[a].name, observed.cameras[b].name] = series
     return separations
 
 
 def _positive(heights: FloatArray) -> FloatArray:
     return np.where(heights > 0.0, heights, np.nan)[..., None]
-
-
-def _some(n: int) -> slice:
-    return slice(None, None, max(n // _MAX_FRAMES, 1))
 
 
 def _cm(length_m: float) -> str:

@@ -25,7 +25,8 @@ STATIC, TURNING, TRAVELLING, UNKNOWN = "static", "turning", "travelling", "unkno
 MAX_UNEXPLAINED = 0.3
 """Fraction of the tracks that do not follow the rotation of a camera that turns: objects in motion, other people."""
 _MIN_EPIPOLAR = 0.7
-"""Fraction of tracks that follow one epipolar geometry while the camera travels; people in motion follow none."""
+"""Fraction of tracks that follow one epipolar geometry while the camera travels, of those that no turn explains; people
+in motion follow none."""
 MAX_LOST = 0.1
 """Fraction of frames without a measured background from which on the motion is unknown."""
 _FOCAL_FLOOR = 0.1
@@ -38,6 +39,9 @@ _OFF_CENTRE = 0.35
 zoom by the angle times this ratio, and back with the turn back: a quarter of the longer side, and a wide lens."""
 _WIDEST_DEG = 60.0
 """Angle from the axis of a plane image beyond which it is stretched more than four times."""
+_EPIPOLAR_PX, _FARTHEST = 0.5, 1e9
+"""Distance from epipolar lines in an image of LONG_SIDE_PX, several times the error of a corner; and the distance over
+the camera's way within which points are before the camera, any."""
 _STEPS = 6
 _REPORTED_DEG = 0.5
 
@@ -165,7 +169,7 @@ def camera_motion(tracks: Tracks, lens: Camera | None = None) -> CameraMotion:
         if model.rays.unexplained(model.focal, model.zooming) <= MAX_UNEXPLAINED:
             turning = replace(still, kind=TURNING, rays=model.rays, zooming=model.zooming)
             return replace(turning, focal_spread=model.focal_spread).at_focal(model.focal)
-    return replace(still, kind=TRAVELLING if rays.epipolar() >= _MIN_EPIPOLAR else UNKNOWN)
+    return replace(still, kind=TRAVELLING if rays.epipolar(focal) >= _MIN_EPIPOLAR else UNKNOWN)
 
 
 def _without_brief(values: FloatArray | BoolArray) -> FloatArray | BoolArray:
@@ -295,19 +299,33 @@ class _Rays:
     def unexplained(self, focal: float, zooming: bool) -> float:
         """Return the fraction of tracks that the turns do not explain, in the frames that are far from their key
         frames; without what stands still in the image while the rest moves, such as logos and subtitles."""
-        errors, shifts = self._far_errors(focal, zooming), np.linalg.norm(self.end - self.start, axis=2)[self.far]
-        misses = errors > STATIC_SHIFT + PARALLAX * shifts
-        overlaid = misses & (shifts < 0.5 * STATIC_SHIFT)
-        counted = self.valid[self.far] & ~overlaid
+        misses, counted = self._misses(focal, zooming)
         return float(misses[counted].mean()) if counted.any() else 1.0
 
-    def epipolar(self) -> float:
-        """Return the fraction of tracks that follow one epipolar geometry, the median of the far frames."""
-        shares = []
-        for row in self.far:
-            start, end = (LONG_SIDE_PX * each[row, self.valid[row]] for each in (self.start, self.end))
-            inliers = cv2.findFundamentalMat(start, end, cv2.FM_RANSAC, 1.0, 0.99)[1]
-            shares.append(0.0 if inliers is None else float(inliers.mean()))
+    def _misses(self, focal: float, zooming: bool) -> tuple[BoolArray, BoolArray]:
+        """Return which tracks (m, N) of the far frames the turns do not explain, and which count, see `unexplained`."""
+        errors, shifts = self._far_errors(focal, zooming), np.linalg.norm(self.end - self.start, axis=2)[self.far]
+        misses = np.asarray(errors > STATIC_SHIFT + PARALLAX * shifts)
+        overlaid = misses & (shifts < 0.5 * STATIC_SHIFT)
+        return misses, self.valid[self.far] & ~overlaid
+
+    def epipolar(self, focal: float) -> float:
+        """Return the fraction of the tracks without explanation by turns that follow one epipolar geometry before a
+        camera of a focal length over the image's longer side, the median of the far frames.
+
+        People who walk to and fro follow one geometry, too, but half of them would then be behind the camera.
+        """
+        shares, matrix = [], np.diag([LONG_SIDE_PX * focal, LONG_SIDE_PX * focal, 1.0])
+        misses, counted = self._misses(focal, False)
+        for row, missed, valid in zip(self.far, misses & counted, self.valid[self.far], strict=True):
+            start, end = (LONG_SIDE_PX * each[row, valid] for each in (self.start, self.end))
+            tolerance_px = max(_EPIPOLAR_PX, PARALLAX * float(np.median(np.linalg.norm(end - start, axis=1))))
+            essential, inliers = cv2.findEssentialMat(start, end, matrix, cv2.RANSAC, 0.99, tolerance_px)
+            if essential is None or not missed.any():
+                shares.append(0.0)
+                continue
+            before = cv2.recoverPose(essential[:3], start, end, matrix, distanceThresh=_FARTHEST, mask=inliers)[3]
+            shares.append(float((before[missed[valid], 0] > 0).mean()))
         return float(np.median(shares))
 
     def _far_errors(self, focal: float, zooming: bool) -> FloatArray:

@@ -1,12 +1,14 @@
 """Annotated or detected joints of a sequence's frames in all cameras."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+from workbench.utils.nan_statistics import nan_median
 
 MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""
@@ -14,6 +16,13 @@ MIN_JOINTS = 4
 """Keypoints of a view from which on it shows a person; a detector sees fewer in a chair."""
 _LONG_GAP_S = 0.5
 """Time between two frames above which the motion between them is no jump."""
+_SOME_FRAMES = 120
+"""Evenly spaced frames in which cameras are compared."""
+
+
+def some_frames(n: int, least: int = _SOME_FRAMES) -> slice:
+    """Return evenly spaced ones of n frames: all of few, and at least `least` of many."""
+    return slice(None, None, max(n // least, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,29 +51,26 @@ class ObservedJoints:
 
     def pixels(self, min_weight: float = 0.0) -> FloatArray:
         """Return the pixels (V, F, J, 2), NaN where the weight is 0 or less than min_weight."""
-        weights = np.nan_to_num(self.keypoints[..., 2:])
+        weights = self.keypoints[..., 2:]
         return np.where((weights > 0.0) & (weights >= min_weight), self.keypoints[..., :2], np.nan)
 
-    @property
+    @cached_property
     def heights_px(self) -> FloatArray:
         """Heights (F, V) of the person in the images, 0 for fewer than two joints."""
         return height_px(self.pixels()).T
 
-    @property
+    @cached_property
     def shows_person(self) -> BoolArray:
         """Whether a view's keypoints show a person, (F, V)."""
         return np.asarray((np.isfinite(self.pixels()[..., 0]).sum(axis=2) >= MIN_JOINTS).T)
 
-    @property
+    @cached_property
     def motion(self) -> FloatArray:
         """Motion (F,) of the keypoints since the frame before: the median over joints of the distance in heights of
         the person, then over cameras; NaN after a gap."""
-        pixels, heights = self.pixels(), self.heights_px.T
-        moved, steps_s = np.full(heights.shape, np.nan), np.diff(self.times_s, prepend=self.times_s[:1])
-        after_gap = steps_s > _LONG_GAP_S if len(steps_s) else np.zeros(heights.shape[1], dtype=bool)
-        for v, t in np.ndindex(*heights.shape):
-            steps = np.linalg.norm(pixels[v, t] - pixels[v, t - 1], axis=1)
-            if t and not after_gap[t] and heights[v, t] > 0.0 and np.isfinite(steps).any():
-                moved[v, t] = np.nanmedian(steps) / heights[v, t]
-        valid = np.isfinite(moved).any(axis=0)
-        return np.array([np.nanmedian(moved[:, t]) if valid[t] else np.nan for t in range(len(valid))])
+        pixels, heights = self.pixels(), self.heights_px.T[:, 1:]
+        steps = nan_median(np.linalg.norm(np.diff(pixels, axis=1), axis=-1))
+        moved = np.where(heights > 0.0, steps / np.maximum(heights, 1e-9), np.nan)
+        if len(self.times_s):
+            moved[:, np.diff(self.times_s) > _LONG_GAP_S] = np.nan
+        return np.concatenate([[np.nan] * min(1, pixels.shape[1]), nan_median(moved.T)])

@@ -7,6 +7,9 @@ a Walking Human*, PAMI 2006). All parameters and the positions of all segments a
 problem, whose Jacobian gives standard deviations. Priors cover what the segments leave undetermined: with a level
 camera or equal distances only the focal length over the distance is observable, and without segments nothing is.
 
+World landmarks also measure the tilt by themselves, as they show a standing person in the axes of a camera that looks
+at the person: a person whose head is nearer to the camera than the feet is seen from above.
+
 Segments of detections come from frames in which the person is upright by the detector's world landmarks, because a
 shorter segment is else taken for a larger distance, and in which head and feet are in the image. Where hardly any frame
 is such, as landmarks of a person seen from above are poor, they come from all frames, with an uncertain length.
@@ -44,6 +47,9 @@ _TILT_SPREAD, _ROLL_SPREAD = np.radians(15.0), np.radians(5.0)
 _LEAN_SPREAD = 0.03
 """Smallest standard deviation, rad, of the direction from feet to head from the vertical, which all segments share:
 people lean forward while they walk and to a side while they stand."""
+_INCLINATION_SPREAD = np.radians(8.0)
+"""Of an upright person by world landmarks: two people, one before four calibrated cameras and one before one, were
+measured with errors of 6° (root of the mean square) in the axes of the camera."""
 _START_TILTS = (0.0, *np.radians([20.0, 40.0]))
 """Of the search, downwards."""
 _DISTANCE_SPREAD = 1.0
@@ -55,8 +61,8 @@ _OUTLIER_SQUARE = _OUTLIER**2 / np.log(2.0)
 """Squared error of an outlier over the median, of two numbers: the other two of a segment determine its place."""
 _STEP = 1e-6
 """Of the unknowns, for numerical derivatives."""
-_N_SHARED, _N_PRIORS = 7, 7
-"""Numbers of unknowns shared by all segments, and of their priors."""
+_N_SHARED = 7
+"""Number of unknowns shared by all segments."""
 _UPRIGHT_RATIO = 0.9
 """Smallest distance from the ankles' midpoint to the head over the length of legs, trunk and neck in between. It is
 0.97 in stance and above 0.92 in a walk's longest step. Bent by 60° at the hips, or by 75° at the knees, a body of the
@@ -113,12 +119,18 @@ class HeightCalibration:
 
 class Segments(NamedTuple):
     """Frames (F), feet (the mean of both ankles) and heads, (F, 2), px, and the relative standard deviation of the
-    length from ankles to head that all share."""
+    length from ankles to head that all share.
+
+    inclination: median angle, rad, by which upright people's heads incline towards the camera, in the axes of a camera
+    that looks at them, NaN if unknown. middle: (2,) median of their middles in the image, px.
+    """
 
     frames: tuple[int, ...]
     feet: FloatArray
     heads: FloatArray
     posture_spread: float = _POSTURE_SPREAD
+    inclination: float = np.nan
+    middle: tuple[float, float] = (np.nan, np.nan)
 
 
 def head_foot_segments(frames: IntArray, pixels: FloatArray, source: str) -> Segments:
@@ -162,11 +174,25 @@ def detected_segments(
     confident = (_head_and_feet(confidence) >= _MIN_CONFIDENCE).all(axis=1)
     head_above = ends[:, 0, 1] < ends[:, 1:, 1].min(axis=1)
     rows, spread = shown & confident & head_above, _POSTURE_SPREAD
+    inclination, middle = np.nan, (np.nan, np.nan)
     if world_landmarks is not None:
         stands = rows & upright(world_landmarks)
         rows, spread = (stands, spread) if stands.sum() >= _MIN_SEGMENTS else (rows, _UNKNOWN_POSTURE_SPREAD)
+        inclination, middle = _inclination(world_landmarks[stands], pixels[stands])
     rows[rows] = _longest(ends[rows, 1:].mean(axis=1), ends[rows, 0])
-    return _segments(frames, pixels, rows)._replace(posture_spread=spread)
+    segments = _segments(frames, pixels, rows)
+    return segments._replace(posture_spread=spread, inclination=inclination, middle=middle)
+
+
+def _inclination(world_landmarks: FloatArray, pixels: FloatArray) -> tuple[float, tuple[float, float]]:
+    """Return inclination and middle of `Segments` by the landmarks (T, J, 3) and pixels (T, J, 2) of upright people,
+    NaN for fewer than _MIN_SEGMENTS."""
+    if len(pixels) < _MIN_SEGMENTS:
+        return np.nan, (np.nan, np.nan)
+    ends = _head_and_feet(world_landmarks)
+    up = np.median(ends[:, 0] - ends[:, 1:].mean(axis=1), axis=0)
+    u, v = np.nanmedian(np.nanmean(pixels, axis=1), axis=0).tolist()
+    return float(np.arctan2(-up[2], -up[1])), (u, v)
 
 
 def in_image(pixels: FloatArray, size: tuple[int, int]) -> FloatArray:
@@ -241,7 +267,7 @@ def calibrate_by_height(name: str, size: tuple[int, int], segments: Segments, da
     InputError
         Where no camera above the floor explains the segments.
     """
-    problem, (frames, feet, heads, _) = _Problem(size, segments, data), segments
+    problem, (frames, feet, heads) = _Problem(size, segments, data), segments[:3]
     first = problem.search()
     sigma_px, lean = SIGMA_PX, _LEAN_SPREAD
     if frames:
@@ -278,9 +304,13 @@ def pose_by_height(lens: Camera, segments: Segments, data: Measurements) -> Heig
     """
     size, focal_px = (lens.width, lens.height), float(lens.matrix[0, 0])
     middle = (np.array(size) - 1.0) / 2.0
-    feet, heads = (lens.undistorted(pixels) * focal_px + middle for pixels in (segments.feet, segments.heads))
+    feet, heads, middles = (
+        lens.undistorted(pixels) * focal_px + middle
+        for pixels in (segments.feet, segments.heads, np.array([segments.middle]))
+    )
     known = replace(data, focal_px=focal_px, focal_spread=_KNOWN_FOCAL_SPREAD)
-    estimate = calibrate_by_height(lens.name, size, segments._replace(feet=feet, heads=heads), known)
+    moved = segments._replace(feet=feet, heads=heads, middle=(float(middles[0, 0]), float(middles[0, 1])))
+    estimate = calibrate_by_height(lens.name, size, moved, known)
     uncertainty = estimate.camera.uncertainty
     if uncertainty is not None:
         uncertainty = np.where(np.arange(uncertainty.shape[1]) < N_ROW_POSE, uncertainty, 0.0)
@@ -296,7 +326,7 @@ class _Problem:
 
     def __init__(self, size: tuple[int, int], segments: Segments, data: Measurements) -> None:
         self.size, self.data = size, data
-        _, self.feet, self.heads, self.posture_spread = segments
+        self.segments, self.feet, self.heads = segments, segments.feet, segments.heads
         self.focal_px = data.focal_px or FOCAL_MEDIAN * max(size)
         self.centre = (size[0] - 1) / 2, (size[1] - 1) / 2
         self.low, self.high = ANKLE_HEIGHT * data.height_m, HEAD_HEIGHT * data.height_m
@@ -344,7 +374,7 @@ class _Problem:
             jacobian[:n_errors, columns] = np.repeat(np.eye(n), 4, axis=0) * change[:n_errors, None]
             jacobian[-n:, columns] = np.diag(change[-n:]) if n else 0.0
         if self.data.distance_m is not None:  # of the first segment, and the only prior of a place
-            row, place = n_errors + _N_PRIORS, slice(_N_SHARED, _N_SHARED + 2)
+            row, place = len(jacobian) - n - 1, slice(_N_SHARED, _N_SHARED + 2)
             jacobian[row, place] = [difference(slice(c, c + 1))[row] for c in range(_N_SHARED, _N_SHARED + 2)]
         return jacobian
 
@@ -376,9 +406,12 @@ class _Problem:
             height, spread = self.data.camera_height_m, _MEASUREMENT_SPREAD
         focal_spread = self.data.focal_spread if self.data.focal_px else FOCAL_SPREAD
         prior = [
-            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / self.posture_spread, x[5] / lean, x[6] / lean,
-            x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
+            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / self.segments.posture_spread,
+            x[5] / lean, x[6] / lean, x[1] / _TILT_SPREAD, x[2] / _ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
+        if np.isfinite(self.segments.inclination):
+            below = np.arctan((self.segments.middle[1] - self.centre[1]) / np.exp(x[0]))
+            prior.append((x[1] + below - self.segments.inclination) / _INCLINATION_SPREAD)
         if self.data.distance_m is not None:
             log_distance = x[_N_SHARED] + 0.5 * np.log1p(x[_N_SHARED + 1] ** 2)
             prior.append((log_distance - np.log(self.data.distance_m)) / _MEASUREMENT_SPREAD)

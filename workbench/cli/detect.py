@@ -6,12 +6,13 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from workbench.cameras.image_changes import ImageChanges
 from workbench.detections.association.target_selection import TrackedPeople, tracked_people
 from workbench.detections.detector.detection_files import detect_video, has_people
 from workbench.detections.detector.model_file import model_file
 from workbench.detections.joint_annotations import AT_30_HZ, UNKNOWN_IMAGES, read_view
 from workbench.detections.people_picture import NAME, write_people
-from workbench.utils.decode import frame_rate, timestamps
+from workbench.utils.decode import decode, frame_rate, timestamps
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import frame_times
 from workbench.utils.signals import interruptible
@@ -57,6 +58,10 @@ def detect(
 
 def _tracked(video: Path, folder: Path) -> TrackedPeople:
     """Return all people in the detections of a video."""
-    times = AT_30_HZ if frame_rate(video) is None else frame_times(video, timestamps(video))
+    changes, is_video = ImageChanges(), frame_rate(video) is not None
+    times = frame_times(video, timestamps(video, None, changes.add)) if is_video else AT_30_HZ
+    for image in () if is_video else decode(video):
+        changes.add(image)
     people = read_view(folder, (0, None), UNKNOWN_IMAGES, None, video)
-    return tracked_people(people, None, times.rate_hz, uneven_s=times.uneven_s)
+    cuts = changes.cuts(times.rate_hz).tolist()
+    return tracked_people(people, None, times.rate_hz, uneven_s=times.uneven_s, cuts=cuts)

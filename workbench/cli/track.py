@@ -1,5 +1,6 @@
 """`workbench track`: track a person in a video, from the file alone."""
 
+import logging
 import os
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,8 @@ from workbench.evaluation.verdict.run_findings import MOVING_CAMERA
 from workbench.experiment.config.schema import composed
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
-from workbench.results.overlay import MAX_SIDE_PX, write_overlay
+from workbench.results.overlay import MAX_SIDE_PX, SUFFIX, write_overlay
+from workbench.results.pictures import camera_names
 from workbench.utils.decode import count_frames
 from workbench.utils.errors import InputError
 from workbench.utils.finding import NOT_USABLE
@@ -55,7 +57,8 @@ def track(
     Several videos with one calibration file are one scene; its cameras have
     the names of the videos. With --each, every video is a scene of its own,
     in a numbered folder; sweep.resume=DIR resumes such a sweep. With --everyone,
-    every person who is detected for a second or more has such a folder.
+    every person who is detected for a second or more has such a folder. In both,
+    the motion of runs that are not usable is not exported.
 
     \b
     Examples:
@@ -84,7 +87,7 @@ def track(
     for place, source in zip(runs, sources, strict=True):
         summary = read_summary(place) or {}
         if summary.get("status") == "complete":
-            _export(place, source, motion=not each or summary["verdict"]["level"] != NOT_USABLE)
+            _export(place, source, motion=not is_sweep or summary["verdict"]["level"] != NOT_USABLE)
             _show_people(place)
     if code:
         raise Exit(code)
@@ -139,23 +142,34 @@ def _new_folder(video: str, kind: str) -> Path:
 
 
 def _export(folder: Path, source: Path | None, motion: bool) -> None:
-    """Write the overlay and the estimated motion of a run into its folder.
+    """Write the overlay of each camera and the estimated motion of a run into its folder.
 
     source : the run's only video. motion : write the motion, too.
     """
     run = read_sound_run(folder / RECORDING)
-    write_overlay(run, folder / OVERLAY, source=source, max_side_px=MAX_SIDE_PX)
+    overlays = _overlays(camera_names(run))
+    for camera, name in overlays.items():
+        write_overlay(run, folder / name, camera, source=source, max_side_px=MAX_SIDE_PX)
     names = _EXPORTS if motion else ()
     if motion:
         estimate = with_missing_frames(estimated_track(run))
         for name in names:
             export(folder / name, estimate, metres=False)
-    print(f"exported: {', '.join(str(folder / name) for name in (OVERLAY, *names))}")
+    print(f"exported: {', '.join(str(folder / name) for name in (*overlays.values(), *names))}")
     if not motion:
-        print(f"{source}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
+        print(f"{folder}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
     findings = ((read_summary(folder) or {}).get("verdict") or {}).get("findings", ())
     if motion and any(finding["kind"] == MOVING_CAMERA for finding in findings):
         print("the exported positions are relative to the camera, which travels, and not to the ground")
+
+
+def _overlays(cameras: list[str]) -> dict[str, str]:
+    """Return the name of each camera's overlay; the recording escapes special characters of the cameras' names."""
+    if len(cameras) == 1:
+        return {cameras[0]: OVERLAY}
+    stem = Path(OVERLAY).stem
+    names = [camera.replace("\\", "") for camera in cameras]
+    return {camera: f"{stem}_{name}{SUFFIX}" for camera, name in zip(cameras, names, strict=True)}
 
 
 def _show_people(folder: Path) -> None:
@@ -164,7 +178,13 @@ def _show_people(folder: Path) -> None:
     if not keys.pop("_target_").endswith(f".{Video.__name__}"):
         return
     video = Video(**keys)
-    if (people := video.people) is not None:
+    level = logging.root.manager.disable
+    logging.disable(logging.WARNING)  # the run has logged how its detections were read
+    try:
+        people = video.people
+    finally:
+        logging.disable(level)
+    if people is not None:
         write_people(folder / NAME, video.path, people)
         if (n_people := len(people.numbers)) > 1:
             print(f"{n_people} people, with the numbers of dataset.person=N: {folder / NAME}")

@@ -120,7 +120,7 @@ class MultiView:
             source_rate_hz=next((one.source_rate_hz for one in infos if one.source_rate_hz is not None), None),
             cameras=tuple(one.cameras[0] for one in infos), scale=infos[0].scale,
             has_keypoints=any(one.has_keypoints for one in infos) or bool(self._target),
-            input_counts=next((joints.counts for joints in self._target.values()), {}),
+            input_counts={**self._counts, **self._repetitions},
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
@@ -159,13 +159,40 @@ class MultiView:
             }
         cameras = {name: self._cameras[name] for name in detections}
         times, within = self._times, (int(self._frame_numbers[0]), int(self._frame_numbers[-1]))
-        target = select_target(detections, cameras, times.rate_hz, self._person, within, times.uneven_s)
+        target = select_target(detections, cameras, times.rate_hz, self._person, within, times.uneven_s, self._cuts)
         if self._paired is not None:
             rows = np.searchsorted(self._frame_numbers, target.frames)
             joint_times_s = [pairs[name].times_s[rows] for name in detections]
             resampled = map(at_times, target.joints, joint_times_s, repeat(self._times_s[rows]))
             target = replace(target, joints=np.stack(list(resampled)))
         return {name: target_annotations(detections[name], target, view) for view, name in enumerate(detections)}
+
+    @property
+    def _counts(self) -> Mapping[str, int]:
+        """Counts of the people detected, see `TargetPerson`; none without detections."""
+        return next((joints.counts for joints in self._target.values()), {})
+
+    @property
+    def _repetitions(self) -> dict[str, int]:
+        """The largest counts of repeated images of any camera with detections, see `Video.repetitions`."""
+        counts = dict[str, int]()
+        for v, (name, video) in enumerate(zip(self._names, self._videos, strict=True)):
+            frames = self._frame_numbers if self._paired is None else np.array(self._paired[v].frames)
+            in_view = video.repetitions(frames[self._used_rows]) if name in self._folders else {}
+            counts |= {kind: max(n, counts.get(kind, 0)) for kind, n in in_view.items()}
+        return counts
+
+    @property
+    def _cuts(self) -> list[int]:
+        """Numbers of the first camera's frames that begin another part of the video of any camera with detections."""
+        cuts = set[int]()
+        for v, (name, video) in enumerate(zip(self._names, self._videos, strict=True)):
+            if name in self._folders and self._paired is None:
+                cuts |= set(video.cuts)
+            elif name in self._folders and self._paired is not None:
+                rows = np.searchsorted(self._paired[v].frames, video.cuts)
+                cuts |= set(self._frame_numbers[rows[rows < len(self._frame_numbers)]].tolist())
+        return sorted(cuts)
 
     @cached_property
     def _people(self) -> Mapping[str, People]:
@@ -267,12 +294,12 @@ class MultiView:
 
     @cached_property
     def _used_rows(self) -> IntArray:
-        """Rows of `_frame_numbers` that are used: all, or those in which the person is visible."""
+        """Rows of `_frame_numbers` that are used: all, or those in which the person is visible, between two cuts."""
         numbers = self._frame_numbers
+        span = self._counts.get("part_first", int(numbers[0])), self._counts.get("part_last", int(numbers[-1]))
         if not self._only_visible or not self._target or any(video.keypoints for video in self._sources):
-            return np.arange(len(numbers))
+            return np.flatnonzero((numbers >= span[0]) & (numbers <= span[1]))
         detected = np.unique(np.concatenate([joints.detected_frames for joints in self._target.values()]))
-        span = int(numbers[0]), int(numbers[-1])
         return np.flatnonzero(
             np.isin(numbers, visible_frames(", ".join(self._names), detected, span, self._times.rate_hz))
         )

@@ -3,7 +3,7 @@
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from workbench.cameras.calibration import camera_named, fitted, read_calibration
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_lenses
 from workbench.cameras.camera_motion import TURNING, CameraMotion, camera_motion
+from workbench.cameras.image_changes import ImageChanges, frozen
 from workbench.cameras.person_height import (
     HeightCalibration,
     Measurements,
@@ -63,7 +64,8 @@ class Video:
 
     Images that differ from the camera's size by up to 1 % are stretched to it, with a warning. With keypoints, a camera
     that turns or zooms is found by the background, see `camera_motion`: each frame has its own camera, and that of the
-    calibration file is the camera of the first frame used.
+    calibration file is the camera of the first frame used. With detections, an edited film is split at its cuts, and
+    the frames of the part with the target are used, see `ImageChanges`.
 
     Raises InputError for parameters out of range. `info` does for unreadable files, missing frames, images of another
     size, a missing frame rate, initial annotations without the first frame, and eval_frames without annotations.
@@ -132,6 +134,7 @@ class Video:
     unit: str | float | None = None
     up: str | None = None
     keypoint_layout: str | None = None
+    _image_changes: ImageChanges = field(default_factory=ImageChanges, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check(
@@ -151,12 +154,14 @@ class Video:
         _ = self._truth  # read now, so that errors are raised before the first frame
         annotated = np.empty(0) if self._keypoints is None else self._keypoints.frames
         input_counts = {} if self._keypoints is None else self._keypoints.counts
+        repetitions = {} if self._people is None else self.repetitions(self._used)
         return SequenceInfo(
             name=self.path.name, n_frames=len(self._used), rate_hz=self.times.rate_hz, scale=self.scale,
             source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
-            input_counts=input_counts, camera_motion=None if self.motion is None else self.motion.kind,
+            input_counts={**input_counts, **repetitions},
+            camera_motion=None if self.motion is None else self.motion.kind,
             video=self.path if self._frames_are_images else None,
         )  # fmt: skip
 
@@ -220,7 +225,34 @@ class Video:
         """Timestamps of the source's frames up to the last one set, s; of a folder the numbers of its images."""
         if self.path.is_dir():
             return np.arange(len(image_files(self.path)), dtype=np.float64)
-        return timestamps(self.path, None if self.n_frames is None else self.first_frame + self.n_frames)
+        at_most = None if self.n_frames is None else self.first_frame + self.n_frames
+        return timestamps(self.path, at_most, self._image_changes.add)
+
+    @cached_property
+    def image_changes(self) -> ImageChanges:
+        """Cuts and repeated images among the source's images up to the last one set."""
+        _ = self._timestamps_s  # in which a video is decoded
+        if self.path.is_dir():
+            for image in decode(self.path, 0, self._last):
+                self._image_changes.add(image)
+        return self._image_changes
+
+    @cached_property
+    def cuts(self) -> list[int]:
+        """Numbers of the frames that begin another part of an edited film."""
+        first, last = self._within
+        cuts = [cut for cut in self.image_changes.cuts(self.times.rate_hz).tolist() if first < cut <= last]
+        if cuts:
+            listed = ", ".join(map(str, cuts))
+            log.warning("%s: cuts at the frames %s: people are followed in each part by itself", self.path.name, listed)
+        return cuts
+
+    def repetitions(self, frames: IntArray) -> dict[str, int]:
+        """Return in how many of some frames (M,) the image repeats the one before, and in how many for so long that the
+        video is frozen; those of none are omitted."""
+        repeated = self.image_changes.repeated()
+        each = {"frames_repeated": repeated, "frames_frozen": frozen(repeated, self.times.rate_hz)}
+        return {name: int(images[frames].sum()) for name, images in each.items() if images[frames].any()}
 
     @cached_property
     def path(self) -> Path:
@@ -272,7 +304,8 @@ class Video:
     @cached_property
     def _used(self) -> IntArray:
         """Numbers of the frames used, increasing."""
-        span = self.first_frame, self._last
+        counts = {} if self._people is None or self._detected is None else self._detected.counts
+        span = counts.get("part_first", self.first_frame), counts.get("part_last", self._last)
         if not self.only_visible or self._detected is None:
             return np.arange(span[0], span[1] + 1)
         detected = self._detected.detected_frames
@@ -296,7 +329,7 @@ class Video:
         if self._people is None:
             return None if self.keypoints is None else self._read(self.keypoints)
         times = self.times
-        target = select_target(self._people, None, times.rate_hz, self.person, self._within, times.uneven_s)
+        target = select_target(self._people, None, times.rate_hz, self.person, self._within, times.uneven_s, self.cuts)
         return target_annotations(next(iter(self._people.values())), target, 0)
 
     @cached_property
@@ -315,7 +348,8 @@ class Video:
         """All people detected in the frames that are set, with the numbers of `person`; None without detections."""
         if self._people is None:
             return None
-        return tracked_people(self._people, None, self.times.rate_hz, self._within, self.times.uneven_s)
+        times = self.times
+        return tracked_people(self._people, None, times.rate_hz, self._within, times.uneven_s, self.cuts)
 
     @cached_property
     def _people(self) -> Mapping[str, People] | None:

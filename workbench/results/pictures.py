@@ -39,6 +39,12 @@ class Picture:
     confidence: Mapping[str, float] = field(default_factory=dict)
 
 
+def camera_names(run: Run) -> list[str]:
+    """Return the names of the cameras with a lens, by which `pictures` chooses one."""
+    lenses = static_values(read_chunks(run.path, ["/world/**"], [_RESOLUTION]))
+    return [path.split("/")[-2] for path in sorted(lenses) if _RESOLUTION in lenses[path]]
+
+
 def pictures(
     run: Run, frames: Sequence[int] | None = None, camera: str | None = None, max_side_px: int | None = None
 ) -> Iterator[Picture]:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from workbench.utils.arrays import FloatArray
 
@@ -27,10 +28,10 @@ def crossings(values: Series, thresholds: Series, window: int = WINDOW_FRAMES) -
     excess = np.asarray(values, dtype=np.float64) - np.asarray(thresholds, dtype=np.float64)
     places = np.flatnonzero(np.isfinite(excess))
     frames: list[int] = []
-    for end in range(max(1, min(window, len(places))), len(places) + 1):
-        among = places[max(0, end - window) : end]
-        reached = bool(excess[among].mean() >= 0.0)
-        crossed = among[((excess[among] >= 0.0) == reached) & (among > (frames[-1] if frames else -1))]
-        if reached is (len(frames) % 2 == 0) and len(crossed):
-            frames.append(int(crossed[0]))
+    n = max(1, min(window, len(places)))
+    windows = np.ascontiguousarray(sliding_window_view(places, n)) if len(places) else np.empty((0, n), np.int64)
+    for among, reached in zip(windows, (excess[windows].mean(axis=1) >= 0.0).tolist(), strict=True):
+        if reached is (len(frames) % 2 == 0):
+            crossed = among[((excess[among] >= 0.0) == reached) & (among > (frames[-1] if frames else -1))]
+            frames += crossed[:1].tolist()
     return frames

@@ -6,7 +6,7 @@ OpenCV uses for videos, would interpret a name such as `http:/…` as an address
 
 import os
 import warnings
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -54,13 +54,7 @@ def decode(
         index = 0
         while (last is None or index <= last) and video.grab():
             if index >= first and (chosen is None or index in chosen):
-                try:
-                    decoded, image = video.retrieve()
-                except cv2.error:
-                    decoded, image = False, None
-                if not decoded:
-                    raise InputError(f"{source}: frame {index} cannot be decoded")
-                yield _rgb(image)
+                yield _retrieved(video, source, index)
             index += 1
 
 
@@ -69,8 +63,12 @@ def count_frames(source: Path, at_most: int | None = None) -> int:
     return len(image_files(source)) if _has_images(source) else len(timestamps(source, at_most))
 
 
-def timestamps(source: Path, at_most: int | None = None) -> FloatArray:
+def timestamps(
+    source: Path, at_most: int | None = None, observe: Callable[[ByteArray], None] | None = None
+) -> FloatArray:
     """Return the presentation timestamps (F,), s, of a video file's decodable frames, up to `at_most`.
+
+    observe : called with every image, as of `decode`.
 
     Warns where the file declares more frames than can be decoded. Raises InputError as `decode` does, and where no
     frame can be decoded, with the codec.
@@ -80,6 +78,8 @@ def timestamps(source: Path, at_most: int | None = None) -> FloatArray:
         declared, codec = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), int(video.get(cv2.CAP_PROP_FOURCC))
         while (at_most is None or len(times_s) < at_most) and video.grab():
             times_s.append(float(video.get(cv2.CAP_PROP_POS_MSEC)) / 1e3)
+            if observe is not None:
+                observe(_retrieved(video, source, len(times_s) - 1))
             bar.update()
     if not times_s:
         name = codec.to_bytes(4, "little", signed=codec < 0).decode("ascii", "replace").strip("\0 ") or "unknown"
@@ -169,6 +169,17 @@ def _capture_settings() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def _retrieved(video: Any, source: Path, index: int) -> ByteArray:
+    """Return the image (height, width, 3), RGB, that a video has grabbed."""
+    try:
+        decoded, image = video.retrieve()
+    except cv2.error:
+        decoded, image = False, None
+    if not decoded:
+        raise InputError(f"{source}: frame {index} cannot be decoded")
+    return _rgb(image)
 
 
 def _image(file: Path) -> Any:

@@ -13,7 +13,7 @@ RECORDING_SUFFIXES = (".rrd", ".rrd.part")
 
 SUMMARY = "summary.json"
 OVERLAY = "overlay.mp4"
-"""Video of a run of `workbench track`, with the skeleton over the images."""
+"""Video of a run of `workbench track`, with the skeleton over the images; of several cameras overlay_CAMERA.mp4."""
 
 LOCK = ".lock"
 """File locked by the process that uses the folder; see `run_lock`."""

@@ -108,7 +108,7 @@ def annotations(frames, joints):
 
 
 def test_a_segment_connects_the_midpoint_of_the_ankles_and_the_head():
-    frames, feet, heads, _ = head_foot_segments(
+    frames, feet, heads, *_ = head_foot_segments(
         *annotations(3, {"left_ankle": (10, 90), "right_ankle": (20, 92), "head_centre": (14, 5)})
     )
     assert frames == (0, 1, 2)
@@ -159,9 +159,11 @@ def posture(name):
     return places - [0.0, 0.0, places[:, 2].min() - ANKLE_HEIGHT * HEIGHT_M]
 
 
-def detected(rng, names, near_m=4.0, far_m=9.0, confidence=0.95):
-    """Return a random camera, its size and detections of one person in postures at random places."""
+def detected(rng, names, near_m=4.0, far_m=9.0, confidence=0.95, tilt_deg=None):
+    """Return a random camera and detections of one person in postures at random places."""
     height_m, tilt = rng.uniform(0.8, 2.5), np.radians(rng.uniform(0.0, 12.0))
+    if tilt_deg is not None:
+        tilt = np.radians(tilt_deg)
     camera = plain_camera(*SIZE, rng.uniform(800.0, 1400.0), (0.0, 0.0, height_m), (1.0, 0.0, height_m - np.tan(tilt)))
     places = np.array([posture(name) for name in names])
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -170,7 +172,9 @@ def detected(rng, names, near_m=4.0, far_m=9.0, confidence=0.95):
     world = places @ turn.T + np.stack([ahead, across * ahead, np.zeros(len(names))], axis=1)[:, None]
     pixels = camera.project(world) + rng.normal(0.0, 2.0, (*world.shape[:2], 2))
     order = [SKELETON.joint(name) for name in JOINT_NAMES]
-    landmarks = 0.9 * (world @ camera.rotation.T)[:, order]
+    rays = camera.directions(camera.undistorted(pixels.mean(axis=1)))
+    axes = np.stack([camera.viewing_axes(ray) for ray in rays])
+    landmarks = 0.9 * (world @ axes.swapaxes(1, 2))[:, order]
     certain = np.full(pixels.shape[:2], confidence)
     return camera, (np.arange(len(names)), in_image(pixels[:, order], SIZE), certain[:, order], landmarks)
 
@@ -204,6 +208,32 @@ def test_a_posture_is_unknown_with_fewer_than_three_upright_frames(n_upright, n_
     segments = detected_segments(*detections)
     assert len(segments.frames) == n_segments
     assert segments.posture_spread == pytest.approx(0.02 if n_upright == 3 else 0.15)
+
+
+@pytest.mark.parametrize("tilt_deg", [-3.0, 5.0, 15.0])
+def test_upright_landmarks_measure_the_inclination(tilt_deg):
+    """The ray to the middle of the person is below the optical axis by an angle that adds to the tilt."""
+    camera, detections = detected(np.random.default_rng(9), ["upright"] * 5, 9.0, 10.0, tilt_deg=tilt_deg)
+    segments = detected_segments(*detections)
+    below = np.degrees(np.arctan((segments.middle[1] - camera.matrix[1, 2]) / camera.matrix[1, 1]))
+    assert np.degrees(segments.inclination) == pytest.approx(tilt_deg + below, abs=2.0)
+
+
+@pytest.mark.parametrize(("n_upright", "is_measured"), [(2, False), (3, True)])
+def test_the_inclination_needs_three_upright_frames(n_upright, is_measured):
+    names = ["upright"] * n_upright + ["sitting"] * 7
+    _, detections = detected(np.random.default_rng(8), names, near_m=6.0)
+    assert np.isfinite(detected_segments(*detections).inclination) == is_measured
+
+
+def test_landmarks_measure_a_tilt_that_segments_of_one_distance_do_not():
+    feet, heads = standing(near_m=6.0, far_m=6.0, sigma_px=3.0)
+    segments = Segments(FRAMES, feet, heads)
+    measured = segments._replace(inclination=np.radians(25.0), middle=(640.0, 360.0))
+    without, with_landmarks = (
+        calibrate_by_height("one", SIZE, each, Measurements(HEIGHT_M)) for each in (segments, measured)
+    )
+    assert without.values["tilt_deg"] < with_landmarks.values["tilt_deg"] < 25.0
 
 
 def test_squats_do_not_change_the_camera():

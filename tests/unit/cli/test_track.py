@@ -37,7 +37,9 @@ def video(tmp_path):
 def test_a_video_is_recorded_and_exported(video, tmp_path, capsys):
     overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
     assert main(["track", str(video), "--height", "1.75", "-o", str(tmp_path / "out"), *overrides]) == 0
-    assert "camera estimated" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "camera estimated" in printed
+    assert printed.count("BODY_25B, 8 frames") == 1
     run = read(tmp_path / "out" / "run.rrd")
     assert len(run.poses[0]) == 8
     assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv", ".mp4"}
@@ -100,23 +102,52 @@ def test_with_each_every_video_has_its_own_run_and_complete_runs_are_skipped(vid
     assert (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns == before
 
 
-@pytest.mark.parametrize(("level", "exported"), [("doubtful", True), ("not usable", False)])
-def test_with_each_the_motion_of_runs_that_are_not_usable_is_not_exported(
-    level, exported, video, tmp_path, monkeypatch, capsys
-):
-    """The run itself is replaced by its summary."""
-    monkeypatch.setattr(track, "run", lambda arguments: 0)
-    monkeypatch.setattr(track, "read_summary", lambda place: {"status": "complete", "verdict": {"level": level}})
-    monkeypatch.setattr(track, "read_sound_run", lambda path: None)
+@pytest.fixture
+def exported(monkeypatch):
+    """Runs of `track` are replaced by a summary and their cameras; the names of the files they export."""
     written = []
-    monkeypatch.setattr(track, "write_overlay", lambda run, path, **_: written.append(path.name))
+    monkeypatch.setattr(track, "run", lambda arguments: 0)
+    monkeypatch.setattr(track, "read_sound_run", lambda path: None)
+    monkeypatch.setattr(track, "camera_names", lambda run: ["camera"])
+    monkeypatch.setattr(track, "write_overlay", lambda run, path, camera, **_: written.append((path.name, camera)))
     monkeypatch.setattr(track, "_show_people", lambda folder: None)
     monkeypatch.setattr(track, "estimated_track", lambda run: None)
     monkeypatch.setattr(track, "with_missing_frames", lambda motion: motion)
-    monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append(path.name))
-    assert main(["track", str(video), "--each", "-o", str(tmp_path / "out")]) == 0
-    assert written == ["overlay.mp4", *(["person.trc", "person.bvh", "person.csv"] if exported else [])]
-    assert ("not usable, so its motion is not exported" in capsys.readouterr().out) != exported
+    monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append((path.name, None)))
+    return written
+
+
+def summary(level):
+    return lambda place: {"status": "complete", "verdict": {"level": level}}
+
+
+MOTION = [(name, None) for name in ("person.trc", "person.bvh", "person.csv")]
+
+
+@pytest.mark.parametrize("option", ["--each", "--everyone"])
+@pytest.mark.parametrize(("level", "n_files"), [("doubtful", 3), ("not usable", 0)])
+def test_in_a_sweep_the_motion_of_runs_that_are_not_usable_is_not_exported(
+    option, level, n_files, video, tmp_path, exported, monkeypatch, capsys
+):
+    monkeypatch.setattr(track, "read_summary", summary(level))
+    monkeypatch.setattr(track, "_people", lambda words: [0])
+    assert main(["track", str(video), option, "-o", str(tmp_path / "out")]) == 0
+    assert exported == [("overlay.mp4", "camera"), *MOTION[:n_files]]
+    printed = capsys.readouterr().out
+    assert (f"{tmp_path / 'out' / '0'}: not usable, so its motion is not exported" in printed) == (n_files == 0)
+
+
+def test_a_run_that_is_not_usable_is_exported_if_it_is_the_only_one(video, tmp_path, exported, monkeypatch):
+    monkeypatch.setattr(track, "read_summary", summary("not usable"))
+    assert main(["track", str(video), "-o", str(tmp_path / "out")]) == 0
+    assert exported == [("overlay.mp4", "camera"), *MOTION]
+
+
+def test_every_camera_has_an_overlay(video, tmp_path, exported, monkeypatch):
+    monkeypatch.setattr(track, "camera_names", lambda run: ["left", "right\\ 2"])
+    monkeypatch.setattr(track, "read_summary", summary("trustworthy"))
+    assert main(["track", str(video), "-o", str(tmp_path / "out")]) == 0
+    assert exported[:2] == [("overlay_left.mp4", "left"), ("overlay_right 2.mp4", "right\\ 2")]
 
 
 def test_everyone_who_is_detected_for_a_second_is_a_job_of_one_sweep(video, tmp_path, monkeypatch, capsys):

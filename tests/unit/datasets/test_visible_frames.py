@@ -24,3 +24,9 @@ def test_used_frames_are_detections_and_bridged_gaps(detected):
 def test_the_error_without_a_person_names_the_frames():
     with pytest.raises(InputError, match=r"walk: .*3 to 9"):
         visible_frames("walk", np.array([1, 12]), (3, 9), RATE_HZ)
+
+
+@pytest.mark.parametrize(("n_missing", "is_bridged"), [(5, True), (6, False)])
+def test_gaps_of_half_a_second_are_bridged(n_missing, is_bridged):
+    used = visible_frames("walk", np.array([0, 1, 2 + n_missing]), (0, 2 + n_missing), RATE_HZ)
+    assert len(used) == (3 + n_missing if is_bridged else 3)

@@ -127,3 +127,19 @@ def test_only_the_workbenchs_own_numbers_identify_people(tmp_path):
     )
     with pytest.raises(InputError, match="expected people"):
         read_points(tmp_path / "own")
+
+
+def test_nobody_is_followed_across_a_cut_and_the_target_is_the_most_prominent_of_all_parts(tmp_path):
+    walk = line((100.0, 100.0), (280.0, 100.0), 90)
+    found = {"film": detections(tmp_path / "own", (0, 0, walk[:60], 200.0), (0, 60, walk[60:], 400.0))}
+    whole = select_target(found, None, RATE_HZ)
+    assert (whole.counts["people"], whole.counts["frames_unseen"]) == (1, 0)
+    assert "cuts" not in whole.counts
+    for cuts in ((40,), (40, 95), (0, 40)):  # 0 and 95 are no cuts of these frames
+        counts = select_target(found, None, RATE_HZ, cuts=cuts).counts
+        assert (counts["people"], counts["frames_unseen"], counts["frames_lost"]) == (2, 40, 40)
+        assert [counts[name] for name in ("cuts", "first_cut", "part_first", "part_last")] == [1, 40, 40, 89]
+    first = select_target(found, None, RATE_HZ, 0, cuts=(40,))
+    assert np.isfinite(first.joints[0, :, :, 0]).any(axis=1).tolist() == [True] * 40 + [False] * 50
+    counts = select_target(found, None, RATE_HZ, 1, (10, 80), cuts=(40, 70)).counts
+    assert [counts[name] for name in ("cuts", "first_cut", "part_first", "part_last")] == [2, 40, 40, 69]

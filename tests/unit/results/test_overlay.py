@@ -12,7 +12,7 @@ from workbench.cli.main import main
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.results.overlay import _MIN_OPACITY, MIDDLE, PERSON_CHAINS, drawn, with_omitted_frames, write_overlay
-from workbench.results.pictures import Picture, pictures
+from workbench.results.pictures import Picture, camera_names, pictures
 from workbench.utils.errors import InputError
 
 N, FIRST = 6, 10
@@ -60,6 +60,7 @@ def test_pictures_are_those_of_the_chosen_frames_and_camera(run):
     recorded, _ = run
     frames = recorded.poses[0][[3, 1]].tolist()
     assert [picture.frame for picture in pictures(recorded, frames)] == frames
+    assert camera_names(recorded) == [CAMERA.name]
     assert next(pictures(recorded)).image.shape[:2] == (CAMERA.height, CAMERA.width)
     with pytest.raises(InputError, match="no image of frame -1"):
         list(pictures(recorded, [-1]))

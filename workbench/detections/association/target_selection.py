@@ -51,7 +51,9 @@ class TargetPerson:
         (V, T, J, 6) with world landmarks, see `People`.
     counts : numbers of people, of the video's frames within the chosen ones, of frames without a detection of anybody
         (empty), of the target (unseen), of those of them that may show the target (lost), of the others before the
-        target's first detection and after the last, and of arms and legs in views with exchanged left/right labels.
+        target's first detection and after the last, and of arms and legs in views with exchanged left/right labels. Of
+        an edited film also the number of cuts, the number of the frame after the first one, and those of the first and
+        the last frame of the part between cuts that shows the target.
     """
 
     frames: IntArray
@@ -70,6 +72,8 @@ class TrackedPeople:
     joints : (n, J, 3) by frame and view, see `People`.
     assigned : people's numbers of the detections, by frame.
     log_odds : (T,) of the assignments, see `Tracks`.
+    cuts : numbers of the frames that begin another part of an edited film, increasing, between the first frame and the
+        last.
     """
 
     names: Sequence[str]
@@ -77,6 +81,12 @@ class TrackedPeople:
     joints: Sequence[Sequence[FloatArray]]
     assigned: Sequence[Assignment]
     log_odds: FloatArray
+    cuts: Sequence[int] = ()
+
+    @property
+    def parts(self) -> list[IntArray]:
+        """The indices of the frames between cuts."""
+        return np.split(np.arange(len(self.frames)), np.searchsorted(self.frames, self.cuts))
 
     @property
     def numbers(self) -> list[int]:
@@ -95,7 +105,7 @@ class TrackedPeople:
 
 def select_target(
     people: Mapping[str, People], cameras: Mapping[str, Camera] | None, rate_hz: float, person: Choice = None,
-    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None,
+    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None, cuts: Sequence[int] = (),
 ) -> TargetPerson:  # fmt: skip
     """Return the detections of the target person in synchronized views of one frame rate.
 
@@ -105,23 +115,25 @@ def select_target(
     cameras : of all views; None for a single view.
     rate_hz : frame rate.
     person : number of the target, see `TrackedPeople`, or indices by camera; MOVING for the most prominent person; None
-        for the person in the first frame with a detection who is largest and most confidently detected over all frames
-        and views.
+        for the person in the first frame with a detection, of any part between cuts, who is largest and most
+        confidently detected over all frames and views.
     within : numbers of the first frame and of the last, None for the end.
     uneven_s : times of all frames, s, where they are not at a constant rate; see `FrameTimes`.
+    cuts : numbers of the frames that begin another part of an edited film. People after a cut are other people.
 
     Raises
     ------
     InputError
         Without any person, and for a target that is not detected in its view or in a second one.
     """
-    tracked = tracked_people(people, cameras, rate_hz, within, uneven_s)
+    tracked = tracked_people(people, cameras, rate_hz, within, uneven_s, cuts)
     number = _selected(tracked, person)
     target = tracked.of(number)
     detected = np.asarray(np.isfinite(target[..., 0]).any(axis=2), bool)  # (V, T)
     views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
     counts = _counts(tracked, number, within) | {"swapped_sides": int(swapped.sum())}
+    counts |= _counts_of_cuts(tracked, number, within)
     _report_people(tracked, np.asarray(detected.any(axis=0), bool))
     _report_gaps(tracked, detected, rate_hz)
     _report_joints(people, target, swapped)
@@ -130,26 +142,43 @@ def select_target(
 
 def tracked_people(
     people: Mapping[str, People], cameras: Mapping[str, Camera] | None, rate_hz: float,
-    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None,
+    within: tuple[int, int | None] = (0, None), uneven_s: FloatArray | None = None, cuts: Sequence[int] = (),
 ) -> TrackedPeople:  # fmt: skip
     """Return all people detected in synchronized views; parameters as of `select_target`.
 
-    In a single view, people whom the detector follows by numbers of its own keep these tracks, see `people_followed`.
+    The parts between cuts are tracked one by one. In a single view, people whom the detector follows by numbers of its
+    own keep these tracks, see `people_followed`.
     """
     frames = np.unique(np.concatenate([each.frames for each in people.values()]))
     frames = frames[(frames >= within[0]) & (frames <= (frames[-1] if within[1] is None else within[1]))]
     times_s = FrameTimes(rate_hz, uneven_s).at(frames)
     seen = [[_in_frame(each, frame) for each in people.values()] for frame in frames]
     joints = [[rows for rows, _ in each] for each in seen]
-    if len(people) == 1 and all(each.identities is not None for each in people.values()):
-        (name,) = people
+    inside = [cut for cut in np.unique(cuts).tolist() if len(frames) and frames[0] < cut <= frames[-1]]
+    is_followed = len(people) == 1 and all(each.identities is not None for each in people.values())
+    views = [] if is_followed else _views(people, cameras)
+    assigned, log_odds, n_people = list[Assignment](), list[FloatArray](), 0
+    for part in np.split(np.arange(len(frames)), np.searchsorted(frames, inside)):
+        in_part, odds = _associated([seen[t] for t in part], times_s[part], views)
+        assigned += [{place: number + n_people for place, number in frame.items()} for frame in in_part]
+        n_people = 1 + max((number for frame in assigned for number in frame.values()), default=-1)
+        log_odds.append(odds)
+    return TrackedPeople(list(people), frames, joints, assigned, np.concatenate(log_odds), inside)
+
+
+def _associated(
+    seen: Sequence[Sequence[tuple[FloatArray, IntArray]]], times_s: FloatArray, views: Sequence[DetectorView]
+) -> tuple[Sequence[Assignment], FloatArray]:
+    """Return people's numbers of the detections in frames at times (T,), s, and the log odds (T,) of the assignments.
+
+    seen: joints and identities by frame and view. views: none for people whom the detector follows.
+    """
+    if not views:
         assigned = people_followed([rows for ((rows, _),) in seen], [numbers for ((_, numbers),) in seen], times_s)
-        return TrackedPeople([name], frames, joints, assigned, np.full(len(frames), np.inf))
-    views = _views(people, cameras)
-    detections = [[list(map(v.detection, rows)) for v, rows in zip(views, each, strict=True)] for each in joints]
+        return assigned, np.full(len(seen), np.inf)
+    detections = [[list(map(v.detection, rows)) for v, (rows, _) in zip(views, each, strict=True)] for each in seen]
     tracks = without_short(track(views, detections, times_s))
-    assigned = stitched(extended_backwards(views, detections, times_s, tracks), times_s)
-    return TrackedPeople(list(people), frames, joints, assigned, tracks.log_odds)
+    return stitched(extended_backwards(views, detections, times_s, tracks), times_s), tracks.log_odds
 
 
 def _views(people: Mapping[str, People], cameras: Mapping[str, Camera] | None) -> list[DetectorView]:
@@ -193,6 +222,18 @@ def _counts(tracked: TrackedPeople, target: int, within: tuple[int, int | None])
     }  # fmt: skip
 
 
+def _counts_of_cuts(tracked: TrackedPeople, target: int, within: tuple[int, int | None]) -> dict[str, int]:
+    """Return the counts of `TargetPerson` of an edited film, none without a cut; within: as of `select_target`."""
+    if not tracked.cuts:
+        return {}
+    frames = zip(tracked.frames.tolist(), tracked.assigned, strict=True)
+    shown = next(frame for frame, people in frames if target in people.values())
+    end = int(tracked.frames[-1]) if within[1] is None else within[1]
+    first = max((cut for cut in tracked.cuts if cut <= shown), default=within[0])
+    last = min((cut - 1 for cut in tracked.cuts if cut > shown), default=end)
+    return {"cuts": len(tracked.cuts), "first_cut": tracked.cuts[0], "part_first": first, "part_last": last}
+
+
 def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
     """Log the number of people, the share of the frames with the target, (T,), and uncertain assignments."""
     if (n_people := len(tracked.numbers)) < 2:
@@ -207,15 +248,16 @@ def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
 
 def _selected(tracked: TrackedPeople, person: Choice) -> int:
     """Return the number of the target."""
-    first = next((frame for frame in tracked.assigned if frame), None)
-    if first is None:
+    firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in tracked.parts]
+    if not any(firsts):
         several = "two cameras at once; check that the videos are synchronized and match the calibration"
         expected = several if len(tracked.names) > 1 else "the frames used"
         raise InputError(f"{', '.join(tracked.names)}: expected a person in {expected}")
     if person == MOVING:
         return max(tracked.numbers, key=lambda number: _presence(tracked.of(number)) * _weight(tracked.of(number)))
     if person is None:
-        return max(sorted(set(first.values())), key=lambda number: _presence(tracked.of(number)))
+        candidates = sorted({number for first in firsts if first for number in first.values()})
+        return max(candidates, key=lambda number: _presence(tracked.of(number)))
     if isinstance(person, int) and not isinstance(person, bool):
         if person not in tracked.numbers:
             raise InputError(

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from workbench.cameras.calibration_findings import check_calibration, lens_findings, unit_of
-from workbench.cameras.observed_joints import MIN_WEIGHT
+from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.verdict.knee_bends import bends
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
@@ -49,7 +49,8 @@ def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
             text = f"{name} has keypoints in {has_person[v]} of the {in_image[v]} frames that show the person"
             yield Finding("inconsistent cameras", text)
     if len(measured.cameras) > 1:
-        bent = bends(triangulate(observed.cameras, observed.pixels(MIN_WEIGHT)))
+        pixels = observed.pixels(MIN_WEIGHT)[:, some_frames(len(measured.frames))]
+        bent = bends(triangulate(observed.cameras, pixels))
         if len(bent) >= _MIN_BENT_LEGS and (backwards := float((bent < 0.0).mean())) > 0.5:
             text = f"knees bend backwards in {backwards:.0%} of {len(bent)} bent legs: left and right are exchanged"
             yield Finding("left–right swap", text, NOT_USABLE)

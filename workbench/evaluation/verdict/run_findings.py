@@ -4,13 +4,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from workbench.evaluation.verdict.frozen_findings import frozen_findings
+from workbench.evaluation.verdict.identity_findings import identity_findings
 from workbench.evaluation.verdict.input_findings import input_findings
 from workbench.evaluation.verdict.joint_findings import joint_findings
 from workbench.evaluation.verdict.joint_states import JointStates
+from workbench.evaluation.verdict.keypoint_findings import keypoint_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.time_findings import time_findings
 from workbench.evaluation.verdict.uncertainty_findings import uncertainty_findings
+from workbench.evaluation.verdict.video_findings import video_findings
 from workbench.utils.finding import NOT_USABLE, Finding, level_of
 
 MOVING_CAMERA = "moving camera"
@@ -41,8 +44,11 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
         *input_findings(measured, inputs.height_m),
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
         *frozen_findings(measured),
+        *keypoint_findings(measured),
+        *identity_findings(measured),
     ]
     yield from of_inputs
+    yield from video_findings(inputs.input_counts)
     if inputs.camera_travels:
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence

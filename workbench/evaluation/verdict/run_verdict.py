@@ -14,6 +14,7 @@ from workbench.evaluation.verdict.run_findings import RunInputs, run_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.evaluation.verdict.time_findings import lost_person, tracked_frames
 from workbench.evaluation.verdict.track_outcome import outcome
+from workbench.evaluation.verdict.video_findings import video_findings
 from workbench.utils.finding import Finding, conclusion, level_of, problems
 
 
@@ -21,10 +22,10 @@ from workbench.utils.finding import Finding, conclusion, level_of, problems
 class Verdict:
     """The verdict on a run.
 
-    findings: problems, the worst first. outcome: whether the person was tracked, of kind "tracked", "lost", "no ground
-    truth" or "no person visible". states: (F,) by frame, "tracked", "doubtful", "lost", "not known" in a frame without
-    errors, or "" in a run without errors. joint_states: (F,) of each of JOINT_GROUPS, the worst of its joints; "not
-    seen" where no camera sees any of them. Empty in a run without errors.
+    findings: problems, the worst first, then notes. outcome: whether the person was tracked, of kind "tracked", "lost",
+    "no ground truth" or "no person visible". states: (F,) by frame, "tracked", "doubtful", "lost", "not known" in a
+    frame without errors, or "" in a run without errors. joint_states: (F,) of each of JOINT_GROUPS, the worst of its
+    joints; "not seen" where no camera sees any of them. Empty in a run without errors.
     """
 
     findings: tuple[Finding, ...]
@@ -63,8 +64,10 @@ def verdict(measured: RunMeasurements, inputs: RunInputs) -> Verdict:
     result, states = outcome(measured, joints, inputs.shows_person)
     if n_tracked := tracked_frames(measured, inputs.input_counts, states):
         result = replace(result, message=f"{result.message}, {n_tracked}")
+    notes = [each for each in video_findings(inputs.input_counts) if not each.is_problem]
+    result = replace(result, message=", ".join([result.message, *(each.message for each in notes)]))
     lost = lost_person(measured, inputs.input_counts, states)
     findings = problems([*([] if lost is None else [lost]), *run_findings(measured, joints, inputs)])
     worst = {each.kind: each for each in reversed(findings)}  # the first of a kind
     by_group = {group: joints.of_joints(names) for group, names in JOINT_GROUPS.items()}
-    return Verdict(tuple(reversed(worst.values())), result, states, by_group if joints.compared.any() else {})
+    return Verdict((*reversed(worst.values()), *notes), result, states, by_group if joints.compared.any() else {})

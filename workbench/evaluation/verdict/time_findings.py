@@ -79,10 +79,10 @@ def level_of_share(share: float) -> str:
 def _at_edge(measured: RunMeasurements, t: int) -> bool:
     """Return whether a person in frame t may enter or leave the image: all cameras but one show the person near an
     edge; the only camera, too."""
-    inside = 0
-    for v, camera in enumerate(measured.observed.cameras):
-        pixels, height = measured.observed.pixels()[v, t], measured.observed.heights_px[t, v]
-        pixels = pixels[np.isfinite(pixels[:, 0])]
+    inside, in_frame = 0, measured.observed.keypoints[:, t]
+    heights = measured.observed.heights_px[t]
+    for camera, keypoints, height in zip(measured.observed.cameras, in_frame, heights, strict=True):
+        pixels = keypoints[keypoints[:, 2] > 0.0, :2]
         if height > 0.0:
             margin = min(pixels.min(), *([camera.width, camera.height] - pixels.max(axis=0)))
             inside += margin > _EDGE * height

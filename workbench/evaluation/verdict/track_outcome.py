@@ -13,7 +13,7 @@ from workbench.evaluation.verdict.joint_states import LOST, TRACKED, UNKNOWN, Jo
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
-from workbench.utils.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY, Finding
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding
 
 _MOSTLY, _FAR = 0.5, 2.0
 """A run is not usable if at least this fraction of its frames is lost, with mean errors of at least this many
@@ -51,7 +51,7 @@ def outcome(measured: RunMeasurements, joints: JointStates, shows_person: bool) 
         level, text = DOUBTFUL if is_usable else NOT_USABLE, _described_loss(measured, joints, losses, lost, evaluated)
         return Finding(LOST, _and(text, details), level), tuple(states)
     if not has_errors:
-        return Finding("no ground truth", f"no ground truth, {details}", TRUSTWORTHY), tuple(states)
+        return Finding("no ground truth", details, TRUSTWORTHY), tuple(states)
     n_evaluated = int(np.isfinite(next(iter(criteria(measured.errors).values()))[0][1:]).sum())
     annotated = "" if measured.has_truth else "annotated "
     frames = f"all {n_evaluated} {annotated}frames" if n_evaluated > 1 else f"the only {annotated}frame"
@@ -159,13 +159,11 @@ def _recovery(measured: RunMeasurements, joints: JointStates, end: int) -> str:
 def _unknown(measured: RunMeasurements, shows_person: bool, details: str) -> Finding:
     """Return the outcome of a run without any error."""
     if not shows_person:
-        return Finding(
-            "no person visible", "the dataset has no observations: the motion is sampled from the prior", NOT_USABLE
-        )
+        return Finding("no person visible", "nothing is observed, the motion is a sample of the prior", NOTE)
     inliers = measured.inlier_fraction
     if measured.has_points:
         near = f": {np.nanmean(inliers):.0%} of them lie near the body" if has_values(inliers) else ""
-        text = _and(f"no ground truth, only the points themselves to compare with{near}", details)
+        text = _and(f"the points can only be compared with themselves{near}", details)
         return Finding("no ground truth", text, TRUSTWORTHY if near else DOUBTFUL)
     text = "nothing but the images shows whether the person was tracked: inspect them, or annotate some frames"
     return Finding("no ground truth", text)

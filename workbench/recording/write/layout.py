@@ -32,7 +32,7 @@ _LANES = {
 }  # fmt: skip
 _EXPECTED, _TRUE, _CUES = "expected_error_<group>_mm", "mpjpe_abs_<group>_mm", "variance_fraction_<cue>"
 """Families of metrics, each in one plot."""
-_LANE_SHARE = 0.065
+_LANE_SHARE = 0.08
 """Height of a lane of states over that of images and world, and of its axis as well."""
 _LINE_CHARACTERS = 190  # of the verdict
 

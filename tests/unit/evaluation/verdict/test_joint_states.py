@@ -179,3 +179,13 @@ def test_stretches_bridge_confusions_only():
 def test_a_running_median_ignores_frames_without_a_value():
     values = np.array([1.0, np.nan, 9.0, 1.0, 1.0, np.nan])[:, None]
     np.testing.assert_array_equal(running_median(values, 3)[:, 0], [1.0, np.nan, 1.0, 1.0, 1.0, np.nan])
+
+
+@pytest.mark.parametrize(("n_lost", "is_lost"), [(6, False), (7, True)])
+def test_the_body_is_lost_with_half_of_14_joints(n_lost, is_lost):
+    measured = ONE.measurements()
+    measured.keypoint_distances_px[:, :, 1 : 1 + n_lost] = 0.2 * measured.person_height_px[..., None]
+    measured.observed.keypoints[:, :, 0] = np.nan
+    states = joint_states(measured)
+    assert (states.seen.sum(axis=1) == 14).all()
+    assert (states.body_lost == is_lost).all()

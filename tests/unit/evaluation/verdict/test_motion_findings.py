@@ -9,6 +9,8 @@ from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, scene, walk
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.evaluation.verdict.walk_ratio import steps_of
 from workbench.motion.synthetic.run_gait import average_runner, runner
 
 ONE = scene(1)
@@ -49,3 +51,39 @@ def test_a_limb_out_of_proportion_is_reported(factor, is_finding):
     """A limb counts as a quarter of the expected height: 1.35 is 1.25 of the expected length, 0.74 the inverse."""
     body = person(from_height(HEIGHT_M, forearm=factor * from_height(HEIGHT_M).forearm))
     assert ("implausible limb lengths" in kinds(replace(ONE, body=body))) == is_finding
+
+
+def stepping(length_m, per_min, n_steps, height_m=1.7):
+    """Return joints (F, J, 3) and times (F,) of a person who steps along x, with feet 0.8 steps apart."""
+    times_s = np.arange(0.0, (n_steps + 1.0) * 60.0 / per_min, 0.01)
+    places = np.zeros((len(times_s), len(JOINT_NAMES), 3))
+    places[..., 0] = (length_m * per_min / 60.0 * times_s)[:, None]
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        places[:, JOINT_NAMES.index(f"{side}_hip"), 1] = sign * 0.05 * height_m
+        swing = 0.4 * length_m * np.cos(np.pi * times_s * per_min / 60.0)
+        places[:, JOINT_NAMES.index(f"{side}_ankle"), 0] += sign * swing
+    return places, times_s
+
+
+@pytest.mark.parametrize("height_m", [1.2, 1.7])
+def test_the_walk_ratio_is_step_length_over_cadence(height_m):
+    length_m = 0.65 * height_m / 1.7
+    steps = steps_of(*stepping(length_m, 100.0, 6, height_m), height_m)
+    assert (steps.length_m, steps.cadence_per_min) == pytest.approx((length_m, 100.0))
+    assert steps.relative_ratio == pytest.approx((1.7 / height_m) ** 0.5)
+
+
+@pytest.mark.parametrize(("length_m", "n_steps", "known"), [(0.7, 2, False), (0.7, 3, True), (0.16, 9, False)])
+def test_few_or_small_steps_have_no_walk_ratio(length_m, n_steps, known):
+    """Between four crossings of the ankles there are three steps."""
+    assert (steps_of(*stepping(length_m, 100.0, n_steps), 1.7) is not None) == known
+
+
+@pytest.mark.parametrize(
+    ("ratio", "rate"), [(1.57, ""), (1.63, "low"), (1.0 / 1.57, ""), (1.0 / 1.63, "high"), (0.25, "high")]
+)
+def test_a_rate_that_does_not_fit_the_steps_is_reported(ratio, rate):
+    usual = steps_of(joints(BODY.skeleton, walk()), ONE.times_s, HEIGHT_M).relative_ratio
+    inputs = replace(ONE.inputs, rate_hz=None)
+    found = kinds(replace(ONE, times_s=ratio / usual * ONE.times_s, inputs=inputs)).get("frame-rate mismatch", "")
+    assert f"the rate of the frames is too {rate}" in found if rate else not found

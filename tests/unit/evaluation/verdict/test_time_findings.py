@@ -112,7 +112,7 @@ def test_a_frozen_camera_of_several_is_named():
     assert kinds(frozen(FOUR, range(20, 50), v=2))["frozen frames"].startswith("c2: ")
 
 
-@pytest.mark.parametrize(("error_px", "is_frozen"), [(0.004, True), (0.1, False)])
+@pytest.mark.parametrize(("error_px", "is_frozen"), [(0.009, True), (0.011, False)])
 def test_a_still_person_is_not_frozen(error_px, is_frozen):
     assert ("frozen frames" in kinds(frozen(ONE, range(20, 50), error_px=error_px))) == is_frozen
 

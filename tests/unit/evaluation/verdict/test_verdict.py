@@ -196,12 +196,13 @@ def test_annotations_after_the_first_frame_decide_in_their_frames():
     assert [k for k, state in enumerate(verdict.states) if state == "tracked"] == [0, 10, 20]
 
 
-def test_a_run_without_observations_is_not_trusted():
+def test_a_run_without_observations_is_a_sample_of_the_prior():
     without_keypoints = without(ONE, frames=range(N))
     images = without_keypoints.verdict()
     assert (images.outcome.kind, images.level, set(images.states)) == ("no ground truth", DOUBTFUL, {""})
     empty = replace(without_keypoints, inputs=replace(INPUTS, shows_person=False)).verdict()
-    assert (empty.kind, empty.level) == ("no person visible", NOT_USABLE)
+    assert (empty.kind, empty.level) == ("no person visible", TRUSTWORTHY)
+    assert empty.message == "trustworthy: nothing is observed, the motion is a sample of the prior"
 
 
 def test_a_camera_that_travels_makes_positions_doubtful():

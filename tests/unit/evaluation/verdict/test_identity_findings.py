@@ -1,0 +1,51 @@
+"""Findings on another person who replaces the first one, and their thresholds on both sides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from verdict_scenes import BODY, RATE_HZ, N, scene, walk
+
+from workbench.body.kinematics import joints
+
+LATE = np.arange(N) >= 30
+
+
+def message(intact):
+    """Return the message of the scene's finding on the person's identity, "" without one."""
+    return next((each.message for each in intact.verdict().findings if each.kind == "change of person"), "")
+
+
+def grown(n_cameras, factor, rate_hz=RATE_HZ):
+    """Return the scene of a person who is larger by a factor, about the middle of the feet, from frame 30 on."""
+    intact, places = scene(n_cameras, sigma_px=0.0), joints(BODY.skeleton, walk())
+    if n_cameras == 1:
+        pixels = intact.keypoints[..., :2].copy()
+        feet = pixels[:, :, [11, 14]].mean(axis=2, keepdims=True)
+        pixels[:, LATE] = (feet + factor * (pixels - feet))[:, LATE]
+    else:
+        feet = places[:, [11, 14]].mean(axis=1, keepdims=True)
+        places[LATE] = (feet + factor * (places - feet))[LATE]
+        pixels = np.array([camera.project(places) for camera in intact.cameras])
+    keypoints = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
+    inputs = replace(intact.inputs, rate_hz=rate_hz)
+    return replace(intact, keypoints=keypoints, times_s=np.arange(N) / rate_hz, inputs=inputs)
+
+
+@pytest.mark.parametrize(
+    ("n_cameras", "factor", "is_other"),
+    [(1, 1.0, False), (1, 1.15, False), (1, 1.4, True), (1, 0.7, True), (4, 1.0, False), (4, 1.07, False),
+     (4, 1.13, True), (4, 0.87, True)],
+)  # fmt: skip
+def test_a_sudden_change_of_size_is_another_person(n_cameras, factor, is_other):
+    """In the image, the posture of the walker changes lengths by up to 10 %."""
+    text = message(grown(n_cameras, factor))
+    assert ("from frame 3" in text or "from frame 2" in text) == is_other
+    assert bool(text) == is_other
+    if is_other:
+        assert ("larger" if factor > 1.0 else "smaller") in text
+
+
+def test_a_slower_rate_lets_a_person_come_nearer():
+    assert message(grown(1, 1.4, rate_hz=25.0))
+    assert not message(grown(1, 1.4, rate_hz=4.0))
