@@ -2,12 +2,14 @@
 
     python -m analysis.tables [NAME…] [--seeds N] [--stored] [--runs FOLDER] [--data DATA] [-o FOLDER]
     python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
+    python -m analysis.tables faults [--processes N] [--data DATA]
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
 the pages include them, and the text between the markers of README.md is replaced.
 """
 
+import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -17,7 +19,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import cameras, videos
+from analysis.tables import cameras, faults, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -25,7 +27,7 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
-VIDEOS, CAMERAS = "videos", "cameras"
+VIDEOS, CAMERAS, FAULTS = "videos", "cameras", "faults"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -80,17 +82,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (docs/_tables)")
     parser.add_argument("--videos", type=Path, metavar="FOLDER", help="of annotated videos, for the table videos")
     parser.add_argument("--detector", default="full", help="of the table videos: full, heavy or a model (full)")
+    parser.add_argument(
+        "--processes", type=int, default=os.cpu_count(), metavar="N", help="of the table faults (cores)"
+    )
     options = parser.parse_args(arguments)
+    data = None if options.data is None else Path(options.data)
     try:
         source = Source(options.runs, options.data, quick=False)
-        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS])
+        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS])
         tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
         if CAMERAS in names and not options.stored:
             write(options.folder, CAMERAS, cameras.table(options.seeds or cameras.N_SCENES))
+        if FAULTS in names and not options.stored:
+            write(options.folder, FAULTS, faults.table(data, options.processes))
         if VIDEOS in names and not options.stored:
             try:
-                data = None if options.data is None else Path(options.data)
                 text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)
                 write(options.folder, VIDEOS, text)
             except InputError as error:

@@ -20,6 +20,7 @@ from workbench.core.frame import Frame, Truth, View
 from workbench.datasets.truth_axes import in_axes_of_cameras
 from workbench.datasets.video import Video
 from workbench.datasets.visible_frames import visible_frames
+from workbench.detections.association.isolated_joints import without_isolated
 from workbench.detections.association.target_selection import most_prominent, select_target
 from workbench.detections.detector.detection_files import DETECT, cached_detections
 from workbench.detections.joint_annotations import JointAnnotations, target_annotations
@@ -207,7 +208,8 @@ class MultiView:
             for name, folder in self._folders.items()
         }
         detected = {name: str(videos[name].path) for name, folder in self._folders.items() if folder == DETECT}
-        return read_people(paths, images, self._keypoint_layout, detected)
+        people = read_people(paths, images, self._keypoint_layout, detected)
+        return {name: without_isolated(each, videos[name].times.rate_hz) for name, each in people.items()}
 
     @cached_property
     def _cameras(self) -> Mapping[str, Camera]:

@@ -160,13 +160,13 @@ def _track(config: DictConfig, summary: Summary, names: Mapping[str, str], quiet
         record(components, recorder, int(config.seed), summary, quiet, stop, collector)
         summary.compile_s = compiled_s() - before_s
         measured = collector.measurements()
-        summary.verdict = verdict(measured, _run_inputs(config, summary.settings, components))
+        summary.verdict = verdict(measured, run_inputs(config, summary.settings, components))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
 
 
-def _run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Components) -> RunInputs:
+def run_inputs(config: DictConfig, settings: Mapping[str, Any], components: Components) -> RunInputs:
     """Return the inputs of a run that its frames may contradict; settings: the resolved configuration."""
     info, body = components.clip.info, settings.get("body") or {}
     return RunInputs(

@@ -13,6 +13,7 @@ from workbench.cameras.camera import Camera
 from workbench.detections.association.assignment import Assignment, track
 from workbench.detections.association.detector_tracks import people_followed
 from workbench.detections.association.detector_view import DetectorView, detector_view, median_height, prominence
+from workbench.detections.association.isolated_joints import isolated_joints
 from workbench.detections.association.left_right import PARTS, exchanged_labels, with_corrected_labels
 from workbench.detections.association.track_stitching import extended_backwards, stitched, without_short
 from workbench.detections.readers.formats import LAYOUTS
@@ -47,8 +48,8 @@ class TargetPerson:
     Parameters
     ----------
     frames : (T,) numbers of the frames, increasing.
-    joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection.
-        (V, T, J, 6) with world landmarks, see `People`.
+    joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection
+        and for `isolated_joints`. (V, T, J, 6) with world landmarks, see `People`.
     counts : numbers of people, of the video's frames within the chosen ones, of frames without a detection of anybody
         (empty), of the target (unseen), of those of them that may show the target (lost), of the others before the
         target's first detection and after the last, and of arms and legs in views with exchanged left/right labels. Of
@@ -132,12 +133,17 @@ def select_target(
     detected = np.asarray(np.isfinite(target[..., 0]).any(axis=2), bool)  # (V, T)
     views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
+    joints = with_corrected_labels(target, swapped)
+    isolated = isolated_joints(joints, tracked.frames, rate_hz)
+    joints[isolated] = np.nan
     counts = _counts(tracked, number, within) | {"swapped_sides": int(swapped.sum())}
     counts |= _counts_of_cuts(tracked, number, within)
     _report_people(tracked, np.asarray(detected.any(axis=0), bool))
     _report_gaps(tracked, detected, rate_hz)
     _report_joints(people, target, swapped)
-    return TargetPerson(tracked.frames, with_corrected_labels(target, swapped), counts)
+    if isolated.any():
+        log.info("%d detected joints lie elsewhere than in the frames around them, and are omitted", isolated.sum())
+    return TargetPerson(tracked.frames, joints, counts)
 
 
 def tracked_people(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from workbench.evaluation.verdict.dropped_findings import dropped_findings
 from workbench.evaluation.verdict.frozen_findings import frozen_findings
 from workbench.evaluation.verdict.identity_findings import identity_findings
 from workbench.evaluation.verdict.input_findings import input_findings
@@ -43,6 +44,7 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
     of_inputs = [
         *input_findings(measured, inputs.height_m),
         *time_findings(measured, inputs.rate_hz, inputs.source_rate_hz),
+        *dropped_findings(measured),
         *frozen_findings(measured),
         *keypoint_findings(measured),
         *identity_findings(measured),
