@@ -54,17 +54,18 @@ def step_gains(pixels: FloatArray, times_s: FloatArray) -> FloatArray:
     pixels : (V, F, J, 2), px, NaN where unknown.
     times_s : (F,), s, increasing.
     """
+    gains, n_steps = np.full(len(times_s), np.nan), len(times_s) - 1
+    if n_steps < 5:
+        return gains
     velocities = np.diff(pixels, axis=1) / np.diff(times_s)[:, None, None]
-    gains = np.full(len(times_s), np.nan)
-    for t in range(2, velocities.shape[1] - 2):
-        now, around = velocities[:, t], nan_median(np.moveaxis(velocities[:, [t - 2, t - 1, t + 1, t + 2]], 1, -1))
-        known = np.isfinite(now) & np.isfinite(around)
-        now, around = now[known], around[known]
-        square = float(around @ around)
-        if len(now) < 2 or square == 0.0:
-            continue
-        gain = float(now @ around) / square
-        residual = now - gain * around
-        if np.sqrt(residual @ residual / (len(now) - 1) / square) <= _MAX_GAIN_STD * max(gain, 1.0):
-            gains[t + 1] = gain
+    steps = [velocities[:, shift : n_steps - 4 + shift] for shift in range(5)]
+    now, around = steps[2], nan_median(np.stack([*steps[:2], *steps[3:]], axis=-1))
+    known = np.isfinite(now) & np.isfinite(around)
+    now, around = np.where(known, now, 0.0), np.where(known, around, 0.0)
+    over = 0, 2, 3  # views, joints, coordinates
+    n, square = known.sum(axis=over), np.square(around).sum(axis=over)
+    gain = (now * around).sum(axis=over) / np.where(square > 0.0, square, np.nan)
+    residual = np.square(now - gain[:, None, None] * around).sum(axis=over)
+    std = np.sqrt(residual / np.maximum(n - 1, 1) / np.where(square > 0.0, square, np.nan))
+    gains[3:-2] = np.where((n >= 2) & (std <= _MAX_GAIN_STD * np.maximum(gain, 1.0)), gain, np.nan)
     return gains
