@@ -151,14 +151,19 @@ class MeasurementCollector:
             uncertain = _uncertain(expected_errors(step, self._body.skeleton, relative=True))
         if len(step.poses) == 1:  # no stated uncertainty
             errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
+        pixels = {view.camera.name: view.camera.project(places) for view in frame.views}
         self._rows.append(
             {
                 "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
                 "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
                 "in_cameras": {view.camera.name: self._in_first(view) for view in frame.views},
-                "distances_px": {view.camera.name: self._distances_px(view, places) for view in frame.views},
+                "distances_px": {
+                    view.camera.name: self._distances_px(view, pixels[view.camera.name]) for view in frame.views
+                },
                 "landmarks": {view.camera.name: _world_landmarks(view) for view in frame.views},
-                "in_image": {view.camera.name: _in_image(view.camera, estimate) for view in frame.views},
+                "in_image": {
+                    view.camera.name: _in_image(view.camera, pixels[view.camera.name]) for view in frame.views
+                },
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
                 "annotation_distances_px": self._annotation_distances_px(frame, places),
@@ -177,10 +182,9 @@ class MeasurementCollector:
         first = self._cameras[view.camera.name]
         return np.column_stack([in_camera(keypoints[:, :2], view.camera, first), keypoints[:, 2]])
 
-    def _distances_px(self, view: View, places: FloatArray) -> FloatArray:
-        """Return the distances (J,) of joints (J, 3) from a view's keypoints, px of the source."""
-        distances = np.linalg.norm(view.camera.project(places) - _keypoint_pixels(view), axis=1)
-        return np.asarray(distances / self._scale)
+    def _distances_px(self, view: View, pixels: FloatArray) -> FloatArray:
+        """Return the distances (J,) of joints' pixels (J, 2) from a view's keypoints, px of the source."""
+        return np.asarray(np.linalg.norm(pixels - _keypoint_pixels(view), axis=1) / self._scale)
 
     def _annotation_distances_px(self, frame: Frame, places: FloatArray) -> FloatArray:
         """Return the distances (J,) of joints (J, 3) from visible annotations in the first view, px of the source."""
@@ -317,9 +321,8 @@ def foot_speeds(ankles: FloatArray, times_s: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(_velocity(ankles, times_s, _STEP_S)[..., :2], axis=-1))
 
 
-def _in_image(camera: Camera, joints_m: FloatArray) -> bool:
-    """Return whether more than half of the joints (J, 3), m, lie in a camera's image."""
-    pixels = camera.project(joints_m)
+def _in_image(camera: Camera, pixels: FloatArray) -> bool:
+    """Return whether more than half of the joints' pixels (J, 2) lie in a camera's image."""
     inside = (pixels >= 0.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
     return bool(inside.mean() > 0.5)
 
