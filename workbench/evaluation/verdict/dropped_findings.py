@@ -39,7 +39,7 @@ def dropped_findings(measured: RunMeasurements) -> Iterator[Finding]:
         text = (
             f"in {n_long} of {known.sum()} frames all joints move at once by {_MIN_GAIN:g} times or more of the others"
         )
-        yield Finding("missing frames or jumps", f"{text}: about {missing} frames are missing, and speeds are wrong")
+        yield Finding("dropped frames", f"{text}: about {missing} frames are missing, and speeds are wrong")
 
 
 def step_gains(pixels: FloatArray, times_s: FloatArray) -> FloatArray:

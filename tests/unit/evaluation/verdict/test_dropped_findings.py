@@ -9,7 +9,7 @@ from verdict_scenes import RATE_HZ, N, scene
 from workbench.evaluation.verdict import dropped_findings
 from workbench.evaluation.verdict.dropped_findings import step_gains
 
-KIND = "missing frames or jumps"
+KIND = "dropped frames"
 RNG = np.random.default_rng(4)
 
 
