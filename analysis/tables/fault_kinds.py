@@ -291,7 +291,7 @@ FAULTS: Mapping[str, Fault] = {
     "50 % outliers": Fault("50 % of the keypoints are anywhere", outliers(0.5), survives=True),
     "noise of 5 %": Fault("the keypoints have noise of 5 % of the height", noise(0.05)),
     "noise of 15 %": Fault("the keypoints have noise of 15 % of the height", noise(0.15)),
-    "gap": Fault("nobody is detected for a second", keypoints(gap)),
+    "gap": Fault("no person is detected for a second", keypoints(gap)),
     "legs only": Fault("only legs are detected", keypoints(legs_only)),
     "low confidence": Fault("all detections have low confidence", keypoints(low_confidence)),
     "random points": Fault("the keypoints are random", keypoints(random_points)),

@@ -8,7 +8,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import LIMBS, SIDES
 from workbench.cameras.image_height import height_px
-from workbench.cameras.observed_joints import MIN_WEIGHT
+from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import FloatArray
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding
@@ -23,11 +23,13 @@ _MAX_DISORDER = 0.7
 _MIN_MOTION, _MIN_JOINTS = 0.075, 4
 """Distance between any two frames, in heights, from which on a joint moves: three times that of a detector's joints at
 rest, of σ = 0.015 heights, 1.18 √2 σ in the median. Number of such joints: two limbs."""
+_COMPARED_FRAMES = 60
+"""Evenly spread frames of which every two are compared."""
 _MAX_SPEED, _SPEED_S = 7.0, 0.1
 """Heights per second over this time: a sprinter of 1.95 m at 12.4 m/s moves by 6.4."""
 _MAX_LIMB, _WRONG_LIMB = 2.0, 3.0
 """Height of a person with the longest limb in the image over the height in the image, from head to ankle, in the median
-frame: a person who crouches is half as high, and nobody folds into a third."""
+frame: a person who crouches is half as high, and no person folds into a third."""
 _UPPER = [JOINT_NAMES.index(name) for name in ("head_centre", "left_shoulder", "right_shoulder")]
 _ANKLES = [JOINT_NAMES.index(f"{side}_ankle") for side in SIDES]
 
@@ -59,9 +61,9 @@ def _disorder(joints: FloatArray, times_s: FloatArray) -> float:
     median over the joints that move; 0 for a few of them, or for few frames."""
     if len(joints) < _MIN_FRAMES or np.median(np.diff(times_s)) > _MAX_STEP_S:
         return 0.0
-    rng = np.random.default_rng(0)
-    pairs = [joints - joints[rng.permutation(len(joints))] for _ in range(5)]
-    between_any = nan_median(np.linalg.norm(np.concatenate(pairs), axis=-1).T)
+    some = joints[some_frames(len(joints), _COMPARED_FRAMES)]
+    one, other = np.triu_indices(len(some), 1)
+    between_any = nan_median(np.linalg.norm(some[one] - some[other], axis=-1).T)
     steps = nan_median(np.linalg.norm(np.diff(joints, axis=0), axis=-1).T)
     moving = (between_any > _MIN_MOTION) & np.isfinite(steps)
     return float(np.median(steps[moving] / between_any[moving])) if moving.sum() >= _MIN_JOINTS else 0.0

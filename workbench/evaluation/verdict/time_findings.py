@@ -39,7 +39,7 @@ def tracked_frames(measured: RunMeasurements, input_counts: Mapping[str, int], s
     text = f"tracked in {tracked} of {n} frames of the video"
     if tracked == n:
         return text
-    return f"{text} (somebody is detected in {n - empty}, the person in {seen}; {len(measured.frames)} are used)"
+    return f"{text} (a person is detected in {n - empty}, this person in {seen}; {len(measured.frames)} are used)"
 
 
 def lost_person(measured: RunMeasurements, input_counts: Mapping[str, int], states: Sequence[str]) -> Finding | None:
