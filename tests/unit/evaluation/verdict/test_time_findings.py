@@ -35,7 +35,7 @@ def test_frames_in_which_the_person_is_lost_lower_the_verdict(unseen, lost, leve
     assert verdict.level == level
     text = f"tracked in {100 - unseen} of 100 frames of the video"
     if unseen:
-        text += f" (somebody is detected in {100 - unseen // 2}, the person in {100 - unseen}; 60 are used)"
+        text += f" (a person is detected in {100 - unseen // 2}, this person in {100 - unseen}; 60 are used)"
     assert verdict.message.endswith(text)
     assert (f"the person is lost in {lost} of the {100 - unseen + lost} frames" in verdict.message) == (lost > 20)
 
