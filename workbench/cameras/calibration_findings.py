@@ -140,20 +140,23 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
 
 
 def _upright(joints: FloatArray) -> Finding:
-    """Compare the mean direction from ankles to shoulders, of joints (F, J, 3), m, with z."""
-    bodies = _middle(joints, "shoulder") - _middle(joints, "ankle")
-    bodies = bodies[np.isfinite(bodies).all(axis=1)]
-    if not len(bodies):
-        text = "ankles and shoulders are never triangulated together: the vertical is unknown"
+    """Compare the mean directions from ankles and hips to shoulders, of joints (F, J, 3), m, with z."""
+    ends = [_middle(joints, name) for name in ("shoulder", "ankle", "hip")]
+    ends = [each[np.isfinite(ends).all(axis=(0, 2))] for each in ends]
+    if not len(ends[0]):
+        text = "ankles, hips and shoulders are never triangulated together: the vertical is unknown"
         return Finding("vertical", text, NOTE)
-    return upright(bodies.mean(axis=0), f"in the mean of {len(bodies)} frames")
+    body, trunk = ((ends[0] - each).mean(axis=0) for each in ends[1:])
+    return upright(body, trunk, f"in the mean of {len(ends[0])} frames")
 
 
-def upright(axis: FloatArray, where: str) -> Finding:
-    """Compare a person's long axis (3,), from the feet to the head, with z; where: of which observations.
+def upright(body: FloatArray, trunk: FloatArray, where: str) -> Finding:
+    """Compare a person's axes (3,), from the feet and from the hips upwards, with z; where: of which observations.
 
+    A person who sits has an upright trunk, and one who bends has feet below the head: the less inclined axis counts.
     People lie, so that an axis at right angles to z is doubtful; upside down it is not usable.
     """
+    axis = max(body, trunk, key=lambda each: float(each[2] / np.linalg.norm(each)))
     lean = float(np.degrees(np.arccos(np.clip(axis[2] / np.linalg.norm(axis), -1.0, 1.0))))
     text = f"the person leans by {lean:.0f}° from the z axis, {where}"
     if lean < _LYING_DEG:

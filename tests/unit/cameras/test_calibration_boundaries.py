@@ -78,9 +78,15 @@ def test_a_person_is_03_to_100_metres_away(metres, problem):
 )
 def test_a_person_leans_by_20_degrees_and_is_upside_down_from_120_degrees_on(degrees, expected):
     axis = np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
-    finding = upright(axis, "")
+    finding = upright(axis, axis, "")
     assert finding.level == expected
     assert ("lies" in finding.message) == (60.0 < degrees < 120.0)
+
+
+def test_the_less_inclined_of_body_and_trunk_counts():
+    up, ahead = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0])
+    assert upright(ahead, up, "").level == upright(up, ahead, "").level == TRUSTWORTHY  # sits, bends
+    assert upright(ahead, ahead, "").level == DOUBTFUL
 
 
 @pytest.mark.parametrize(

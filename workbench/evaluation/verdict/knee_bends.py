@@ -6,9 +6,9 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import SIDES
 from workbench.utils.arrays import FloatArray
 
-_MIN_BEND = 0.05
-"""Distance of a knee from the line from hip to ankle, over its length, from which on the leg is bent: some 12
-degrees."""
+_MIN_BEND = 0.1
+"""Distance of a knee from the line from hip to ankle, over its length, from which on the leg is bent: 23 degrees, and
+2.5 standard deviations of the definition of a detector's knee, 33 mm (Needham et al. 2021)."""
 
 
 def bends(joints: FloatArray) -> FloatArray:

@@ -104,9 +104,9 @@ def _place(measured: RunMeasurements) -> Iterator[Finding]:
         yield from (distance(camera, places[:, 0]) for camera in measured.observed.cameras)
     ankles = places[:, [JOINT_NAMES.index("left_ankle"), JOINT_NAMES.index("right_ankle")]]
     standing = np.take_along_axis(ankles, ankles[:, :, 2:].argmin(axis=1)[:, None], axis=1)[:, 0]
-    axis = _joint(places, "neck") - standing
-    if has_values(axis):
-        yield upright(np.nanmean(axis, axis=0), "in the mean of the estimate")
+    body, trunk = (_joint(places, "neck") - each for each in (standing, places[:, 0]))
+    if has_values(body + trunk):
+        yield upright(np.nanmean(body, axis=0), np.nanmean(trunk, axis=0), "in the mean of the estimate")
 
 
 def _joint(places: FloatArray, name: str) -> FloatArray:

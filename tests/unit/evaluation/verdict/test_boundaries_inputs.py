@@ -81,8 +81,8 @@ def test_half_of_ten_bent_legs_bend_forwards(n_bent, n_exchanged, expected):
     assert level(bent_legs(n_bent, n_exchanged), "left–right swap") == expected
 
 
-@pytest.mark.parametrize(("offset", "is_bent"), [(0.049, False), (0.051, True)])
-def test_a_leg_is_bent_from_005_of_its_length_on(offset, is_bent):
+@pytest.mark.parametrize(("offset", "is_bent"), [(0.099, False), (0.101, True)])
+def test_a_leg_is_bent_from_a_tenth_of_its_length_on(offset, is_bent):
     person = joints(BODY.skeleton, np.zeros((1, 25)))
     for side in SIDES:
         hip, knee, ankle = (JOINT_NAMES.index(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
