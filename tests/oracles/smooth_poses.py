@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from workbench.body.centre_of_mass import centre_of_mass
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.losses import BALANCE_LOSS, FOOT_DRIFT_LOSS, GROUND_LOSS
 from workbench.core.residual import no_residuals, robust
-from workbench.inference.least_squares.solver.residuals import centre_of_mass, nominal_pose_prior
+from workbench.inference.least_squares.solver.residuals import nominal_pose_prior
 
 
 def expansion(problem, residuals, poses):
@@ -132,7 +133,7 @@ def gaussian_residual(mean, precision):
 def balance_residual(skeleton):
     """Return the residual of the centre of mass from its nominal position, 43 mm ahead of the line between the ankles,
     over 50 mm."""
-    masses, left, right = centre_of_mass(skeleton), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
+    masses, left, right = centre_of_mass(skeleton.names), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
 
     def residual(pose):
         positions = forward(skeleton, pose[None]).positions[0, :, :2]

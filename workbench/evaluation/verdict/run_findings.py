@@ -12,6 +12,7 @@ from workbench.evaluation.verdict.joint_states import JointStates
 from workbench.evaluation.verdict.keypoint_findings import keypoint_findings
 from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.support_findings import support_findings
 from workbench.evaluation.verdict.time_findings import time_findings
 from workbench.evaluation.verdict.uncertainty_findings import uncertainty_findings
 from workbench.evaluation.verdict.video_findings import video_findings
@@ -56,4 +57,5 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from joint_findings(measured, joints)
         yield from motion_findings(measured)
+        yield from support_findings(measured)
     yield from uncertainty_findings(measured)

@@ -5,10 +5,10 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
 from tests.oracles.smooth_poses import balance_residual, gaussian_residual, ground_residual, nominal_pose_residual
+from workbench.body.centre_of_mass import centre_of_mass
 from workbench.body.kinematics import joints
 from workbench.core.pose_prior import PosePrior
 from workbench.inference.least_squares.motion.smooth_fit import pose_prior_gaussians
-from workbench.inference.least_squares.solver.residuals import centre_of_mass
 from workbench.inference.least_squares.video.limb_flips import FLIP_SIGMA_M, LIMBS, flip_intervals, flipped
 
 SKELETON = BODY.skeleton
@@ -72,12 +72,12 @@ def test_balance_is_the_offset_of_the_centre_of_mass_forward_and_to_the_left():
     leaning = posed(root_pitch=0.3)
     positions = joints(SKELETON, leaning[None])[0]
     ankles = positions[[SKELETON.joint("left_ankle"), SKELETON.joint("right_ankle")]].mean(axis=0)
-    expected = ((centre_of_mass(SKELETON) @ positions - ankles)[0] - 0.043) / 0.05
+    expected = ((centre_of_mass(SKELETON.names) @ positions - ankles)[0] - 0.043) / 0.05
     assert balance_residual(SKELETON)(leaning)[0] == pytest.approx([expected, 0.0], abs=1e-9)
 
 
 def test_the_centre_of_mass_of_a_standing_person_is_at_the_published_height():
-    weights = centre_of_mass(SKELETON)
+    weights = centre_of_mass(SKELETON.names)
     assert weights.sum() == pytest.approx(1.0)
     height = (weights @ joints(SKELETON, STANDING[None])[0])[2] - 0.95 + 0.53 * 1.75  # the hips are at 0.53 H
     # Winter (2009): 0.55 to 0.57 H. The neck is 0.03 H above the shoulders, which raises half of the body's mass.

@@ -10,11 +10,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES, Skeleton
+from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints
 from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
 from workbench.inference.least_squares.solver.single_frame import GaussianPrior
-from workbench.utils.arrays import FloatArray
 
 UPRIGHT = slice(4, 6)
 """Columns of pitch and roll in a pose."""
@@ -37,15 +36,6 @@ BALANCE_M, BALANCE_SIGMA_M = (0.043, 0.0), 0.05
 0.040 m; no activity's mean differs by more than 0.05 m."""
 GROUND_SIGMA_M = 0.03
 """Standard deviation of the height of the lower ankle; 0.02 m in walking, 0.03 m in running."""
-
-_LIMBS = (
-    ("shoulder", "elbow", 0.028, 0.436),
-    ("elbow", "wrist", 0.022, 0.682),
-    ("hip", "knee", 0.100, 0.433),
-    ("knee", "ankle", 0.061, 0.606),
-)
-"""Proximal and distal joint, mass fraction and centre of mass as a fraction of the length, hands and feet included
-(Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed. 2009, table 4.1)."""
 
 
 def views_residual(
@@ -75,15 +65,3 @@ def nominal_pose_prior(skeleton: Skeleton) -> GaussianPrior:
     mean, deviation = np.array([NOMINAL_RAD.get(name, DEFAULT_NOMINAL_RAD) for name in sides]).T
     mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
     return GaussianPrior.independent(mean, deviation)
-
-
-def centre_of_mass(skeleton: Skeleton) -> FloatArray:
-    """Return the weights (J,) of the joints in the centre of mass, see _LIMBS. The trunk's mass is midway between
-    pelvis and neck, slightly too high."""
-    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "neck": 0.2485, "head_centre": 0.081}
-    for side in ("left", "right"):
-        for near, far, mass, along in _LIMBS:
-            weights[f"{side}_{near}"] += mass * (1.0 - along)
-            weights[f"{side}_{far}"] += mass * along
-    total = sum(weights.values())
-    return np.array([weights.get(name, 0.0) / total for name in skeleton.names])

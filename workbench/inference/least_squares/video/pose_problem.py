@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from workbench.body.centre_of_mass import centre_of_mass
 from workbench.body.kinematics import descendants, joint_jacobian, joints, length_jacobian
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.core.losses import LOSSES, SQUARED, Loss
@@ -22,7 +23,6 @@ from workbench.inference.least_squares.solver.residuals import (
     BALANCE_M,
     BALANCE_SIGMA_M,
     GROUND_SIGMA_M,
-    centre_of_mass,
     nominal_pose_prior,
 )
 from workbench.inference.least_squares.solver.single_frame import inlier_fractions
@@ -344,7 +344,7 @@ class PoseProblem:
             return NO_STANCE
         height = np.nan if self.ground_m is None else self.ground_m
         return (
-            centre_of_mass(self.skeleton), np.array([self.skeleton.joint(name) for name in ANKLES]),
+            centre_of_mass(self.skeleton.names), np.array([self.skeleton.joint(name) for name in ANKLES]),
             np.array([*BALANCE_M, 1.0 / BALANCE_SIGMA_M]), np.array([height, 1.0 / GROUND_SIGMA_M]),
         )  # fmt: skip
 
