@@ -8,7 +8,7 @@ import numpy as np
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import limb_lengths, usual_height
-from workbench.body.units import TYPICAL_M, UNIT_NAMES, unit_of_person
+from workbench.body.units import TYPICAL_M, UNIT_NAMES, is_person, unit_of_person
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_agreement import camera_findings
 from workbench.cameras.image_height import height_px
@@ -46,8 +46,13 @@ _FLOOR_M, _FLOOR_RELATIVE = 0.15, 0.1
 person's height, which scales one camera's distances."""
 _MAX_CLEARANCE = 0.1
 """Height of a walk's swinging ankle above the standing one, over the person's height."""
+_MIN_HIPS = 0.41
+"""Least height of an upright person's hips above the ankles, over the height: 0.49 by average proportions, 0.45 by a
+detector's hips, and 0.30 of a person in a chair whose head is taken for that of an upright one."""
 _MIN_WALK_M = 1.0
 """Distance over which feet determine the slope of the floor."""
+_KILOMETRE = 1000.0
+"""The only longer unit, in which a camera's height is more than zero and less than the precision of any rig."""
 UP = np.array([0.0, 0.0, 1.0])
 _SMALL_M = 0.01
 """Length of a vertical at a distance of 1 m whose image is nearly its tangent."""
@@ -241,6 +246,8 @@ def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
 def unit_of(ratio: float) -> str | None:
     """Return the name of the unit in which a length that is `ratio` times the expected one is given instead of metres,
     or None: the one in which a typical person of that length is of a plausible size."""
+    if is_person(_KILOMETRE * ratio * TYPICAL_M):
+        return "kilometres"
     unit = unit_of_person(ratio * TYPICAL_M, UNIT_NAMES)
     return None if unit is None else UNIT_NAMES[unit]
 
@@ -258,13 +265,19 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
         text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
         return CalibrationCheck((Finding("vertical", f"{camera.name}: {text}", NOTE),), joints)
     places = stand_upright(camera, feet[complete], heads[complete], length_m)
-    for name in ("left_ankle", "right_ankle"):
-        joints[complete, JOINT_NAMES.index(name)] = places
-    joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
     lean = _lean(camera, feet[complete], heads[complete])
     if lean.is_problem:
         return CalibrationCheck((lean,), joints, floor_m)
+    erect = ~(_hip_heights(camera, places, _middle(keypoints[complete], "hip")[:, :2]) < _MIN_HIPS * tall)
+    if not erect.any():
+        text = "the person is never upright, so that the distance and the floor under the feet are unknown"
+        return CalibrationCheck((lean, Finding("distance", f"{camera.name}: {text}", NOTE)), joints)
+    places, complete[complete] = places[erect], erect
+    for name in ("left_ankle", "right_ankle"):
+        joints[complete, JOINT_NAMES.index(name)] = places
+    joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
+    floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
     findings = [
         lean,
@@ -292,7 +305,7 @@ def _camera_height(camera: Camera, floor_m: float) -> Finding:
     calibration's unit."""
     z_m, above_m = float(camera.position[2]), float(camera.position[2]) - floor_m
     if above_m > 0.0 and (unit := unit_of(abs(z_m) / above_m)):
-        text = f"{camera.name}: the camera is {above_m:.2f} m above the feet, and at z = {z_m:.0f}"
+        text = f"{camera.name}: the camera is {above_m:.2f} m above the feet, and at z = {z_m:.4g}"
         return Finding("unit of length", f"{text}: the calibration is in {unit}, expected metres", NOT_USABLE)
     finding = _floor(floor_m, [camera], f"{camera.name}: the camera is at a height of {z_m:.2f} m, and the feet stand")
     return replace(finding, level=DOUBTFUL) if above_m < -0.5 else finding
@@ -307,6 +320,15 @@ def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m:
     a, b = np.split(np.column_stack([flat, np.ones(len(flat))]) @ camera.rotation, 2)
     s = np.linalg.pinv(np.stack([a, -b], axis=-1))[:, 0] @ (-length_m * UP)
     return camera.position + s[:, None] * a
+
+
+def _hip_heights(camera: Camera, places: FloatArray, hips: FloatArray) -> FloatArray:
+    """Return the heights (F,), m, of hips in the image (F, 2), px, above upright people's feet at places (F, 3); NaN at
+    NaN. The vertical line above the feet and the ray of the hips are nearest to each other there."""
+    rays, to_camera = camera.directions(camera.undistorted(hips)), camera.position - places
+    slant = rays @ UP
+    height = to_camera @ UP - slant * (to_camera * rays).sum(axis=1)
+    return np.asarray(height / np.maximum(1.0 - slant**2, 1e-9))
 
 
 def _lean(camera: Camera, feet: FloatArray, heads: FloatArray) -> Finding:

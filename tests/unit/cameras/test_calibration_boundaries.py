@@ -134,6 +134,38 @@ def test_a_person_is_70_to_240_centimetres_tall_in_another_unit(height, is_unit)
         assert is_problem(lower, "unit of length") == units
 
 
+@pytest.mark.parametrize(
+    ("above_mm", "is_unit"), [(0.57, False), (0.59, True), (1.97, True), (1.99, False), (0.0, False)]
+)
+def test_a_height_of_a_camera_in_kilometres_is_no_origin(above_mm, is_unit):
+    """At 1.4 m above the feet of a person of 1.7 m: 0.7 m to 2.4 m times 1.4 / 1.7."""
+    camera = plain_camera(1280, 960, 900.0, (0.0, 0.0, 1e-3 * above_mm), (0.0, 5.0, 1e-3 * above_mm))
+    seen = observed([camera], standing(1e-3 * above_mm - 1.4, [(0.0, 5.0)]))
+    assert is_problem(seen, "unit of length") == is_unit
+
+
+@pytest.mark.parametrize("tilted_m", [1.4, 4.0])
+@pytest.mark.parametrize(("hips", "is_known"), [(0.40, False), (0.42, True)])
+def test_a_person_is_upright_from_hips_at_041_of_the_height_on(hips, is_known, tilted_m):
+    """Above the ankles; others show no floor."""
+    points = standing()
+    for side in SIDES:
+        hip, ankle = (JOINT_NAMES.index(f"{side}_{name}") for name in ("hip", "ankle"))
+        points[:, hip] = points[:, ankle] + [0.0, 0.0, hips * HEIGHT_M]
+    camera = plain_camera(1280, 960, 900.0, (0.0, -5.0, tilted_m), (0.0, 0.0, 1.0))
+    check = check_calibration(observed([camera], points), HEIGHT_M)
+    assert (check.floor_m is not None) == is_known
+    assert check.floor_m is None or check.floor_m == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_floor_is_that_of_the_frames_in_which_the_person_is_upright():
+    sitting = standing(places=[(0.0, 0.0)] * 4)
+    sitting[1:, UPPER, 2] -= 0.4
+    sitting[1:, [JOINT_NAMES.index(f"{side}_hip") for side in SIDES], 2] -= 0.4
+    camera = plain_camera(1280, 960, 900.0, (0.0, -5.0, 1.4), (0.0, 0.0, 1.0))
+    assert check_calibration(observed([camera], sitting), HEIGHT_M).floor_m == pytest.approx(0.0, abs=0.01)
+
+
 @pytest.mark.parametrize("n_cameras", [1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from workbench.utils.finding import DOUBTFUL, NOT_USABLE, Finding, level_of
 
 _MIN_OBSERVED_JOINTS = 0.5
 """Fraction of the 14 joints without the pelvis that must be observed in some frame."""
+_MIN_CONFIDENT = 0.5
+"""Fraction of the detected joints that must have MIN_WEIGHT: the checks ignore the others, and would see few."""
 _MIN_BENT_LEGS = 10
 _EXTENT_RATIO = 1.5
 """Extent of a person's points along another axis over that along z, from which on the person lies: arms and stride are
@@ -43,6 +45,10 @@ def _keypoints(measured: RunMeasurements) -> Iterator[Finding]:
     if joints_seen.sum() < _MIN_OBSERVED_JOINTS * len(joints_seen):
         seen = f"only {joints_seen.sum()} of {len(joints_seen)} joints are observed in any frame"
         yield Finding("too few observations", f"{seen}, the others follow the prior")
+    detected, confident = (np.isfinite(observed.pixels(weight)[..., 0]).sum() for weight in (0.0, MIN_WEIGHT))
+    if confident < _MIN_CONFIDENT * detected:
+        share = f"only {confident / detected:.0%} of the detected joints have a confidence of {MIN_WEIGHT:g} or more"
+        yield Finding("too few observations", f"{share}, and others are not compared with the estimate")
     in_image, has_person = measured.in_image.sum(axis=0), (measured.in_image & observed.shows_person).sum(axis=0)
     for v, name in enumerate(measured.cameras):
         if len(measured.cameras) > 1 and in_image[v] >= WINDOW_FRAMES and has_person[v] < 0.5 * in_image[v]:

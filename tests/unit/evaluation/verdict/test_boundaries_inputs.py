@@ -31,6 +31,14 @@ def test_half_of_14_joints_are_observed(n_joints, expected):
 
 
 @pytest.mark.parametrize(("n_frames", "expected"), [(29, "doubtful"), (30, "")])
+def test_half_of_the_detected_joints_have_a_weight_of_03(n_frames, expected):
+    def change(keypoints):
+        keypoints[:, n_frames:, :, 2] = 0.29
+
+    assert level(with_keypoints(ONE, change), "too few observations") == expected
+
+
+@pytest.mark.parametrize(("n_frames", "expected"), [(29, "doubtful"), (30, "")])
 def test_a_camera_has_keypoints_in_half_of_the_frames_that_show_the_person(n_frames, expected):
     def change(keypoints):
         keypoints[1, n_frames:] = np.nan
