@@ -28,6 +28,9 @@ AXES: Mapping[str, FloatArray] = {
 _DISTANCES = {"m": (0.0, 60.0), "mm": (3000.0, np.inf)}
 """Distances between cameras by their unit: up to a sports field in metres, and in millimetres from what in centimetres
 is more than 30 m."""
+_BEST_RAYS = 0.1
+"""Fraction of the joints, of which the rays meet best, that are right: with every second wrong in each of three
+cameras, one of eight is right in all."""
 _MAX_RAY_DISTANCE = 0.05
 """Largest median distance of the rays to a joint, over the height, of detections of one person."""
 _MAX_ASPECT_CHANGE = 0.01
@@ -113,6 +116,9 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     if not np.isfinite(height):
         return None
     name = unit_of_person(height, _UNITS)
+    if name is None:  # many wrong joints
+        height = triangulated_height(cameras, pixels, _BEST_RAYS)
+        name = unit_of_person(height, _UNITS)
     if name is None:
         raise InputError(
             f"{source}: a person is {height:.3g} units tall, neither m, cm nor mm; set dataset.unit to its metres, "
@@ -123,14 +129,18 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     return UNITS[name]
 
 
-def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray) -> float:
+def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray, best: float = 1.0) -> float:
     """Return the median height, in the cameras' unit, of a person with joints at pixels (V, T, J, 2); NaN where the
-    rays of different cameras do not meet."""
+    rays of different cameras do not meet. best: fraction of the joints used, those whose rays meet best."""
     places = undistorted(cameras, pixels)
     points = triangulate_normalized(cameras, places)
     rays = np.stack([camera.directions(one) for camera, one in zip(cameras, places, strict=True)])
     offsets = points - np.stack([camera.position for camera in cameras])[:, None, None]
     distances = np.linalg.norm(np.cross(offsets, rays), axis=-1)
+    if best < 1.0 and np.isfinite(distances).any():
+        farthest = np.nan_to_num(distances).max(axis=0)
+        points[farthest > np.quantile(farthest[np.isfinite(points[..., 0])], best)] = np.nan
+        distances[:, np.isnan(points[..., 0])] = np.nan
     height = stature({name: points[:, k] for k, name in enumerate(JOINT_NAMES)})
     if height is None or not np.isfinite(distances).any():
         return float("nan")

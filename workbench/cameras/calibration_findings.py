@@ -14,7 +14,7 @@ from workbench.cameras.camera_agreement import camera_findings
 from workbench.cameras.image_height import height_px
 from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints, some_frames
 from workbench.cameras.triangulation import triangulate
-from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, level_of
 
 _MAX_ERROR = 0.035
@@ -260,23 +260,23 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():
         heads, length_m = _middle(keypoints, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
-    complete = np.isfinite(feet + heads).all(axis=1)
-    if not complete.any():
+    rows: IntArray = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
+    if not len(rows):
         text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
         return CalibrationCheck((Finding("vertical", f"{camera.name}: {text}", NOTE),), joints)
-    places = stand_upright(camera, feet[complete], heads[complete], length_m)
+    places = stand_upright(camera, feet[rows], heads[rows], length_m)
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
-    lean = _lean(camera, feet[complete], heads[complete])
+    lean = _lean(camera, feet[rows], heads[rows])
     if lean.is_problem:
         return CalibrationCheck((lean,), joints, floor_m)
-    erect = ~(_hip_heights(camera, places, _middle(keypoints[complete], "hip")[:, :2]) < _MIN_HIPS * tall)
+    erect = ~(_hip_heights(camera, places, _middle(keypoints[rows], "hip")[:, :2]) < _MIN_HIPS * tall)
     if not erect.any():
         text = "the person is never upright, so that the distance and the floor under the feet are unknown"
         return CalibrationCheck((lean, Finding("distance", f"{camera.name}: {text}", NOTE)), joints)
-    places, complete[complete] = places[erect], erect
+    rows, places = rows[erect], places[erect]
     for name in ("left_ankle", "right_ankle"):
-        joints[complete, JOINT_NAMES.index(name)] = places
-    joints[complete, JOINT_NAMES.index("head_centre")] = places + length_m * UP
+        joints[rows, JOINT_NAMES.index(name)] = places
+    joints[rows, JOINT_NAMES.index("head_centre")] = places + length_m * UP
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
     findings = [
@@ -285,7 +285,7 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
         _camera_height(camera, floor_m),
     ]
     if camera.uncertainty is None:  # an estimated camera follows from the same heads and feet
-        findings += _slope(places[_stands(keypoints[complete])])
+        findings += _slope(places[_stands(keypoints[rows])])
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 

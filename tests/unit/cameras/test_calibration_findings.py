@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from observed_walkers import HEIGHT_M, camera_arc, observed_joints, walker_joints
 
+from workbench.cameras.calibration import unit_of_people
 from workbench.cameras.calibration_findings import check_calibration, stand_upright
 from workbench.cameras.camera import plain_camera
 from workbench.cameras.observed_joints import MIN_WEIGHT
@@ -120,3 +121,14 @@ def test_axes_and_keypoints_are_drawn_at_their_projections():
     u, v = np.round(observed.keypoints[0, 0, 9, :2]).astype(int)  # the left hip
     hip_patch = overlay[v - 6 : v + 7, u - 6 : u + 7].reshape(-1, 3).astype(int)
     assert np.abs(hip_patch - LEFT).sum(axis=1).min() < 60  # the circle is antialiased
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+@pytest.mark.parametrize(("factor", "metres"), [(1.0, 1.0), (1000.0, 0.001)])
+def test_a_unit_is_recognized_with_wrong_joints_in_every_camera(share, factor, metres):
+    cameras, rng = camera_arc(), np.random.default_rng(0)
+    pixels = observed_joints(cameras).pixels()
+    wrong = rng.random(pixels.shape[:3]) < share
+    pixels[wrong] = rng.uniform(0.0, [1280.0, 960.0], (wrong.sum(), 2))
+    moved = [replace(camera, translation=factor * camera.translation) for camera in cameras]
+    assert unit_of_people(moved, pixels, "rig.toml") == metres

@@ -53,6 +53,15 @@ def test_three_places_determine_a_path(n_missing, is_isolated):
     assert isolated_joints(joints, FRAMES, RATE_HZ)[0, 7, WRIST] == is_isolated
 
 
+def test_exchanged_labels_of_spread_arms_are_not_removed():
+    joints = np.repeat(walker()[:, :1], N, axis=1)
+    left, right = WRIST, JOINT_NAMES.index("right_wrist")
+    height = height_px(joints[0, 0, :, :2])
+    joints[0, :, left, 0], joints[0, :, right, 0] = 500.0 + 0.5 * height, 500.0 - 0.5 * height
+    joints[0, 7, [left, right]] = joints[0, 7, [right, left]]
+    assert not isolated_joints(joints, FRAMES, RATE_HZ).any()
+
+
 def test_frames_far_apart_are_no_neighbours():
     joints = np.repeat(walker()[:, :1], N, axis=1)
     joints[0, 7, WRIST, 0] += 1000.0

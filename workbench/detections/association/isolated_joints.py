@@ -6,6 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from workbench.cameras.image_height import height_px
+from workbench.detections.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.detections.readers.people import People
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.nan_statistics import nan_median
@@ -17,11 +18,13 @@ _MIN_FRAMES = 3
 _MAX_AWAY = 0.5
 """Distance from the median place over the person's height, that of a knee from the head. A wrist that turns round at
 10 m/s comes back within the window's half from 0.3 heights."""
+_EXCHANGED = exchanged(*ARMS, *LEGS)
 
 
 def isolated_joints(joints: FloatArray, frames: IntArray, rate_hz: float) -> BoolArray:
-    """Return which joints (V, T, J) are further than _MAX_AWAY from their median place over _WINDOW_S, relative to the
-    median of all joints, as a fast body or a camera moves them all.
+    """Return which joints (V, T, J) are further than _MAX_AWAY from their median place over _WINDOW_S, and from that of
+    the other side's joint, whose label they may have, relative to the median of all joints, as a fast body or a camera
+    moves them all.
 
     None is where the window has fewer than _MIN_FRAMES with the joint.
 
@@ -40,9 +43,10 @@ def isolated_joints(joints: FloatArray, frames: IntArray, rate_hz: float) -> Boo
     around = sliding_window_view(every, 2 * reach + 1, axis=1)[:, rows - reach]  # (V, T, J, 2, window)
     known = np.isfinite(around).sum(axis=-1) >= _MIN_FRAMES
     medians = np.where(known, nan_median(around), np.nan)
-    away = joints[..., :2] - medians
-    away -= nan_median(away.swapaxes(-1, -2))[..., None, :]
-    return np.asarray(np.linalg.norm(away, axis=-1) > _MAX_AWAY * np.maximum(height_px(medians)[..., None], 1.0), bool)
+    common = nan_median((joints[..., :2] - medians).swapaxes(-1, -2))[..., None, :]
+    own, other = (joints[..., :2] - each - common for each in (medians, medians[..., _EXCHANGED, :]))
+    limit = _MAX_AWAY * np.maximum(height_px(medians)[..., None], 1.0)
+    return np.asarray((np.linalg.norm(own, axis=-1) > limit) & ~(np.linalg.norm(other, axis=-1) <= limit), bool)
 
 
 def without_isolated(people: People, rate_hz: float) -> People:

@@ -130,12 +130,11 @@ def select_target(
     tracked = tracked_people(people, cameras, rate_hz, within, uneven_s, cuts)
     number = _selected(tracked, person)
     target = tracked.of(number)
+    isolated = isolated_joints(target, tracked.frames, rate_hz)
+    target[isolated] = np.nan
     detected = np.asarray(np.isfinite(target[..., 0]).any(axis=2), bool)  # (V, T)
     views = _views(people, cameras)
     swapped = exchanged_labels(views, target, rate_hz) & detected[..., None]
-    joints = with_corrected_labels(target, swapped)
-    isolated = isolated_joints(joints, tracked.frames, rate_hz)
-    joints[isolated] = np.nan
     counts = _counts(tracked, number, within) | {"swapped_sides": int(swapped.sum())}
     counts |= _counts_of_cuts(tracked, number, within)
     _report_people(tracked, np.asarray(detected.any(axis=0), bool))
@@ -143,7 +142,7 @@ def select_target(
     _report_joints(people, target, swapped)
     if isolated.any():
         log.info("%d detected joints lie elsewhere than in the frames around them, and are omitted", isolated.sum())
-    return TargetPerson(tracked.frames, joints, counts)
+    return TargetPerson(tracked.frames, with_corrected_labels(target, swapped), counts)
 
 
 def tracked_people(
