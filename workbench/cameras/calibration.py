@@ -113,12 +113,12 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     that meet. Raises InputError where neither m, cm nor mm is plausible.
     """
     height = triangulated_height(cameras, pixels)
-    if not np.isfinite(height):
-        return None
     name = unit_of_person(height, _UNITS)
     if name is None:  # many wrong joints
         height = triangulated_height(cameras, pixels, _BEST_RAYS)
         name = unit_of_person(height, _UNITS)
+    if not np.isfinite(height):
+        return None
     if name is None:
         raise InputError(
             f"{source}: a person is {height:.3g} units tall, neither m, cm nor mm; set dataset.unit to its metres, "
