@@ -4,13 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import find_objects, label
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import LIMBS, SIDES
 from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.finding import Finding
 from workbench.utils.nan_statistics import nan_median
 
@@ -27,47 +28,61 @@ _ENDS = [*LIMBS.values(), ("shoulder", "hip")]
 
 
 def identity_findings(measured: RunMeasurements) -> Iterator[Finding]:
-    """Yield a sudden change of the person's size, in space with several cameras, else in the image."""
-    observed, times_s = measured.observed, measured.times_s
-    if not measured.has_keypoints or len(times_s) < 2 or (np.diff(times_s) <= 0.0).any():
-        return
-    if len(observed.cameras) > 1:
-        rows = some_frames(len(times_s), _SERIES_FRAMES)
-        joints = triangulate(observed.cameras, observed.pixels(MIN_WEIGHT)[:, rows])
-        change, t = _change_of_size(joints, times_s[rows], _WINDOW_3D_S)
-        numbers, limit = measured.frames[rows], _MAX_IN_SPACE
-    else:
-        (joints,) = observed.pixels(MIN_WEIGHT)
-        change, t = _change_of_size(joints, times_s, _WINDOW_S)
-        numbers, limit = measured.frames, _MAX_IN_IMAGE + _MAX_RATE * _window_s(times_s, _WINDOW_S)
-    if abs(change) > limit:
+    """Yield the most sudden change of the person's size, in space with several cameras, else in the image."""
+    changes = _changes(measured)
+    if changes:
+        change, t = max(changes, key=lambda each: abs(each[0]))
         how = f"{abs(np.expm1(change)):.0%} {'larger' if change > 0.0 else 'smaller'}"
-        text = f"the person is {how} from frame {numbers[t]} on: another person replaces the first one"
+        text = f"the person is {how} from frame {measured.frames[t]} on: another person replaces the first one"
         yield Finding("change of person", text)
 
 
-def _change_of_size(joints: FloatArray, times_s: FloatArray, window_s: float) -> tuple[float, int]:
-    """Return the largest change of the logarithm of the limbs' lengths, of joints (F, J, 2 or 3), between a window
-    before and one after a frame, the median over limbs, and that frame; 0 for short clips."""
-    n = _window(times_s, window_s)
+def another_person(measured: RunMeasurements) -> BoolArray:
+    """Return in which frames (F,) the keypoints are of another person than in the first ones: from a change of the size
+    to the next one in the opposite direction."""
+    another: BoolArray = np.zeros(len(measured.times_s), dtype=bool)
+    signs = 0.0
+    for change, t in _changes(measured):
+        signs = 0.0 if signs * change < 0.0 else change
+        another[t:] = signs != 0.0
+    return another
+
+
+def _changes(measured: RunMeasurements) -> list[tuple[float, int]]:
+    """Return the sudden changes of the logarithm of the person's size, and the rows of the frames from which on they
+    are, in order."""
+    observed, times_s = measured.observed, measured.times_s
+    if not measured.has_keypoints or len(times_s) < 2 or (np.diff(times_s) <= 0.0).any():
+        return []
+    pixels = observed.pixels(MIN_WEIGHT)
+    if len(observed.cameras) > 1:
+        rows = np.arange(len(times_s))[some_frames(len(times_s), _SERIES_FRAMES)]
+        joints = triangulate(observed.cameras, pixels[:, rows])
+        n, limit = _window(times_s[rows], _WINDOW_3D_S), _MAX_IN_SPACE
+    else:
+        rows, joints = np.arange(len(times_s)), pixels[0]
+        n = _window(times_s, _WINDOW_S)
+        limit = _MAX_IN_IMAGE + _MAX_RATE * n * float(np.median(np.diff(times_s)))
+    sizes = _changes_of_size(joints, n)
+    sudden = label(sizes > limit)[0], label(sizes < -limit)[0]
+    peaks = [each.start + int(np.argmax(np.abs(sizes[each]))) for labels in sudden for (each,) in find_objects(labels)]
+    return [(float(sizes[peak]), int(rows[peak + n])) for peak in sorted(peaks)]
+
+
+def _changes_of_size(joints: FloatArray, n: int) -> FloatArray:
+    """Return the changes (F - 2 n + 1,) of the logarithm of the limbs' lengths, of joints (F, J, 2 or 3), between a
+    window of n frames before and one from a frame on, the median over limbs; none for short clips."""
     pairs = [(_index(side, a), _index(side, b)) for a, b in _ENDS for side in SIDES]
     lengths = np.stack([np.linalg.norm(joints[:, a] - joints[:, b], axis=1) for a, b in pairs], axis=1)
     if len(lengths) < 2 * n:
-        return 0.0, 0
+        return np.empty(0)
     windows = nan_median(sliding_window_view(np.log(np.maximum(lengths, 1e-9)), n, axis=0))  # (F - n + 1, limbs)
-    changes = np.nan_to_num(nan_median(windows[n:] - windows[:-n]))
-    t = int(np.argmax(np.abs(changes)))
-    return float(changes[t]), t + n
+    return np.asarray(np.nan_to_num(nan_median(windows[n:] - windows[:-n])))
 
 
 def _window(times_s: FloatArray, window_s: float) -> int:
     """Return the number of frames of a window."""
     return max(_MIN_FRAMES, round(window_s / float(np.median(np.diff(times_s)))))
-
-
-def _window_s(times_s: FloatArray, window_s: float) -> float:
-    """Return the duration of a window of whole frames, s."""
-    return _window(times_s, window_s) * float(np.median(np.diff(times_s)))
 
 
 def _index(side: str, name: str) -> int:

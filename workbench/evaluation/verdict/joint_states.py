@@ -10,12 +10,14 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import SIDES
 from workbench.cameras.observed_joints import MIN_JOINTS, MIN_WEIGHT
 from workbench.evaluation.errors.track_loss import TRACKED_MM, UNCERTAIN_MM
+from workbench.evaluation.verdict.identity_findings import another_person
 from workbench.evaluation.verdict.landmark_agreement import (
     MAX_FACING_DEG,
     MAX_KNEE_DEG,
     facing_deg,
     knee_differences_deg,
 )
+from workbench.evaluation.verdict.repeated_frames import frozen_frames
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.crossings import WINDOW_FRAMES
@@ -87,7 +89,8 @@ def joint_states(measured: RunMeasurements) -> JointStates:
     A joint is far or lost where its distance from the detections (the median over cameras), from the annotations or
     from the true joint exceeds a threshold in most frames of MAX_CONFUSION_S before and after. Otherwise it is
     doubtful where the posterior expects an error of more than UNCERTAIN_MM relative to the root, and where the
-    landmarks contradict the direction of the torso, or the flexion of the knee above it, for LASTING_S.
+    landmarks contradict the direction of the torso, or the flexion of the knee above it, for LASTING_S. All joints are
+    lost where all cameras that show the person are frozen, and where they show another person.
     """
     times_s = measured.times_s
     true, annotated = 1e3 * measured.joint_errors_m / TRACKED_MM, annotation_distances(measured) / DOUBTFUL_DISTANCE
@@ -103,6 +106,8 @@ def joint_states(measured: RunMeasurements) -> JointStates:
             doubtful[:, [JOINT_NAMES.index(f"{name}_{joint}") for joint in ("knee", "ankle")]] |= knees[:, side, None]
     seen = np.isfinite(true) if measured.has_truth else _seen(measured, window)
     far, lost = excess >= 1.0, excess >= LOST_DISTANCE / DOUBTFUL_DISTANCE
+    if not measured.has_truth:
+        lost |= _not_followed(measured)[:, None]
     return JointStates(doubtful, far, lost, seen, np.asarray(np.isfinite(excess).any(axis=1)))
 
 
@@ -169,6 +174,13 @@ def running_median(values: FloatArray, window: int) -> FloatArray:
         if valid.any():
             medians[valid, k] = median_filter(column[valid], min(window, 2 * int(valid.sum()) - 1), mode="nearest")
     return medians
+
+
+def _not_followed(measured: RunMeasurements) -> BoolArray:
+    """Return in which frames (F,) the keypoints are frozen in all cameras, or of another person."""
+    shows_person, frozen = measured.observed.shows_person, frozen_frames(measured)
+    all_frozen = np.any(frozen, axis=1) & ~np.any(shows_person & ~frozen, axis=1)
+    return np.asarray(all_frozen | another_person(measured))
 
 
 def _seen(measured: RunMeasurements, window: int) -> BoolArray:

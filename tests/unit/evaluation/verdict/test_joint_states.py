@@ -189,3 +189,33 @@ def test_the_body_is_lost_with_half_of_14_joints(n_lost, is_lost):
     states = joint_states(measured)
     assert (states.seen.sum(axis=1) == 14).all()
     assert (states.body_lost == is_lost).all()
+
+
+@pytest.mark.parametrize("intact", [ONE, FOUR], ids=["one camera", "four cameras"])
+@pytest.mark.parametrize(("n", "is_lost"), [(6, False), (7, True)])
+def test_a_person_is_lost_in_frozen_frames(intact, n, is_lost):
+    """A quarter of a second are 6.25 frames."""
+    keypoints = intact.keypoints.copy()
+    keypoints[:, 20 : 20 + n] = keypoints[:, 19:20]
+    states = replace(intact, keypoints=keypoints).verdict().states
+    assert (set(states[20 : 20 + n]) == {"lost"}) == is_lost
+    assert set(states[:20]) | set(states[20 + n :]) == {"tracked"}
+
+
+def test_a_person_is_not_lost_where_one_of_four_cameras_is_frozen():
+    keypoints = FOUR.keypoints.copy()
+    keypoints[:1, 20:] = keypoints[:1, 19:20]
+    assert not joint_states(replace(FOUR, keypoints=keypoints).measurements()).body_lost.any()
+
+
+@pytest.mark.parametrize(("last", "later"), [(N, "lost"), (45, "tracked")])
+def test_a_person_is_lost_while_another_one_is_followed(last, later):
+    measured = ONE.measurements()
+    keypoints = ONE.keypoints.copy()
+    feet = keypoints[:, 25:last, [11, 14], :2].mean(axis=2, keepdims=True)
+    keypoints[:, 25:last, :, :2] = feet + 0.6 * (keypoints[:, 25:last, :, :2] - feet)
+    distances = measured.keypoint_distances_px
+    measured = replace(replace(ONE, keypoints=keypoints).measurements(), keypoint_distances_px=distances)
+    lost = joint_states(measured).body_lost
+    assert (lost[:20].any(), lost[30:40].all()) == (False, True)
+    assert lost[last + 5 :].any() == (later == "lost" and last + 5 < N)
