@@ -41,6 +41,18 @@ def mixed(one, other, share):
     return share * one + np.sqrt(1.0 - share**2) * other
 
 
+def details(scene):
+    """Return a scene without its means over 9 × 9 blocks, whose blocks are the pixels of its thumbnail."""
+    thumbnail = scene[::5, ::5]
+    return thumbnail - cv2.blur(thumbnail, (9, 9))
+
+
+def unrelated(scene, other):
+    """Return the other scene without what correlates with the details of the first one."""
+    of_scene = details(scene)
+    return other - (of_scene * details(other)).sum() / np.square(of_scene).sum() * scene
+
+
 A, B, C = (texture(seed) for seed in range(3))
 
 
@@ -50,12 +62,12 @@ def test_every_part_of_an_edited_film_is_found():
     assert changes([]).cuts(RATE_HZ).tolist() == []
 
 
-@pytest.mark.parametrize(("share", "is_cut"), [(0.2, True), (0.4, False)])
+@pytest.mark.parametrize(("share", "is_cut"), [(0.27, True), (0.33, False)])
 def test_images_after_a_cut_correlate_with_those_before_by_less_than_0_3(share, is_cut):
-    assert cuts([A] * N + [mixed(A, B, share)] * N) == ([N] if is_cut else [])
+    assert cuts([A] * N + [mixed(A, unrelated(A, B), share)] * N) == ([N] if is_cut else [])
 
 
-@pytest.mark.parametrize(("share", "is_cut"), [(0.4, False), (0.65, True)])
+@pytest.mark.parametrize(("share", "is_cut"), [(0.47, False), (0.53, True)])
 def test_most_neighbours_of_a_cut_correlate_by_more_than_0_5(share, is_cut):
     scenes = [A]
     for k in range(1, 2 * N):
@@ -70,7 +82,7 @@ def test_what_lasts_for_less_than_half_a_second_or_three_images_is_no_part(n, ra
     assert cuts([A] * N + [B] * n + [A] * N, rate_hz) == ([N, N + n] if is_cut else [])
 
 
-@pytest.mark.parametrize(("contrast", "is_cut"), [(0.8, False), (3.0, True)])
+@pytest.mark.parametrize(("contrast", "is_cut"), [(0.9, False), (1.1, True)])
 def test_uniform_images_are_not_compared(contrast, is_cut):
     assert cuts([A] * N + [B] * N, contrast=contrast) == ([N] if is_cut else [])
 
