@@ -71,11 +71,11 @@ def _changes(measured: RunMeasurements) -> list[tuple[float, int]]:
 
 def _changes_of_size(joints: FloatArray, n: int) -> FloatArray:
     """Return the changes (F - 2 n + 1,) of the logarithm of the limbs' lengths, of joints (F, J, 2 or 3), between a
-    window of n frames before and one from a frame on, the median over limbs; none for short clips."""
+    window of n frames before and one from a frame on, the median over limbs; 0 for short clips."""
     pairs = [(_index(side, a), _index(side, b)) for a, b in _ENDS for side in SIDES]
     lengths = np.stack([np.linalg.norm(joints[:, a] - joints[:, b], axis=1) for a, b in pairs], axis=1)
     if len(lengths) < 2 * n:
-        return np.empty(0)
+        return np.zeros(1)
     windows = nan_median(sliding_window_view(np.log(np.maximum(lengths, 1e-9)), n, axis=0))  # (F - n + 1, limbs)
     return np.asarray(np.nan_to_num(nan_median(windows[n:] - windows[:-n])))
 
