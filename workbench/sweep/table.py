@@ -181,12 +181,14 @@ def watch(folder: Path) -> int:
     plan, start = read_plan(folder), folder / PLAN
     progress = Progress(plan, began_ns=start.stat().st_mtime_ns if start.is_file() else 0)
     alive = True
-    while alive and progress.not_ended():
-        sleep(PERIOD_S)
-        if not folder.is_dir():
-            raise InputError(f"{folder}: the folder was removed")
-        alive = is_locked(folder) or any(is_locked(folder / str(job)) for job in progress.not_ended())
-    progress.stop()
+    try:
+        while alive and progress.not_ended():
+            sleep(PERIOD_S)
+            if not folder.is_dir():
+                raise InputError(f"{folder}: the folder was removed")
+            alive = is_locked(folder) or any(is_locked(folder / str(job)) for job in progress.not_ended())
+    finally:
+        progress.stop()
     missing = progress.not_complete()
     for job, reason in missing.items():
         print(f"{folder / str(job)}: {reason}")

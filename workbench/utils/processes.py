@@ -27,15 +27,13 @@ def run(
         raise TimeoutError(f"{command[0]}: killed after the time limit of {timeout_s:g} s") from None
 
 
-def start(command: Sequence[str], *, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
     """Start a command in the background with a pipe as standard input, and return the process without waiting.
 
-    Its outputs are discarded, and signals of the terminal do not reach it. pass_fds: open files that it inherits.
+    Its outputs are discarded, and signals of the terminal do not reach it.
     """
     null = subprocess.DEVNULL
-    return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=null, stderr=null, start_new_session=True, pass_fds=pass_fds
-    )
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=null, stderr=null, start_new_session=True)
 
 
 def end(process: subprocess.Popen[bytes], timeout_s: float) -> int:

@@ -4,14 +4,13 @@ The operating system releases the lock when the process ends in any way, so no p
 file systems must share locks between machines, as NFS does by default.
 """
 
-import fcntl
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from io import FileIO
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from time import monotonic, sleep
+
+from filelock import FileLock, Timeout
 
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import LOCK
@@ -25,19 +24,19 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
 
     Raises InputError, with the process that holds the lock, or if the folder cannot be locked.
     """
-    with ExitStack() as stack:
-        try:
-            file = stack.enter_context(FileIO(folder / LOCK, "a+"))  # unbuffered: no write is pending on a full disk
-            _acquire(file, wait)
-        except BlockingIOError:
-            holder = (folder / LOCK).read_text() or "another process"
-            raise InputError(f"{folder}: {holder} uses this folder; wait for it or choose another folder") from None
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
-        with suppress(OSError):
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {platform.node()}".encode())
+    lock = FileLock(folder / LOCK, timeout=-1.0 if wait else _RETRY_S, poll_interval=0.1 * _RETRY_S)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"{folder}: {_holder(folder)} uses this folder; wait for it or choose another one") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
+    try:
+        with suppress(OSError):  # a full disk
+            (folder / LOCK).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
         yield
+    finally:
+        lock.release()
 
 
 @contextmanager
@@ -56,18 +55,20 @@ def run_folder(folder: Path) -> Iterator[None]:
 
 def is_locked(folder: Path) -> bool:
     """Return whether a process, this one included, holds the lock of the folder."""
+    if not (folder / LOCK).is_file():  # it would be created
+        return False
     try:
-        with (folder / LOCK).open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError as error:
-        return isinstance(error, BlockingIOError)
-    return False
+        with FileLock(folder / LOCK, timeout=0.0):
+            return False
+    except Timeout:
+        return True
+    except OSError:
+        return False
 
 
-def _acquire(file: FileIO, wait: bool) -> None:
-    end = monotonic() + _RETRY_S
-    while not wait and monotonic() < end:
-        with suppress(BlockingIOError):
-            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        sleep(_RETRY_S / 10)
-    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+def _holder(folder: Path) -> str:
+    """Return the process that holds the lock of a folder; on Windows only the holder can read its file."""
+    try:
+        return (folder / LOCK).read_text(encoding="utf-8") or "another process"
+    except OSError:
+        return "another process"

@@ -1,28 +1,29 @@
-"""Parse untrusted files in a child process with limits on time, memory and output.
+"""Parse untrusted files in a child process with limits on time, memory and output; on Windows on time and memory.
 
 Some damaged files make C libraries crash, loop or exhaust the memory. The child returns NPZ, read without pickle.
 """
 
 import os
-import resource
 import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
+from workbench.utils.process_limits import CAN_LIMIT, limit_process, run_watched
 from workbench.utils.processes import module, run
 
 _CPU_S, _BYTES_PER_S = 5, 5_000_000  # processor time of the child: 5 s, and 1 s for every 5 MB
 MEMORY_BYTES = 4_000_000_000  # of the child, and of its output, plus ten times the size of the files
 _WALL = 20  # wall time over processor time
-_INPUT_ERROR = 3  # exit code of the child after an InputError
+_INPUT_ERROR, _LARGEST_CODE = 3, 255  # exit codes of the child after an InputError, and without a crash on Windows
 
 
 def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, what: str) -> dict[str, AnyArray]:
@@ -35,10 +36,10 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
     command = module(__name__, *call, *map(str, paths))
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         try:
-            code = run(command, stdout=output, stderr=errors, timeout_s=wall_s).returncode
+            code = _exit_code(command, _memory_bytes(size), wall_s, stdout=output, stderr=errors)
         except TimeoutError:
             raise InputError(f"{place}, found a file that takes more than {wall_s} s to read") from None
-        if code < 0:
+        if code < 0 or code > _LARGEST_CODE:
             raise InputError(f"{place}, found damage that crashes the reader or takes too much time or memory")
         if code:
             errors.seek(max(0, errors.seek(0, os.SEEK_END) - 10_000))
@@ -54,14 +55,21 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
             raise InputError(f"{place}, found a file whose reader returned no arrays: {error}") from None
 
 
+def _memory_bytes(size: int) -> int:
+    """Return the limit of the child's memory and output for files of a size, bytes."""
+    return MEMORY_BYTES + 10 * size
+
+
+def _exit_code(command: Sequence[str], memory_bytes: int, wall_s: float, **outputs: Any) -> int:
+    if CAN_LIMIT:  # the child limits itself
+        return run(command, timeout_s=wall_s, **outputs).returncode
+    return run_watched(command, memory_bytes=memory_bytes, timeout_s=wall_s, **outputs)
+
+
 def main(name: str, size: str, *paths: str) -> None:
     """Call package.module:function within the limits for `size` bytes, and write its arrays to standard output."""
-    parse, memory = resolve_name(name), MEMORY_BYTES + 10 * int(size)
-    cpu_s = _CPU_S + int(size) // _BYTES_PER_S + int(time.process_time()) + 1
-    for limit, maximum in {"DATA": memory, "FSIZE": memory, "CPU": cpu_s, "CORE": 0}.items():
-        number = getattr(resource, f"RLIMIT_{limit}")
-        hard = resource.getrlimit(number)[1]
-        resource.setrlimit(number, (hard if 0 <= hard < maximum else maximum,) * 2)
+    parse, cpu_s = resolve_name(name), _CPU_S + int(size) // _BYTES_PER_S + int(time.process_time()) + 1
+    limit_process(_memory_bytes(int(size)), cpu_s)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # output of libraries is no result
         try:

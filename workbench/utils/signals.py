@@ -1,4 +1,4 @@
-"""Interrupt a run by SIGINT, SIGTERM or SIGHUP: they raise `Interrupted` in the main thread.
+"""Interrupt a run by SIGINT, SIGTERM or, where the system has it, SIGHUP: they raise `Interrupted` in the main thread.
 
 Frames since the last flush of the recording may be lost. Blocks that must be completed, such as publishing a recording,
 defer the exception to their end.
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Sent by the user, by a cluster or service manager, and by a closing terminal."""
 
 

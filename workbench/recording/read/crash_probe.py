@@ -1,7 +1,6 @@
 """Test decoding of untrusted recordings in a sandbox, since some damage crashes Rerun's decoder or fills the memory."""
 
 import platform
-import resource
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +9,7 @@ from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, recording_at
 from workbench.utils.arrays import AnyArray
 from workbench.utils.errors import InputError
+from workbench.utils.process_limits import peak_bytes
 from workbench.utils.run_files import read_summary
 from workbench.utils.sandbox import parse_limited
 
@@ -83,7 +83,7 @@ def decode(*paths: Path) -> dict[str, AnyArray]:
     Raises MemoryError where decoding takes far more memory than the size of the files explains: a flipped bit of a
     length makes the decoder reserve gigabytes before it reports the damage.
     """
-    most = _peak_bytes() + _MEMORY_BYTES + 10 * sum(path.stat().st_size for path in paths)
+    most = peak_bytes() + _MEMORY_BYTES + 10 * sum(path.stat().st_size for path in paths)
     for path in paths:
         with suppress(InputError):
             run = read(path)
@@ -93,14 +93,6 @@ def decode(*paths: Path) -> dict[str, AnyArray]:
         with suppress(InputError):
             for chunk in read_chunks(path, EVERYTHING):
                 chunk.to_record_batch()
-    if _peak_bytes() > most:
+    if peak_bytes() > most:
         raise MemoryError("decoding takes far more memory than the file has bytes")
     return {}
-
-
-def _peak_bytes() -> int:
-    """Return the most memory that this process has had so far."""
-    if (status := Path("/proc/self/status")).is_file():  # the other source includes what a parent process had
-        (peak,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return int(peak.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -6,9 +6,9 @@ documented; it was tested with rerun-sdk 0.41.
 
 import errno
 import logging
+import mmap
 import os
 import re
-import resource
 import shutil
 import socket
 import subprocess
@@ -33,6 +33,7 @@ from workbench.recording.write import viewer
 from workbench.recording.write.columns import Columns, Entities
 from workbench.utils.environment import environment
 from workbench.utils.errors import InputError
+from workbench.utils.process_limits import largest_file
 from workbench.utils.processes import end
 from workbench.utils.signals import deferred
 
@@ -190,7 +191,7 @@ class RecordingFile:
             try:
                 return self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             except RuntimeError as error:
-                full = self._free_bytes() < resource.getpagesize()
+                full = self._free_bytes() < mmap.PAGESIZE
                 if full or monotonic() - began > _MAX_WRITE_S:
                     abandon(self.stream)
                     message = "no space is left for it on the disk" if full else f"writing failed, {error}"
@@ -198,9 +199,8 @@ class RecordingFile:
 
     def _free_bytes(self) -> int:
         """Return the number of bytes that the file may grow by."""
-        limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-        free = shutil.disk_usage(self.part.parent).free
-        return free if limit == resource.RLIM_INFINITY else min(free, limit - self.part.stat().st_size)
+        free, limit = shutil.disk_usage(self.part.parent).free, largest_file()
+        return free if limit is None else min(free, limit - self.part.stat().st_size)
 
     def _leave_viewer(self, reason: str) -> None:
         self.is_streaming = False

@@ -5,10 +5,11 @@ prevent the run from ending (rerun-sdk 0.41).
 """
 
 import os
-import select
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event, Thread
+from typing import BinaryIO
 
 import rerun as rr
 
@@ -26,32 +27,47 @@ def start_sender(part: Path, url: str, application: str, recording: str) -> subp
 
     Parameters
     ----------
-    part : the recording's file.
+    part : the recording's file, which is renamed when the run ends.
     url : of the viewer.
     application, recording : Rerun's ids of the recording.
     """
-    with part.open("rb") as file:  # opened here, since it may be renamed before the process starts
-        command = module(__name__, url, application, recording, str(file.fileno()))
-        return start(command, pass_fds=[file.fileno()])
+    return start(module(__name__, url, application, recording, str(part)))
 
 
-def _send(url: str, application: str, recording: str, descriptor: str) -> None:
-    stream = rr.RecordingStream(application, recording_id=recording)
+def _send(url: str, application: str, recording: str, part: str) -> None:
+    stream, closed = rr.RecordingStream(application, recording_id=recording), Event()
     stream.connect_grpc(url)
-    with os.fdopen(int(descriptor), "rb") as file:
+    Thread(target=_wait_for_end, args=(closed,), daemon=True).start()
+    with _opened(Path(part)) as file:
         head, sent, over = file.read(HEAD), HEAD, False
-        while not over:
-            over = bool(select.select([sys.stdin], [], [], _PERIOD_S)[0])
+    while not over:
+        over = closed.wait(_PERIOD_S)
+        with _opened(Path(part)) as file:  # only briefly: Windows renames no open file
             whole = end_of_whole(file, sent)
             file.seek(sent)
-            if whole > sent:
-                stream.log_file_from_contents("run.rrd", head + file.read(whole - sent))
-            sent = whole
-            try:
-                stream.flush(timeout_sec=PATIENCE_S)
-            except RuntimeError:
-                os._exit(1)  # disconnecting would wait for the viewer once more
+            added = file.read(whole - sent)
+        if added:
+            stream.log_file_from_contents("run.rrd", head + added)
+        sent = whole
+        try:
+            stream.flush(timeout_sec=PATIENCE_S)
+        except RuntimeError:
+            os._exit(1)  # disconnecting would wait for the viewer once more
     stream.disconnect()
+
+
+def _wait_for_end(closed: Event) -> None:
+    """Wait until the standard input is closed."""
+    sys.stdin.read()
+    closed.set()
+
+
+def _opened(part: Path) -> BinaryIO:
+    """Open the recording's file, also after it was renamed."""
+    try:
+        return part.open("rb")
+    except FileNotFoundError:
+        return part.with_suffix("").open("rb")
 
 
 if __name__ == "__main__":

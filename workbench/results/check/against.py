@@ -1,6 +1,7 @@
 """Comparison of this code with another commit's on this machine, by running recorded configurations."""
 
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -59,7 +60,7 @@ def _worktree(commit: str, root: Path) -> Iterator[Path]:
         folder = Path(place) / "code"
         git(root, "worktree", "add", "--quiet", "--detach", str(folder), commit)
         try:
-            (folder / "workbench" / "conf").symlink_to("../conf")  # as in an installed package
+            shutil.copytree(folder / "conf", folder / "workbench" / "conf")  # as in an installed package
             yield folder
         finally:
             git(root, "worktree", "remove", "--force", str(folder))
