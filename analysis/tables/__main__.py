@@ -3,6 +3,7 @@
     python -m analysis.tables [NAME…] [--seeds N] [--stored] [--runs FOLDER] [--data DATA] [-o FOLDER]
     python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
     python -m analysis.tables faults [--processes N] [--data DATA]
+    python -m analysis.tables measures [--processes N] --data DATA
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -19,7 +20,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import cameras, faults, videos
+from analysis.tables import cameras, faults, measures, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -27,7 +28,7 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
-VIDEOS, CAMERAS, FAULTS = "videos", "cameras", "faults"
+VIDEOS, CAMERAS, FAULTS, MEASURES = "videos", "cameras", "faults", "measures"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -83,19 +84,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--videos", type=Path, metavar="FOLDER", help="of annotated videos, for the table videos")
     parser.add_argument("--detector", default="full", help="of the table videos: full, heavy or a model (full)")
     parser.add_argument(
-        "--processes", type=int, default=os.cpu_count(), metavar="N", help="of the table faults (cores)"
+        "--processes", type=int, default=os.cpu_count(), metavar="N", help="of the tables faults and measures (cores)"
     )
     options = parser.parse_args(arguments)
     data = None if options.data is None else Path(options.data)
     try:
         source = Source(options.runs, options.data, quick=False)
-        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS])
+        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS, MEASURES])
         tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
         if CAMERAS in names and not options.stored:
             write(options.folder, CAMERAS, cameras.table(options.seeds or cameras.N_SCENES))
         if FAULTS in names and not options.stored:
             write(options.folder, FAULTS, faults.table(data, options.processes))
+        if MEASURES in names and not options.stored:
+            if data is None:
+                failed.append(f"{MEASURES}: needs --data, the folder of recorded data")
+            else:
+                write(
+                    options.folder, MEASURES, measures.table(data, options.processes, options.seeds or measures.N_WALKS)
+                )
         if VIDEOS in names and not options.stored:
             try:
                 text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)

@@ -142,12 +142,12 @@ def table(data: Path | None, n_processes: int) -> str:
     n_processes : that track clips at once.
     """
     every = list(jobs(data))
-    with ProcessPoolExecutor(n_processes, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(n_processes, initializer=one_thread) as pool:
         outcomes = list(tqdm(pool.map(partial(outcome, data=data), every), total=len(every), disable=None))
     return text(outcomes)
 
 
-def _one_thread() -> None:
+def one_thread() -> None:
     """Use one thread, as there is a process for every core."""
     numba.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -183,7 +183,7 @@ def outcome(job: Job, data: Path | None) -> Outcome:
 
 def tracked(clip: Clip, folder: Path, setting: str) -> Tracked:
     """Track the person of a clip as `workbench track` does, from files in an empty folder; InputError likewise."""
-    config = _experiment(setting).copy()
+    config = experiment(setting).copy()
     for key, value in fault_clips.write(clip, folder, setting).items():
         OmegaConf.update(config, key, value, merge=False)
     OmegaConf.resolve(config)
@@ -204,7 +204,7 @@ def tracked(clip: Clip, folder: Path, setting: str) -> Tracked:
 
 
 @cache
-def _experiment(setting: str) -> DictConfig:
+def experiment(setting: str) -> DictConfig:
     """Return the configuration of a setting without its files; composing it takes as long as a fit."""
     return composed(["experiment=video", "paths.data=null", *(["dataset=multi_view"] if setting == SEVERAL else [])])
 
