@@ -181,9 +181,9 @@ def steps(
     log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
     for t, (frame, root) in enumerate(zip(frames, _roots(fit.state_covariance), strict=True)):
-        draws = rng.standard_normal((n_particles, len(fit.space))) @ root.T
+        deviations = rng.standard_normal((n_particles, len(fit.space))) @ root.T
         pose = fit.poses[t]
-        poses = pose + draws @ fit.pose_jacobian[t].T
+        poses = pose + deviations @ fit.pose_jacobian[t].T
         if fit.discrepancy_root is not None:
             poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
@@ -191,7 +191,7 @@ def steps(
         inliers = {"inlier_fraction": float(fit.inliers[t])} if np.isfinite(fit.inliers[t]) else {}
         diagnostics = {**inliers, "iterations": fit.iterations}
         yield Step(
-            frame=frame, space=fit.space, particles=state + draws,
+            frame=frame, space=fit.space, particles=state + deviations,
             poses=poses, log_weights=log_weights, ancestors=ancestors,
             expected_pose=pose, map_pose=pose, ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
