@@ -211,6 +211,27 @@ def test_intervals_cover_the_errors_of_a_simulated_detector():
     assert 0.84 < systematic_rate < 0.97
 
 
+def test_samples_cover_the_displacements_of_joints_over_time():
+    """Constant offsets of joints cancel in the displacements, as they are equal in all frames of a sample."""
+    times, poses = swinging(SKELETON, 40, rate_hz=28.0)
+    rng, rates, ratios = np.random.default_rng(0), [], []
+
+    def displacements(motions):
+        places = joints(SKELETON, motions.reshape(-1, 25)).reshape(*motions.shape[:2], 15, 3)
+        return places[:, 30] - places[:, 10]
+
+    for _ in range(5):
+        fit, n = fit_of(detected(times, poses, rng), systematic_errors=True), 400
+        samples = fit.posterior.draws(n, rng)
+        low, high = np.quantile(displacements(samples), [0.05, 0.95], axis=0)
+        rates.append(((low < (truth := displacements(poses[None])[0])) & (truth < high)).mean())
+        unrelated = samples.copy()
+        unrelated[:, 30] = samples[::-1, 30]  # of other samples
+        ratios.append((displacements(unrelated).std(axis=0) / displacements(samples).std(axis=0)).mean())
+    assert 0.84 < np.mean(rates) < 0.98
+    assert np.mean(ratios) > 1.5
+
+
 def test_the_sensitivity_to_an_estimated_camera_is_that_of_a_refit():
     """Of the root's position; that of angles, which one camera hardly determines, is not linear."""
     problem, minimum, poses = minimum_of(cameras=CAMERAS[:1])
