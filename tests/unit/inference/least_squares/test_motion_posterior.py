@@ -8,12 +8,16 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, streams
 from view_scenes import CAMERAS, frames, swinging
 
+from workbench.core.frame import Frame
 from workbench.core.pose_prior import PosePrior
 from workbench.core.prior import PriorCapabilities
+from workbench.datasets.rendering.visible import surface_points
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
 from workbench.inference.least_squares.solver.motion_posterior import N_DRAWS
 from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.likelihoods.surface_points import SurfacePoints
 
 SKELETON = BODY.skeleton
 TIMES, POSES = swinging(SKELETON, 8)
@@ -106,6 +110,16 @@ def test_samples_follow_from_their_own_stream_and_leave_the_particles_as_they_ar
         assert one.draws.shape == (N_DRAWS, 25)
         assert one.draws.tobytes() == same.draws.tobytes() != changed.draws.tobytes()
         assert one.poses.tobytes() == same.poses.tobytes() == changed.poses.tobytes()
+
+
+def test_a_smooth_fit_of_points_has_samples_of_its_covariances():
+    rng, n = np.random.default_rng(0), 4000
+    sequence = [Frame(t, TIMES[t], (), points=surface_points(BODY, pose, 100, rng)) for t, pose in enumerate(POSES[:3])]
+    points = LeastSquares(BODY, SurfacePoints(BODY), problem=SmoothFit())
+    fit = points.fit_frames(sequence, POSES[0], streams()["start"])[0]
+    deviations = fit.posterior.draws(n, rng).std(axis=0)
+    expected = np.sqrt(np.einsum("tpp->tp", fit.covariance))
+    np.testing.assert_allclose(deviations, expected, rtol=5.0 / np.sqrt(2.0 * n))
 
 
 def test_a_fit_of_single_frames_has_no_samples_of_the_motion():
