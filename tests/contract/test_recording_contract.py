@@ -109,6 +109,7 @@ CONTRACT = [
     *[(f"/metrics/{name}", False, "Scalars:scalars")
       for name in ("error_mm", "error_relative_mm", "ess", "log_evidence", "visible_limbs")],
     ("/estimate/pose", False, "Scalars:scalars"),
+    ("/estimate/draws", False, "Draws:poses"),
     ("/log", False, "TextLog:text"),
     ("/__properties/config", True, "TextDocument:text"),
     *[(f"/__properties/{name}", True, key)
@@ -138,6 +139,25 @@ def test_poses_and_metrics_are_read_bitwise_identical(recorded, run):
     assert poses.tobytes() == np.stack([step.expected_pose for step in run]).tobytes()
     assert result.metric("ess")[1].tolist() == [step.ess for step in run]
     assert result.metric("error_mm")[1].tolist() == [errors(step)["error_mm"] for step in run]
+
+
+def test_samples_of_the_motion_are_read_as_written_in_single_precision(recorded, run):
+    expected = np.stack([step.draws for step in run], axis=1)
+    assert read(recorded).draws.tobytes() == expected.astype(np.float32).astype(np.float64).tobytes()
+
+
+def test_a_run_without_samples_of_the_motion_has_none(run, tmp_path):
+    path = record(tmp_path / "run.rrd", [replace(step, draws=None) for step in run[:3]])
+    assert read(path).draws is None
+    assert not any("Draws:poses" in names for names in components(path).values())
+
+
+def test_samples_of_the_motion_in_some_frames_only_are_rejected(run, tmp_path):
+    path = record(tmp_path / "run.rrd", [run[0], replace(run[1], draws=None)])
+    with pytest.raises(
+        InputError, match=r"run\.rrd: expected samples of 25 numbers in 2 frames .*found 125 .*1 frames"
+    ):
+        _ = read(path).draws
 
 
 def test_properties_are_read_as_written(recorded):

@@ -54,4 +54,4 @@ def errors_mm(poses, truth):
 
 
 def streams():
-    return {name: np.random.default_rng(k) for k, name in enumerate(("start", "prior"))}
+    return {name: np.random.default_rng(k) for k, name in enumerate(("start", "prior", "draws"))}

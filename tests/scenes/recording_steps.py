@@ -26,6 +26,7 @@ SPACE = StateSpace.of(
 SCALE = np.array([1.0, 0.7, 0.5, 0.35, 0.25])
 CAMERA = plain_camera(640, 480, 700.0, (1.2, -5.0, 1.2), (1.2, 0.0, 0.95))
 _RATE_HZ = 30.0
+N_DRAWS = 5
 
 
 def walk(body: Body, time_s: float) -> FloatArray:
@@ -98,6 +99,7 @@ def _step(frame: Frame, truth: FloatArray, coefficients: FloatArray, n: int, rng
         ess=float(1.0 / (weights**2).sum()),
         log_evidence=-3.0 * (frame.index - 9.0),
         diagnostics={"visible_limbs": 10.0},
+        draws=poses[:N_DRAWS],
         warnings=("limb left_hand left the image",) if frame.index == 12 else (),
     )
 

@@ -28,7 +28,8 @@ class Step:
     not estimate it. activity: the estimated activity, such as "walk", of inferences that estimate it. attachment: (K,)
     the number of the body part that each of the frame's points belongs to, -1 for none. diagnostics: scalars to plot.
     warnings: messages for the user. evaluations: number of evaluations of the likelihood for this frame, one pose each,
-    or of the residual by least squares. timing_s: seconds by stage.
+    or of the residual by least squares. timing_s: seconds by stage. draws: (S, P), poses; row s of all frames is one
+    sample of the whole motion from the posterior, with the errors' correlation over time, of inferences that know it.
     """
 
     frame: Frame
@@ -47,6 +48,7 @@ class Step:
     warnings: tuple[str, ...] = ()
     evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)
+    draws: FloatArray | None = None
 
     @cached_property
     def spread(self) -> BoolArray:

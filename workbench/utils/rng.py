@@ -6,7 +6,7 @@ import numpy as np
 
 from workbench.utils.errors import InputError
 
-STREAMS = ("start", "resampling", "prior", "study")
+STREAMS = ("start", "resampling", "prior", "study", "draws")
 """Names of the run's random streams."""
 
 

@@ -32,7 +32,7 @@ from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
-STREAMS = ("start", "prior", "resampling")
+STREAMS = ("start", "prior", "resampling", "draws")
 
 
 def prior(**capabilities):

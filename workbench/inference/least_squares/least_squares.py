@@ -21,6 +21,7 @@ from workbench.core.step import Step
 from workbench.inference.least_squares.motion.motion_fit import MotionFit
 from workbench.inference.least_squares.motion.smooth_fit import SmoothFit
 from workbench.inference.least_squares.motion.task import Fit, Problem, Task
+from workbench.inference.least_squares.solver.motion_posterior import N_DRAWS
 from workbench.inference.least_squares.video.systematic_errors import default_length_uncertainty
 from workbench.motion.models.activities import classify
 from workbench.utils.arrays import FloatArray, IntArray
@@ -84,13 +85,15 @@ class LeastSquares:
         """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to search for the
         person.
 
-        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame
-        without observations is interpolated by the smoothness, or keeps the previous pose frame by frame, with a
-        warning. Raises InputError without observations.
+        rng_streams: generators named "start", which thins points, "prior", which draws the particles, and "draws",
+        which draws the motions of a fit of smooth poses. A frame without observations is interpolated by the
+        smoothness, or keeps the previous pose frame by frame, with a warning. Raises InputError without observations.
         """
         frames = list(frames)
         fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
-        samples = steps(fit, frames, self.n_particles, rng_streams["prior"])
+        draws = None if fit.posterior is None else fit.posterior.draws(N_DRAWS, rng_streams["draws"])
+        fit = replace(fit, posterior=None)  # large
+        samples = steps(fit, frames, self.n_particles, rng_streams["prior"], draws)
         for step, observed, messages in zip(samples, observations, warnings, strict=True):
             inliers, kinds = step.diagnostics.get("inlier_fraction", 0.0), " and ".join(observed_kinds([observed]))
             if kinds and inliers < MIN_INLIER_FRACTION:
@@ -166,19 +169,21 @@ class LeastSquares:
         return body_parts
 
 
-def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
+def steps(
+    fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator, draws: FloatArray | None = None
+) -> Iterator[Step]:
     """Yield one step per frame: particles sampled from the Gaussian posterior of its state, with uniform weights.
 
     Poses are samples of the same numbers mapped by the Jacobian at the fit, plus samples of the model discrepancy, so
     that their distribution is the Gaussian of `Fit.covariance`. The expected pose is the fit. Frames are sampled
-    independently, so that ancestors have no meaning. Phases are reported modulo one cycle.
+    independently, so that ancestors have no meaning. Phases are reported modulo one cycle. draws: (S, T, P), motions.
     """
     log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
     for t, (frame, root) in enumerate(zip(frames, _roots(fit.state_covariance), strict=True)):
-        draws = rng.standard_normal((n_particles, len(fit.space))) @ root.T
+        deviations = rng.standard_normal((n_particles, len(fit.space))) @ root.T
         pose = fit.poses[t]
-        poses = pose + draws @ fit.pose_jacobian[t].T
+        poses = pose + deviations @ fit.pose_jacobian[t].T
         if fit.discrepancy_root is not None:
             poses += rng.standard_normal((n_particles, fit.discrepancy_root.shape[2])) @ fit.discrepancy_root[t].T
         state = fit.states[t].copy()
@@ -186,11 +191,12 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
         inliers = {"inlier_fraction": float(fit.inliers[t])} if np.isfinite(fit.inliers[t]) else {}
         diagnostics = {**inliers, "iterations": fit.iterations}
         yield Step(
-            frame=frame, space=fit.space, particles=state + draws,
+            frame=frame, space=fit.space, particles=state + deviations,
             poses=poses, log_weights=log_weights, ancestors=ancestors,
             expected_pose=pose, map_pose=pose, ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+            draws=None if draws is None else draws[:, t],
         )  # fmt: skip
 
 

@@ -32,6 +32,10 @@ EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
 
 
+SCALARS, DRAWS = "Scalars:scalars", "Draws:poses"
+"""Components of curves and of samples of the motion."""
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """Numbers over frames. frames: (F,), ascending; values: (F, k)."""
@@ -150,13 +154,13 @@ def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
     return static
 
 
-def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
-    """Return the scalars over frames by entity path."""
+def curves(chunks: Iterable[Chunk], component: str = SCALARS) -> dict[str, Curve]:
+    """Return the numbers of a component over frames by entity path."""
     pieces: dict[str, list[tuple[IntArray, FloatArray]]] = {}
     for chunk in chunks:
-        if not chunk.is_static and "Scalars:scalars" in (batch := chunk.to_record_batch()).schema.names:
+        if not chunk.is_static and component in (batch := chunk.to_record_batch()).schema.names:
             frames = np.asarray(batch.column("frame"), dtype=np.int64)
-            values = np.asarray(batch.column("Scalars:scalars").flatten(), dtype=np.float64)
+            values = np.asarray(batch.column(component).flatten(), dtype=np.float64)
             piece = frames, values.reshape(len(frames), -1)
             pieces.setdefault(chunk.entity_path.removeprefix("/"), []).append(piece)
     joined: dict[str, Curve] = {}
@@ -200,7 +204,7 @@ def flat(cell: Any) -> FloatArray:
 
 
 _TIMED = {
-    "poses": ("estimate/pose", "Scalars:scalars"),
+    "poses": ("estimate/pose", SCALARS),
     "joints": ("world/estimate/joints", "Points3D:positions"),
     "true_joints": ("world/truth/joints", "Points3D:positions"),
 }

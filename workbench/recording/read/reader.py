@@ -19,6 +19,8 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_yaml
 from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES
 
+DRAWS = "estimate/draws"
+"""Path of the samples of the motion."""
 _IN_A_FOLDER = (RECORDING, PART)
 _NO_MAPPING = "expected a mapping in plain YAML as the configuration, found something else"
 
@@ -144,6 +146,28 @@ class Run:
         return frames, poses.reshape(len(frames), n)
 
     @cached_property
+    def draws(self) -> FloatArray | None:
+        """Samples of the whole motion from the posterior (S, F, P), in the frames of `poses`; None where none was
+        recorded.
+
+        Each sample has the errors' correlation over time: what the camera does not determine, such as the scale, is
+        equal in all of its frames. Raises InputError as `poses`, and for frames without samples.
+        """
+        frames, poses = self.poses
+        with sound(self.path):
+            curve = curves(read_chunks(self.path, [f"/{DRAWS}"]), chunks.DRAWS).get(DRAWS)
+        if curve is None:
+            return None
+        n_numbers = curve.values.shape[1]
+        if not n_numbers or n_numbers % poses.shape[1] or not np.isin(frames, curve.frames).all():
+            raise InputError(
+                f"{self.path}: expected samples of {poses.shape[1]} numbers in {len(frames)} frames ({DRAWS}), found "
+                f"{n_numbers} numbers in {len(curve.frames)} frames"
+            )
+        rows = curve.values[np.searchsorted(curve.frames, frames)]
+        return np.moveaxis(rows.reshape(len(frames), -1, poses.shape[1]), 1, 0)
+
+    @cached_property
     def joints(self) -> Joints:
         """The joints of the expected poses; F = 0 when none was recorded."""
         return self._joints("joints")
@@ -157,7 +181,8 @@ class Run:
     def scalars(self) -> Mapping[str, Curve]:
         """Every recorded curve by entity path, such as metrics/ess and posterior/parameters/root_x/mean."""
         with sound(self.path):
-            return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
+            contents = ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]
+            return curves(read_chunks(self.path, contents, [chunks.SCALARS]))
 
     @cached_property
     def intervals(self) -> frame_tables.CredibleIntervals:

@@ -33,6 +33,8 @@ class Row:
         return sum(each.nbytes for field in lists for each in field if isinstance(each, np.ndarray))
 
 
+DRAWS = "Draws"
+"""Name of the archetype of `draws`, which has one component, "poses"."""
 _SCALARS = rr.Scalars.descriptor_scalars()
 _STRIPS = {rr.LineStrips2D: rr.components.LineStrip2DBatch, rr.LineStrips3D: rr.components.LineStrip3DBatch}
 Rows: TypeAlias = Iterator[tuple[str, Row]]
@@ -42,6 +44,11 @@ def curves(values: Mapping[str, float | FloatArray]) -> Rows:
     """Yield rows of float64 scalars of one frame's numbers, {entity path: a number or an array (k,)}."""
     for path, value in values.items():
         yield path, Row(rr.Scalars, {"scalars": np.atleast_1d(np.array(value, dtype=np.float64))})
+
+
+def draws(path: str, poses: FloatArray) -> Rows:
+    """Yield the row of one frame's samples of the motion (S, P), as S · P numbers in float32."""
+    yield path, Row(rr.DynamicArchetype, {"poses": poses.astype(np.float32).ravel()})
 
 
 def nanoseconds(time_s: float) -> np.timedelta64:
@@ -109,6 +116,8 @@ def _columns(rows: Sequence[Row]) -> rr.ComponentColumnList:
     if kind in _STRIPS:
         joined["strips"] = _strip_array(_STRIPS[kind], joined["strips"])
     lengths = [len(part) for part in next(iter(fields.values()))]
+    if kind is rr.DynamicArchetype:  # a class of the workbench's own numbers, by name
+        return rr.DynamicArchetype.columns(archetype=DRAWS, components=joined).partition(lengths)
     batches = kind.from_fields(**joined).as_component_batches()
     return rr.ComponentColumnList([batch.partition(lengths) for batch in batches])
 

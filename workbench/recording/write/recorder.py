@@ -158,8 +158,9 @@ class Recorder:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
         pose = columns.curves({"estimate/pose": step.expected_pose})
+        draws = () if step.draws is None else columns.draws("estimate/draws", step.draws)
         self._add_images()
-        self._columns.add(frame.index, time, chain(pose, self._scene(step), self._posterior.histograms(step)))
+        self._columns.add(frame.index, time, chain(pose, draws, self._scene(step), self._posterior.histograms(step)))
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()

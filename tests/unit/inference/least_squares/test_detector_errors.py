@@ -13,15 +13,16 @@ from workbench.core.losses import SQUARED
 from workbench.core.prior import Smoothness
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.solver.motion_posterior import MotionPosterior
 from workbench.inference.least_squares.solver.sparse_solver import minimise
 from workbench.inference.least_squares.video.detector_errors import (
     EXTREMITY_OFFSET_STD_M,
     OFFSET_STD_M,
     camera_sensitivity,
-    detector_covariances,
     noise_scales,
     offset_sensitivity,
     offset_std,
+    with_detector_errors,
 )
 from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
 from workbench.inference.least_squares.video.systematic_errors import (
@@ -125,7 +126,7 @@ def test_one_camera_has_no_displacement():
     assert camera_sensitivity(problem, minimum.quadratic.normal.factor(), poses).shape == (6, 25, 0)
 
 
-def test_the_added_covariance_equals_that_of_dense_matrices():
+def test_the_covariance_with_detector_errors_equals_that_of_dense_matrices():
     problem, minimum, poses = minimum_of(12)
     wave = 20.0 * np.sin(0.3 * np.repeat(np.arange(12), 30)) * (-1.0) ** problem.keypoints.joints
     keypoints = replace(problem.keypoints, pixels=problem.keypoints.pixels + wave[:, None])
@@ -135,16 +136,12 @@ def test_the_added_covariance_equals_that_of_dense_matrices():
     factors, normal = noise_scales(problem, poses), minimum.quadratic.normal
     assert factors.min() > 1.5
     noisy = replace(problem, keypoints=replace(keypoints, whitening=keypoints.whitening / factors))
-    covariance, noisy_covariance = (
-        np.linalg.inv(quadratic.normal.dense()) for quadratic in (minimum.quadratic, noisy.expand(minimum.x))
-    )
-    causes = (offset_sensitivity, camera_sensitivity)
-    errors = np.concatenate([cause(problem, normal.factor(), poses).reshape(300, -1) for cause in causes], axis=1)
-    dense = noisy_covariance - covariance + errors @ errors.T
+    causes, factor = (offset_sensitivity, camera_sensitivity), normal.factor()
+    errors = np.concatenate([cause(problem, factor, poses).reshape(300, -1) for cause in causes], axis=1)
+    dense = np.linalg.inv(noisy.expand(minimum.x).normal.dense()) + errors @ errors.T
     blocks = np.array([dense[25 * t : 25 * t + 25, 25 * t : 25 * t + 25] for t in range(12)])
-    np.testing.assert_allclose(
-        detector_covariances(problem, poses), blocks, rtol=1e-6, atol=1e-9 * np.abs(blocks).max()
-    )
+    posterior = with_detector_errors(MotionPosterior(poses, factor), problem, poses, factor)
+    np.testing.assert_allclose(posterior.covariances, blocks, rtol=1e-6, atol=1e-9 * np.abs(blocks).max())
 
 
 def autoregression(rho, n_frames, n_series, rng):
@@ -212,6 +209,27 @@ def test_intervals_cover_the_errors_of_a_simulated_detector():
     independent_rate, systematic_rate = np.mean(rates, axis=0)
     assert independent_rate < 0.5
     assert 0.84 < systematic_rate < 0.97
+
+
+def test_samples_cover_the_displacements_of_joints_over_time():
+    """Constant offsets of joints cancel in the displacements, as they are equal in all frames of a sample."""
+    times, poses = swinging(SKELETON, 40, rate_hz=28.0)
+    rng, rates, ratios = np.random.default_rng(0), [], []
+
+    def displacements(motions):
+        places = joints(SKELETON, motions.reshape(-1, 25)).reshape(*motions.shape[:2], 15, 3)
+        return places[:, 30] - places[:, 10]
+
+    for _ in range(5):
+        fit, n = fit_of(detected(times, poses, rng), systematic_errors=True), 400
+        samples = fit.posterior.draws(n, rng)
+        low, high = np.quantile(displacements(samples), [0.05, 0.95], axis=0)
+        rates.append(((low < (truth := displacements(poses[None])[0])) & (truth < high)).mean())
+        unrelated = samples.copy()
+        unrelated[:, 30] = samples[::-1, 30]  # of other samples
+        ratios.append((displacements(unrelated).std(axis=0) / displacements(samples).std(axis=0)).mean())
+    assert 0.84 < np.mean(rates) < 0.98
+    assert np.mean(ratios) > 1.3
 
 
 def test_the_sensitivity_to_an_estimated_camera_is_that_of_a_refit():

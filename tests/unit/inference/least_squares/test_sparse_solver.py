@@ -1,5 +1,7 @@
 """The solver of banded matrices with a border against dense linear algebra."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,15 @@ def test_covariances_are_blocks_of_the_dense_inverse(n_band, n_border, width):
     blocks = matrix.factor().covariances(columns)
     for block, indices in zip(blocks, columns, strict=True):
         np.testing.assert_allclose(block, inverse[np.ix_(indices, indices)], rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(("n_band", "n_border", "width"), PATTERNS)
+def test_samples_have_the_covariance_of_the_dense_inverse(n_band, n_border, width):
+    """Samples of unit vectors are the columns of a root of the covariance."""
+    matrix, dense, _ = random_system(n_band, n_border, width, 2)
+    unit_vectors = SimpleNamespace(standard_normal=lambda shape: np.eye(*shape))
+    root = matrix.factor().sample(n_band + n_border, unit_vectors)
+    np.testing.assert_allclose(root @ root.T, np.linalg.inv(dense), rtol=1e-9, atol=1e-15)
 
 
 def test_repeated_entries_are_added_and_the_upper_triangle_is_ignored():

@@ -236,7 +236,9 @@ def test_a_condensed_recording_has_all_numbers_and_no_images(record, tmp_path):
     assert failed(run, condensed, exact=True) == failed(condensed, run, exact=True) == {}
     np.testing.assert_array_equal(condensed.joints.positions, run.joints.positions)
     np.testing.assert_array_equal(condensed.true_joints.positions, run.true_joints.positions)
-    assert components(condensed.path).isdisjoint({"EncodedImage:blob", "Ellipsoids3D:centers", "BarChart:values"})
+    assert components(condensed.path).isdisjoint(
+        {"EncodedImage:blob", "Ellipsoids3D:centers", "BarChart:values", "Draws:poses"}
+    )
     assert components(condensed.path) < components(run.path)
 
 

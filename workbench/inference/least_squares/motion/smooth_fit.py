@@ -21,10 +21,11 @@ from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
 from workbench.inference.least_squares.motion.first_frame import first_pose
 from workbench.inference.least_squares.motion.task import Fit, Task
+from workbench.inference.least_squares.solver.motion_posterior import MotionPosterior, SystematicErrors
 from workbench.inference.least_squares.solver.residuals import nominal_pose_prior
 from workbench.inference.least_squares.solver.single_frame import PoseDecoder, select_spaced
-from workbench.inference.least_squares.solver.sparse_solver import Minimum, minimise
-from workbench.inference.least_squares.video.detector_errors import detector_covariances
+from workbench.inference.least_squares.solver.sparse_solver import Factor, Minimum, minimise
+from workbench.inference.least_squares.video.detector_errors import with_detector_errors
 from workbench.inference.least_squares.video.foot_contact import detect_foot_contacts, median_foot_height
 from workbench.inference.least_squares.video.hypotheses import (
     distinct_poses,
@@ -57,11 +58,20 @@ _MIN_SEARCH_GAIN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class SmoothPoses:
-    """Fitted poses (T, P) with marginal covariances (T, P, P), and the last search."""
+    """The posterior of fitted poses of all frames, and the last search."""
 
-    poses: FloatArray
-    covariances: FloatArray
+    posterior: MotionPosterior
     search: Minimum
+
+    @property
+    def poses(self) -> FloatArray:
+        """Return the fitted poses (T, P)."""
+        return self.posterior.poses
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Return their marginal covariances (T, P, P)."""
+        return self.posterior.covariances
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ class SmoothFit:
             space=decoder.space, poses=poses, covariance=fitted.covariances, states=poses,
             state_covariance=fitted.covariances, pose_jacobian=decoder.jacobian(poses),
             inliers=problem.inliers(poses), iterations=fitted.search.iterations, costs=fitted.search.costs,
-            timing_s={"least_squares": working_s() - clock},
+            timing_s={"least_squares": working_s() - clock}, posterior=fitted.posterior,
         )  # fmt: skip
 
     def _problem(self, task: Task) -> PoseProblem:
@@ -164,7 +174,7 @@ def fit_smooth(
     length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
         None. The covariances of a fit to joints alone include them: limbs that are all 5 % too long place the person
         5 % too far away, however many frames there are.
-    systematic_errors : whether the covariances of a fit to joints alone include `detector_covariances`. Those of an
+    systematic_errors : whether the covariances of a fit to joints alone include `with_detector_errors`. Those of an
         only camera that is estimated are always included, see `estimated_camera_sensitivity`.
 
     Raises
@@ -182,19 +192,20 @@ def fit_smooth(
             log.info("ankle height at foot contact: %.2f m, from the person's size", height)
             problem = replace(problem, ground_m=height)
         minimum = _fit_all(problem, poses, max_iterations)
-    fit = SmoothPoses(_poses(minimum, poses), _covariances(minimum, len(poses)), minimum)
+    fit = SmoothPoses(MotionPosterior(_poses(minimum, poses), _factor(minimum, len(poses))), minimum)
     result = fit if pose_prior is None else _fit_with_pose_prior(problem, fit, pose_prior, max_iterations)
     if problem.residual_functions:
         return result
+    posterior = result.posterior
     if length_uncertainty is not None:
-        errors = problem.bias_sensitivity(minimum.quadratic.normal.factor(), fit.poses, length_uncertainty)
-        result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
+        errors = problem.bias_sensitivity(fit.posterior.noise, fit.poses, length_uncertainty)
+        posterior = posterior.including(SystematicErrors(errors))
     if single_camera is not None and single_camera.uncertainty is not None:
         errors = estimated_camera_sensitivity(problem, fit.poses, _camera_uncertainty(observations))
-        result = replace(result, covariances=result.covariances + errors @ errors.swapaxes(1, 2))
+        posterior = posterior.including(SystematicErrors(errors))
     if systematic_errors:
-        result = replace(result, covariances=result.covariances + detector_covariances(problem, fit.poses))
-    return result
+        posterior = with_detector_errors(posterior, problem, fit.poses, fit.posterior.noise)
+    return replace(result, posterior=posterior)
 
 
 def candidates(problem: PoseProblem, starts: FloatArray, max_iterations: int) -> list[tuple[FloatArray, float]]:
@@ -255,8 +266,9 @@ def _fit_with_pose_prior(
 ) -> SmoothPoses:
     """Return the poses fitted with the pose prior, by EM_ROUNDS iterations of expectation maximisation.
 
-    Deviation: the covariances are those without the pose prior, which would narrow them for dependent neighbouring
-    frames, plus d dᵀ / 2 with the shift d of a pose: the fits without and with the prior are taken as two samples.
+    Deviation: the posterior's noise is that without the pose prior, which would narrow it for dependent neighbouring
+    frames, plus a systematic error of covariance d dᵀ / 2 with the shift d of the poses: the fits without and with the
+    prior are taken as two samples.
     """
     poses, minimum = previous.poses, previous.search
     for _ in range(EM_ROUNDS):
@@ -264,7 +276,8 @@ def _fit_with_pose_prior(
         minimum = _fit_all(replace(problem, pose_prior=gaussians), poses, max_iterations)
         poses = _poses(minimum, poses)
     shifts = poses - previous.poses
-    return SmoothPoses(poses, previous.covariances + 0.5 * shifts[:, :, None] * shifts[:, None, :], minimum)
+    posterior = replace(previous.posterior, poses=poses).including(SystematicErrors(shifts[:, :, None], variance=0.5))
+    return SmoothPoses(posterior, minimum)
 
 
 def pose_prior_gaussians(
@@ -298,12 +311,11 @@ def _poses(minimum: Minimum, like: FloatArray) -> FloatArray:
     return minimum.x.reshape(len(like), -1)
 
 
-def _covariances(minimum: Minimum, n_frames: int) -> FloatArray:
-    """Return the marginal covariances (T, P, P), the inverse of the Gauss–Newton matrix (Laplace approximation)."""
+def _factor(minimum: Minimum, n_frames: int) -> Factor:
+    """Return the Cholesky factor of the Gauss–Newton matrix; InputError if it is singular."""
     try:
-        factor = minimum.quadratic.normal.factor()
+        return minimum.quadratic.normal.factor()
     except np.linalg.LinAlgError:
         raise InputError(
             f"least squares: the observations of {n_frames} frames do not determine the motion; expected more points"
         ) from None
-    return factor.covariances(np.arange(len(minimum.x)).reshape(n_frames, -1))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from scipy.linalg.lapack import dtbtrs
 
 from workbench.utils.arrays import FloatArray, IntArray
 
@@ -102,6 +103,16 @@ class Factor:
         shared = scipy.linalg.cho_solve(
             (self.corner, True), right[n_band:] - self.reduced.T @ right[:n_band], check_finite=False
         )
+        return np.concatenate([x - self.reduced @ shared, shared])
+
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Return n samples (N, n) of N unknowns from the Gaussian of covariance A⁻¹, L⁻ᵀ z with the factor L of A."""
+        n_band, size = self.pattern.n_band, self.pattern.shape[1]
+        white = rng.standard_normal((n, size)).T  # in Fortran order, as LAPACK takes it
+        x: FloatArray = dtbtrs(self.root, white[:n_band], uplo="L", trans="T")[0]
+        if not self.pattern.n_border:
+            return x
+        shared = scipy.linalg.solve_triangular(self.corner, white[n_band:], trans="T", lower=True, check_finite=False)
         return np.concatenate([x - self.reduced @ shared, shared])
 
     def covariances(self, columns: IntArray) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
+from workbench.inference.least_squares.solver.motion_posterior import MotionPosterior, SystematicErrors
 from workbench.inference.least_squares.solver.sparse_solver import Factor
 from workbench.inference.least_squares.video.pose_problem import PoseProblem
 from workbench.inference.least_squares.video.systematic_errors import integrated_autocorrelation
@@ -29,22 +30,26 @@ _ROBUST_STD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
-def detector_covariances(problem: PoseProblem, poses: FloatArray) -> FloatArray:
-    """Return the covariances (T, P, P) that a detector's errors add to those of independent errors, at the minimum
-    `poses` (T, P) of the problem.
+def with_detector_errors(
+    posterior: MotionPosterior, problem: PoseProblem, poses: FloatArray, factor: Factor
+) -> MotionPosterior:
+    """Return a posterior of independent errors of keypoints with a detector's errors instead.
 
-    They are the sum of three parts: the joints' definitions, see `offset_sensitivity`; the cameras' displacements, see
-    `camera_sensitivity`; and the difference of the covariances with and without `noise_scales`, an upper bound, as it
-    takes the noise at all frequencies for as strong as at the lowest.
+    Its noise is that of the standard deviations times `noise_scales`, an upper bound, as it takes the noise at all
+    frequencies for as strong as at the lowest. The joints' definitions, see `offset_sensitivity`, and the cameras'
+    displacements, see `camera_sensitivity`, are systematic errors.
+
+    Parameters
+    ----------
+    posterior : of a fit to the problem.
+    poses : (T, P), the problem's minimum.
+    factor : of its Gauss–Newton matrix there.
     """
-    normal = problem.expand(poses.ravel()).normal
     whitening = problem.keypoints.whitening / noise_scales(problem, poses)
     noisy = replace(problem, keypoints=replace(problem.keypoints, whitening=whitening))
-    columns, factor = np.arange(poses.size).reshape(poses.shape), normal.factor()
-    added = noisy.expand(poses.ravel()).normal.factor().covariances(columns) - factor.covariances(columns)
-    for errors in (offset_sensitivity(problem, factor, poses), camera_sensitivity(problem, factor, poses)):
-        added += errors @ errors.swapaxes(1, 2)
-    return added
+    causes = (offset_sensitivity(problem, factor, poses), camera_sensitivity(problem, factor, poses))
+    noise = noisy.expand(poses.ravel()).normal.factor()
+    return replace(posterior, noise=noise).including(*map(SystematicErrors, causes))
 
 
 def offset_std(skeleton: Skeleton) -> FloatArray:
