@@ -110,9 +110,9 @@ POSE_NAMES = tuple(dof[0] for dof in _PERSON_DOFS)
 """The 25 numbers of a pose, in order: root position, root rotation, 19 joint angles."""
 N_ROOT = 6
 # Dorsiflexion, which lifts the toes, is positive; 0 is a foot at right angles to the calf. Limits: plantarflexion of
-# 56° (Boone & Azen 1979), dorsiflexion of 30°, which weight on a bent leg reaches.
+# 56° (Boone & Azen 1979); dorsiflexion of 34°, which weight on a bent leg reaches in recorded bends and jumps.
 _FOOT_DOFS = tuple(
-    (f"{side}_ankle_flexion", f"{side}_foot", (0.0, -1.0, 0.0), -0.98, 0.52) for side in ("left", "right")
+    (f"{side}_ankle_flexion", f"{side}_foot", (0.0, -1.0, 0.0), -0.98, 0.6) for side in ("left", "right")
 )
 POSE_NAMES_WITH_FEET = (*POSE_NAMES, *(dof[0] for dof in _FOOT_DOFS))
 """The 27 numbers of a pose with feet: POSE_NAMES, and the flexions of the ankles."""
