@@ -15,6 +15,7 @@ from workbench.body.skeleton import (
     Skeleton,
     feet_skeleton,
     person_skeleton,
+    without_feet,
 )
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -95,6 +96,13 @@ class Body:
     shape: Shape
     limbs: Limbs
     limb_length_std: FloatArray | None = None
+
+    @cached_property
+    def without_feet(self) -> "Body":
+        """The person's part of a body with feet, with the limbs of `person`; another body itself."""
+        if not self.skeleton.has_feet:
+            return self
+        return Body(without_feet(self.skeleton), self.shape, _person_limbs(self.shape))
 
     def scaled(self, factor: float) -> "Body":
         """Return the body with every length multiplied by `factor`, which preserves the proportions."""

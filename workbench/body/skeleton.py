@@ -66,6 +66,11 @@ class Skeleton:
         return self.dof_names.index(name)
 
     @property
+    def has_feet(self) -> bool:
+        """Whether this is a person's skeleton with feet, see `feet_skeleton`."""
+        return self.names == JOINT_NAMES_WITH_FEET
+
+    @property
     def bones(self) -> IntArray:
         """(J - 1, 2) pairs of joints (parent, child)."""
         children = np.flatnonzero(self.parents >= 0)
@@ -148,6 +153,17 @@ def feet_skeleton(shape: Shape) -> Skeleton:
     for side in ("left", "right"):
         offsets |= {f"{side}_foot": (0.0, 0.0, 0.0), f"{side}_heel": shape.heel, f"{side}_toes": shape.toes}
     return _skeleton({**_PARENTS, **_FOOT_PARENTS}, (*_PERSON_DOFS, *_FOOT_DOFS), offsets)
+
+
+def without_feet(skeleton: Skeleton) -> Skeleton:
+    """Return the person's part of a skeleton with feet, another skeleton itself."""
+    if not skeleton.has_feet:
+        return skeleton
+    n, p = len(JOINT_NAMES), len(POSE_NAMES)
+    return Skeleton(
+        JOINT_NAMES, skeleton.parents[:n], skeleton.offsets[:n], POSE_NAMES, skeleton.dof_joints[:p],
+        skeleton.dof_axes[:p], skeleton.limits[:p],
+    )  # fmt: skip
 
 
 def _skeleton(
