@@ -37,10 +37,10 @@ def joints_below(path: Path, frames: Sequence[int], min_state: str, names: Seque
     if min_state not in SHOWN:
         raise InputError(f"--min-state: expected {' or '.join(SHOWN)}, found {min_state!r}")
     below = np.zeros((len(frames), len(JOINT_NAMES)), bool)
-    for group, names in JOINT_GROUPS.items():
+    for group, joints in JOINT_GROUPS.items():
         states = lane(path, group, frames)
         if not any(states):
             raise InputError(f"{path}: no states of joints, which --min-state needs; they require keypoints or a truth")
-        below[:, [JOINT_NAMES.index(name) for name in names]] = ~np.isin(states, SHOWN[min_state])[:, None]
+        below[:, [JOINT_NAMES.index(name) for name in joints]] = ~np.isin(states, SHOWN[min_state])[:, None]
     of_feet = [JOINT_NAMES.index(f"{name.partition('_')[0]}_ankle") for name in names[len(JOINT_NAMES) :]]
     return np.concatenate([below, below[:, of_feet]], axis=1)
