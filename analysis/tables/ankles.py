@@ -14,7 +14,7 @@ import scipy
 from tqdm import tqdm
 
 from analysis.tables.cameras import correlated
-from analysis.tables.fault_clips import _DEFINITION
+from analysis.tables.fault_clips import DEFINITION
 from analysis.tables.table import markdown
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person_with_feet
@@ -31,6 +31,7 @@ from workbench.motion.clip import MotionClip
 from workbench.motion.sources import find_motion, motion_file, read_clip
 from workbench.priors.from_motions import linear
 from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
 CLIPS = ("07_01", "08_01", "16_15", "32_01", "35_01", "39_01")
@@ -51,8 +52,11 @@ class _Walk:
     poses: FloatArray
 
 
-def table(data: str) -> str:
-    """Return the table of the errors of ankle angles, in Markdown. data: folder of the recordings."""
+def table(data: str | None) -> str:
+    """Return the table of the errors of ankle angles, in Markdown. data: folder of the recordings; raises InputError
+    without it."""
+    if data is None:
+        raise InputError("needs recorded motion: --data FOLDER")
     walks, rows = [recorded_walk(name, data) for name in CLIPS], []
     for view, azimuth_deg in VIEWS.items():
         scored = [errors_deg(walk, azimuth_deg, seed) for seed, walk in enumerate(tqdm(walks, view, disable=None))]
@@ -111,7 +115,7 @@ def observed(walk: _Walk, azimuth_deg: float, rng: np.random.Generator) -> list[
     place = (_DISTANCE_M * float(np.cos(azimuth)), _DISTANCE_M * float(np.sin(azimuth)), 1.3)
     camera, skeleton = plain_camera(1280, 960, 1000.0, place, (0.0, 0.0, 0.9)), person_with_feet(walk.shape).skeleton
     frames = forward(skeleton, walk.poses)
-    definitions = _DEFINITION * offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
+    definitions = DEFINITION * offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
     turned = frames.rotations[:, skeleton.parents.clip(min=0)]
     pixels = camera.project(frames.positions + (turned @ definitions[:, :, None])[..., 0])
     height_px = float(np.median(np.ptp(pixels[..., 1], axis=1)))
@@ -119,6 +123,4 @@ def observed(walk: _Walk, azimuth_deg: float, rng: np.random.Generator) -> list[
     rows = np.concatenate([pixels, np.full((*pixels.shape[:2], 1), 0.9)], axis=2)
     plain, ends = ([skeleton.joint(name) for name in names] for names in (JOINT_NAMES, FOOT_POINTS))
     image = np.zeros((camera.height, camera.width), np.uint8)
-    return [
-        Frame(t, t / _RATE_HZ, (View(camera, image, row[plain], feet=row[ends]),)) for t, row in enumerate(rows)
-    ]
+    return [Frame(t, t / _RATE_HZ, (View(camera, image, row[plain], feet=row[ends]),)) for t, row in enumerate(rows)]
