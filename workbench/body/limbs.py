@@ -223,7 +223,7 @@ def _neck_and_feet(
     """Return the rows of `Limbs.extended` for the neck and the feet, on a joint of either side, in whose frame the
     ankle is at (3,), m."""
     tall, up = shape.foot_size, np.array([0.0, 0.0, 1.0])
-    heel, toes = ankle + shape.heel, ankle + shape.toes
+    heel, toes = ankle + np.array([1.0, 1.0, 0.5]) * shape.heel, ankle + shape.toes  # the axis is in the heel's middle
     foot = 0.5 * tall * np.array([[ANKLE_HEIGHT, _HEEL_BREADTH], [TOES_HEIGHT, FOOT_BREADTH]])
     nape, chin = -tall * _NECK_BELOW * up, np.array(shape.head) - _CHIN * shape.head_radius * up
     return [

@@ -68,13 +68,13 @@ class Shape:
 
     @property
     def heel(self) -> Triple:
-        """Back end of a foot's axis, m, seen from the ankle: forward, left, up, with the sole at right angles to the
-        calf."""
-        return (-self.foot_size * HEEL_BEHIND, 0.0, -self.foot_size * 0.5 * ANKLE_HEIGHT)
+        """The back of the heel at the sole, where detectors have it, m, seen from the ankle: forward, left, up, with
+        the sole at right angles to the calf."""
+        return (-self.foot_size * HEEL_BEHIND, 0.0, -self.foot_size * ANKLE_HEIGHT)
 
     @property
     def toes(self) -> Triple:
-        """Front end of a foot's axis, m, as `heel`."""
+        """The tip of the toes, half as high as they are, m, as `heel`."""
         return (
             self.foot_size * (FOOT_LENGTH - HEEL_BEHIND), 0.0, self.foot_size * (0.5 * TOES_HEIGHT - ANKLE_HEIGHT)
         )  # fmt: skip
