@@ -4,6 +4,7 @@
     python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
     python -m analysis.tables faults [--processes N] [--data DATA]
     python -m analysis.tables measures [--processes N] --data DATA
+    python -m analysis.tables ankles --data DATA
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -13,14 +14,15 @@ the pages include them, and the text between the markers of README.md is replace
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import cameras, faults, measures, videos
+from analysis.tables import ankles, cameras, faults, measures, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -28,9 +30,22 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
-VIDEOS, CAMERAS, FAULTS, MEASURES = "videos", "cameras", "faults", "measures"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
+
+
+def _data(options: Namespace) -> Path | None:
+    return None if options.data is None else Path(options.data)
+
+
+MEASURED: Mapping[str, Callable[[Namespace], str]] = {
+    "videos": lambda options: videos.table(options.videos, _data(options), options.runs / "videos", options.detector),
+    "cameras": lambda options: cameras.table(options.seeds or cameras.N_SCENES),
+    "faults": lambda options: faults.table(_data(options), options.processes),
+    "measures": lambda options: measures.table(_data(options), options.processes, options.seeds or measures.N_WALKS),
+    "ankles": lambda options: ankles.table(_data(options)),
+}
+"""Tables without recorded runs, by the command's options."""
 
 
 def included() -> set[str]:
@@ -87,29 +102,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--processes", type=int, default=os.cpu_count(), metavar="N", help="of the tables faults and measures (cores)"
     )
     options = parser.parse_args(arguments)
-    data = None if options.data is None else Path(options.data)
     try:
         source = Source(options.runs, options.data, quick=False)
-        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS, MEASURES])
+        names = command.chosen(options.names, [*TABLES, *MEASURED])
         tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
-        if CAMERAS in names and not options.stored:
-            write(options.folder, CAMERAS, cameras.table(options.seeds or cameras.N_SCENES))
-        if FAULTS in names and not options.stored:
-            write(options.folder, FAULTS, faults.table(data, options.processes))
-        if MEASURES in names and not options.stored:
-            if data is None:
-                failed.append(f"{MEASURES}: needs --data, the folder of recorded data")
-            else:
-                write(
-                    options.folder, MEASURES, measures.table(data, options.processes, options.seeds or measures.N_WALKS)
-                )
-        if VIDEOS in names and not options.stored:
+        for name in (each for each in names if each in MEASURED and not options.stored):
             try:
-                text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)
-                write(options.folder, VIDEOS, text)
+                write(options.folder, name, MEASURED[name](options))
             except InputError as error:
-                failed.append(f"{VIDEOS}: {error}")
+                failed.append(f"{name}: {error}")
     except InputError as error:
         print(f"tables: {error}", file=sys.stderr)
         return 2

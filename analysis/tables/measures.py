@@ -62,14 +62,16 @@ class Measured:
     covered: Mapping[str, bool]
 
 
-def table(data: Path, n_processes: int, n: int = N_WALKS) -> str:
-    """Return the table of n walks in each setting, in Markdown.
+def table(data: Path | None, n_processes: int, n: int = N_WALKS) -> str:
+    """Return the table of n walks in each setting, in Markdown; raises InputError without data.
 
     Parameters
     ----------
     data : recorded data, with the CMU database.
     n_processes : that track walks at once.
     """
+    if data is None:
+        raise InputError("needs recorded motion: --data FOLDER")
     lines = [[*_HEADER], ["---"] * len(_HEADER)]
     with ProcessPoolExecutor(n_processes, initializer=one_thread) as pool:
         for setting in SETTINGS:
