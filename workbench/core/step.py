@@ -75,6 +75,7 @@ class Step:
         return replace(
             self, poses=np.ascontiguousarray(self.poses[:, :n]), expected_pose=expected,
             map_pose=expected if is_equal else self.map_pose[:n],
+            draws=None if self.draws is None else self.draws[:, :n],
         )  # fmt: skip
 
     @cached_property
