@@ -148,10 +148,10 @@ def _table(place: str, roles: Mapping[str, Any]) -> dict[str, Any]:
     if {"width", "height"} <= roles.keys():
         table["size"] = _numbers([_word(roles["width"]), _word(roles["height"])])
     table.setdefault("size", None)
-    if np.shape(table["matrix"]) == (4,):
+    if isinstance(table["matrix"], list) and len(table["matrix"]) == 4:
         fx, fy, cx, cy = table["matrix"]
         table["matrix"] = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
-    if not np.size(table.get("distortions", ())):
+    if table.get("distortions", []) == []:
         log.warning("%s has no distortion coefficients; none are assumed", place)
         table["distortions"] = [0.0] * 5
     if {"rotation", "translation"} <= roles.keys():

@@ -199,8 +199,8 @@ def with_opencv_keys(path: Path, node: Any) -> Any:
     names, cameras, poses = node.get("names"), node.get("cameras"), node.get("camera_poses")
     if isinstance(names, list) and any(f"K_{name}" in node for name in names):
         return {str(name): _of_easymocap(node, str(name)) for name in names}
-    rig = {name: each for name, each in node.items() if isinstance(each, dict) and "camera_pose_matrix" in each}
-    if rig:
+    rig = {name: each for name, each in node.items() if isinstance(each, dict) and "camera_matrix" in each}
+    if any("camera_pose_matrix" in camera for camera in rig.values()):
         return _of_mccalib(path, rig)
     if isinstance(cameras, dict) and isinstance(poses, dict):
         return {name: _of_multical(path, name, camera, poses) for name, camera in cameras.items()}
@@ -218,8 +218,11 @@ def _of_mccalib(path: Path, rig: Mapping[str, Mapping[str, Any]]) -> dict[str, A
     """Invert the poses, which lead from the camera to that of the group's first camera."""
     if len(groups := sorted({str(camera.get("camera_group")) for camera in rig.values()})) > 1:
         raise InputError(f"{path}: expected one camera_group, found {', '.join(groups)}, which have no common world")
-    cameras = {}
+    cameras: dict[str, Any] = {}
     for name, camera in rig.items():
+        if "camera_pose_matrix" not in camera:
+            cameras[name] = dict(camera)
+            continue
         # MC-Calib leaves the last row of its matrices zero
         lens = _array(f"{path}: camera [{name}]", _data(camera.get("camera_matrix")), 9).reshape(3, 3)
         pose = np.linalg.inv(_pose_matrix(f"{path}: camera [{name}]", camera["camera_pose_matrix"]))
