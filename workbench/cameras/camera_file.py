@@ -20,6 +20,8 @@ from workbench.utils.input_limits import LARGEST_PX, check_places, parse_toml
 
 _N_COEFFICIENTS = (1, 4, 5, 8, 12, 14)
 """Numbers of coefficients of OpenCV's lens models, and of Anipose's with the first one only."""
+_ROUNDING = 0.01
+"""Largest error of a rotation matrix, whose numbers may be rounded to three places."""
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
@@ -117,6 +119,8 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     check_places(f"{path}: camera [{key}]", translation)
     turn = numbers("rotation", (3,), (3, 3))
     rotation = cv2.Rodrigues(turn)[0].astype(np.float64) if turn.ndim == 1 else turn
+    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROUNDING and np.linalg.det(rotation) > 0.0):
+        raise InputError(f"{path}: camera [{key}]: expected a rotation, found {table['rotation']!r}")
     coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
     distortion = np.zeros(5)
     distortion[: min(5, coefficients.size)] = coefficients[:5]

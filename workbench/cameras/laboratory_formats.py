@@ -30,10 +30,12 @@ _SUBPIXELS = 64.0
 """Qualisys' units of the image in a pixel; the coefficients of the lens have no unit."""
 _VIDEO = re.compile("video|vue", re.IGNORECASE)
 """Kinds of Qualisys' and Vicon's cameras that record images; the others see markers only."""
-_MAX_CORRECTION = 2.0
-"""Largest factor, and inverse of the smallest one, by which a lens moves a point of the image from its centre. At more
-than 3, a polynomial that removes distortion is no longer monotonic."""
+_MAX_CORRECTION = 1.5
+"""Largest factor, and inverse of the smallest one, by which a lens moves a point of the image from its centre: below
+2/3, a polynomial of one term maps two distances to one."""
 _GRID = 41
+_ROUNDING = 0.01
+"""Largest error of a rotation in a file, whose numbers may be rounded to three places."""
 
 
 def laboratory_tables(path: Path, text: str) -> Tables | None:
@@ -125,10 +127,10 @@ def _vicon(path: Path, elements: list[Element]) -> Tables:
             _numbers(place, element, "PIXEL_ASPECT_RATIO", 1),
         )
         quaternion = _numbers(place, frame, "ORIENTATION", 4)
-        if not (aspect > 0.0 and any(quaternion) and (size >= 1.0).all() and (size <= LARGEST_PX).all()):
-            raise InputError(
-                f"{place}: expected a positive PIXEL_ASPECT_RATIO and SENSOR_SIZE, an ORIENTATION not zero"
-            )
+        if not (aspect > 0.0 and (size >= 1.0).all() and (size <= LARGEST_PX).all()):
+            raise InputError(f"{place}: expected a positive PIXEL_ASPECT_RATIO and SENSOR_SIZE")
+        if not abs(np.linalg.norm(quaternion) - 1.0) < _ROUNDING:
+            raise InputError(f"{place}: expected an ORIENTATION of length 1, found {quaternion}")
         rotation, focals = Rotation.from_quat(quaternion).as_matrix(), np.array([focal, focal / aspect])
         tables[_new_name(path, tables, name)] = {
             "size": size.tolist(), "matrix": _matrix(*focals, *centre),
@@ -263,7 +265,7 @@ def _rigid(place: str, pose: Any) -> FloatArray:
 
 def _pose_matrix(place: str, value: Any) -> FloatArray:
     matrix = _array(place, _data(value), 16).reshape(4, 4)
-    if not abs(np.linalg.det(matrix[:3, :3]) - 1.0) < 0.01:
+    if not abs(np.linalg.det(matrix[:3, :3]) - 1.0) < _ROUNDING:
         raise InputError(f"{place}: expected a camera_pose_matrix with a rotation, found {matrix[:3, :3].tolist()}")
     return matrix
 

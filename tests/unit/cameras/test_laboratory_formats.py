@@ -290,16 +290,16 @@ def test_vicons_lens_removes_distortion_by_a_polynomial_of_pixels(tmp_path, radi
     np.testing.assert_allclose(read.pixels(rays, -np.inf), pixels, atol=0.1)
 
 
-@pytest.mark.parametrize(("corner", "accepted"), [(0.95, True), (1.05, False)])
-def test_a_lens_of_vicon_scales_the_corners_up_to_twice(tmp_path, corner, accepted):
-    """The farthest corner is 406 px from the principal point, in the scale of x."""
+@pytest.mark.parametrize(("change", "message"), [
+    (0.49, "its lens differs by"), (0.51, "its lens scales the image by 1 to 1.51"), (-0.33, "its lens differs by"),
+    (-0.34, "its lens scales the image by 0.66 to 1"),
+])  # fmt: skip
+def test_a_lens_of_vicon_scales_the_image_by_a_half_at_most(tmp_path, change, message):
+    """The corner farthest from the principal point is moved by the change."""
     known = RIG[0]
-    offsets = np.abs(known.matrix[:2, 2]).clip(SIZE - known.matrix[:2, 2] - 1.0)
-    squared = offsets[0] ** 2 + (offsets[1] * 500.0 / 510.0) ** 2
-    vicon(tmp_path / "v.xcp", [known], f'VICON_RADIAL="{corner / squared} 0"')
-    message = (
-        r"camera \[a\]: its lens (differs|scales the image by 1 to 2.05)" if not accepted else "its lens differs by"
-    )
+    offsets = known.matrix[:2, 2] * [1.0, 500.0 / 510.0]
+    offsets = np.maximum(offsets, (np.array(SIZE) - 1.0 - known.matrix[:2, 2]) * [1.0, 500.0 / 510.0])
+    vicon(tmp_path / "v.xcp", [known], f'VICON_RADIAL="{change / (offsets @ offsets)} 0"')
     with pytest.raises(InputError, match=message):
         load_cameras(tmp_path / "v.xcp")
 
@@ -316,6 +316,7 @@ WRONG = [
     ("rig.qca.txt", "<?xml", "[xml", "expected XML with cameras of Qualisys"),
     ("rig.qca.txt", "</cameras>", "", "expected XML: mismatched tag"),
     ("rig.xcp", "ORIENTATION", "TURN", r"camera \[b\]: expected ORIENTATION of <KeyFrame> with 4 numbers, found None"),
+    ("rig.xcp", 'ORIENTATION="', 'ORIENTATION="1', "expected an ORIENTATION of length 1, found"),
     ("rig.xcp", "VICON_RADIAL=", "VICON_RADIAL2=", "expected VICON_RADIAL2 Vicon3Parameter and 5 numbers, found '0 0'"),
     ("rig.xcp", 'VICON_RADIAL="0', 'VICON_RADIAL="0.1', "scales the image by"),
     ("rig.xcp", 'DEVICEID="c"', 'DEVICEID="b"', "expected different names of the cameras, found 'b' twice"),
