@@ -50,7 +50,7 @@ def laboratory_tables(path: Path, text: str) -> Tables | None:
     Raises
     ------
     InputError
-        For a defect, and for a pickle, which is code and is never read.
+        For a defect, with the camera.
     """
     suffix = path.suffix.lower()
     if suffix == HUMANEVA:
@@ -123,12 +123,11 @@ def _vicon(path: Path, elements: list[Element]) -> Tables:
             for node, key, n in ((element, "SENSOR_SIZE", 2), (frame, "PRINCIPAL_POINT", 2), (frame, "POSITION", 3))
         )
         (focal,), (aspect,) = (
-            _numbers(place, frame, "FOCAL_LENGTH", 1),
-            _numbers(place, element, "PIXEL_ASPECT_RATIO", 1),
+            _numbers(place, node, key, 1) for node, key in ((frame, "FOCAL_LENGTH"), (element, "PIXEL_ASPECT_RATIO"))
         )
         quaternion = _numbers(place, frame, "ORIENTATION", 4)
-        if not (aspect > 0.0 and (size >= 1.0).all() and (size <= LARGEST_PX).all()):
-            raise InputError(f"{place}: expected a positive PIXEL_ASPECT_RATIO and SENSOR_SIZE")
+        if not (focal > 0.0 and aspect > 0.0 and (size >= 1.0).all() and (size <= LARGEST_PX).all()):
+            raise InputError(f"{place}: expected a positive FOCAL_LENGTH, PIXEL_ASPECT_RATIO and SENSOR_SIZE")
         if not abs(np.linalg.norm(quaternion) - 1.0) < _ROUNDING:
             raise InputError(f"{place}: expected an ORIENTATION of length 1, found {quaternion}")
         rotation, focals = Rotation.from_quat(quaternion).as_matrix(), np.array([focal, focal / aspect])

@@ -316,6 +316,7 @@ WRONG = [
     ("rig.qca.txt", "<?xml", "[xml", "expected XML with cameras of Qualisys"),
     ("rig.qca.txt", "</cameras>", "", "expected XML: mismatched tag"),
     ("rig.xcp", "ORIENTATION", "TURN", r"camera \[b\]: expected ORIENTATION of <KeyFrame> with 4 numbers, found None"),
+    ("rig.xcp", 'FOCAL_LENGTH="', 'FOCAL_LENGTH="-', "expected a positive FOCAL_LENGTH"),
     ("rig.xcp", 'ORIENTATION="', 'ORIENTATION="1', "expected an ORIENTATION of length 1, found"),
     ("rig.xcp", "VICON_RADIAL=", "VICON_RADIAL2=", "expected VICON_RADIAL2 Vicon3Parameter and 5 numbers, found '0 0'"),
     ("rig.xcp", 'VICON_RADIAL="0', 'VICON_RADIAL="0.1', "scales the image by"),
@@ -379,6 +380,15 @@ def test_a_pickle_is_never_read(tmp_path, name):
         InputError, match=r"is a pickle, which runs code.*convert OpenCap's files to TOML with Pose2Sim"
     ):
         load_cameras(tmp_path / name)
+
+
+def test_the_rotation_of_qualisys_images_is_reported(tmp_path, caplog):
+    qualisys(tmp_path / "c.qca.txt", PLACED)
+    text = (tmp_path / "c.qca.txt").read_text()
+    (tmp_path / "c.qca.txt").write_text(text.replace('viewrotation="0"', 'viewrotation="90"', 1))
+    load_cameras(tmp_path / "c.qca.txt")
+    assert "camera [b]: QTM shows its images turned by 90°; expected images as the sensor's" in caplog.text
+    assert "camera [c]" not in caplog.text
 
 
 def test_an_uncalibrated_camera_of_vicon_is_ignored(tmp_path, caplog):
