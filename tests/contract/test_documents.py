@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.cameras import camera_formats
+from workbench.cameras import camera_formats, laboratory_formats
 from workbench.cli.main import main
 from workbench.datasets import point_formats
 from workbench.experiment.config.instantiate import config_keys, import_target
@@ -83,7 +83,15 @@ def test_keys_and_options_of_the_formats_exist(monkeypatch, capsys):
 
 def test_every_format_is_documented():
     text = (DOCS / "formats.md").read_text(encoding="utf-8")
-    suffixes = {*motion_export.SUFFIXES, *point_formats.READERS, *camera_formats.SUFFIXES, ".h5", ".toml", ".mp4"}
+    suffixes = {
+        *motion_export.SUFFIXES,
+        *point_formats.READERS,
+        *camera_formats.SUFFIXES,
+        *laboratory_formats.SUFFIXES,
+        ".h5",
+        ".toml",
+        ".mp4",
+    }
     assert {suffix for suffix in suffixes if f"`{suffix}`" not in text} == set()
 
 

@@ -39,6 +39,38 @@ LENS = """<?xml version="1.0"?>
 <distortion_coefficients>-1.e-01 2.e-02 0. 0. 0. 0. 0. 0.</distortion_coefficients>
 </opencv_storage>
 """
+QUALISYS = """<calibration><cameras>
+<camera serial="a" model="Miqus Video" viewrotation="0"><fov_video left="0" top="0" right="639" bottom="479"/>
+<transform x="1000" y="0" z="1500" r11="1" r12="0" r13="0" r21="0" r22="0" r23="1" r31="0" r32="-1" r33="0"/>
+<intrinsic focalLengthU="32000" focalLengthV="32000" centerPointU="20480" centerPointV="15360" radialDistortion1="-0.1"
+radialDistortion2="0.1" radialDistortion3="0" tangentalDistortion1="0.001" tangentalDistortion2="0"/></camera>
+</cameras></calibration>
+"""
+VICON = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
+<Cameras VERSION="1.0"><Camera DEVICEID="1" TYPE="VideoInputDevice" PIXEL_ASPECT_RATIO="1" SENSOR_SIZE="640 480">
+<KeyFrames><KeyFrame FOCAL_LENGTH="500" ORIENTATION="0.5 0.5 -0.5 0.5" POSITION="1000 0 1500"
+PRINCIPAL_POINT="320 240" VICON_RADIAL2="Vicon3Parameter 320 240 1e-7 1e-14 0"/></KeyFrames></Camera></Cameras>
+"""
+HUMANEVA = "500 500 320 240 0 -0.1 0.1 0.001 0 0 1 0 0 0 0 -1 0 1 0 100 200 3000\n"
+MULTICAL = json.dumps({
+    "cameras": {
+        name: {"model": "standard", "image_size": [640, 480], "K": [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0],
+               [0.0, 0.0, 1.0]], "dist": [[-0.1, 0.1, 0.0, 0.0, 0.0]]} for name in "ab"
+    },
+    "camera_poses": {name: {"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "T": [0.5, 0.0, 0.0]}
+                     for name in ("a", "b_to_a")},
+})  # fmt: skip
+MC_CALIB = """%YAML:1.0
+---
+camera_0:
+   camera_matrix: { rows: 3, cols: 3, data: [ 500., 0., 320., 0., 500., 240., 0., 0., 0. ] }
+   distortion_vector: [ -0.1, 0.1, 0., 0., 0. ]
+   distortion_type: 0
+   camera_group: 0
+   img_width: 640
+   img_height: 480
+   camera_pose_matrix: { rows: 4, cols: 4, data: [ 1., 0., 0., 2., 0., 1., 0., 3., 0., 0., 1., 4., 0., 0., 0., 1. ] }
+"""
 
 
 def read_detections(path):
@@ -56,6 +88,11 @@ FORMATS = {
     "a.toml": (load_cameras, TOML),
     "a.yml": (load_cameras, STEREO),
     "a.xml": (load_lenses, LENS),
+    "a.qca.txt": (load_cameras, QUALISYS),
+    "a.xcp": (load_cameras, VICON),
+    "a.cal": (load_cameras, HUMANEVA),
+    "multical.json": (load_cameras, MULTICAL),
+    "mccalib.yml": (load_cameras, MC_CALIB),
     "a.bvh": (read_bvh, BVH),
     "5.asf": (read_skeleton, ASF),
     "5_01.amc": (read_amc, AMC),
@@ -105,6 +142,9 @@ BOMBS = [
         STEREO.replace("500.", "1e400"), STEREO.replace("640", "1e9"), STEREO.replace("-0.5", "1e9"),
     )],
     *[("a.xml", text) for text in ("<a>" * 200_000, "<a>" + "<b/>" * 200_000, LENS.replace("640", "6" * 5000))],
+    *[("a.xcp", text) for text in (
+        "<a>" * 60_000 + "</a>" * 60_000, VICON.replace("1e-7", "1e300"), VICON.replace("0.5 0.5 -0.5", "1e200 0 0"),
+    )],
     *[("a_1.json", text) for text in (
         "[" * 100_000, '{"a":' * 100_000, "1" * 5000, '{"people": 3}', '{"people": [{}]}',
         KEYPOINTS.replace("0.0, ", "", 1), *[KEYPOINTS.replace("1.0", new) for new in ('"a"', "1e400", "1e8")],

@@ -14,7 +14,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import stature
 from workbench.body.units import TYPICAL_M, UNIT_NAMES, UNITS, unit_of_extent, unit_of_person
 from workbench.cameras.camera import Camera
-from workbench.cameras.camera_file import load_cameras
+from workbench.cameras.camera_file import load_cameras, stated_unit
 from workbench.cameras.triangulation import triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -45,7 +45,8 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
     Parameters
     ----------
     path : see `load_cameras`.
-    unit : of lengths in the file, m, cm, mm or a number of metres; None: metres where these are plausible.
+    unit : of lengths in the file, m, cm, mm or a number of metres; None: that of the file's format, or metres where
+        these are plausible.
     up : the file's vertical axis, such as -y; None: z, with a warning where the images are upright by another axis.
 
     Raises
@@ -55,6 +56,8 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
     """
     path = Path(path).expanduser()
     cameras = load_cameras(path)
+    if unit is None and (unit := stated_unit(path)) is not None:
+        log.info("%s: lengths are in %s, as in every file of its kind (dataset.unit)", path, UNIT_NAMES.get(unit, unit))
     factor = unit_factor(cameras, unit, str(path))
     if up is not None and up not in AXES:
         raise InputError(f"dataset.up: expected one of {', '.join(AXES)}, found {up!r}")
@@ -110,13 +113,18 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     """Return the metres of a calibration's unit in which a person has a plausible height.
 
     pixels: (V, T, J, 2), px, of the person in all cameras; NaN where unknown. None where no limb is measured by rays
-    that meet. Raises InputError where neither m, cm nor mm is plausible.
+    that meet. Raises InputError where neither m, cm nor mm is plausible, and where the poses seem to be inverted.
     """
     height = triangulated_height(cameras, pixels)
     name = unit_of_person(height, _UNITS)
     if name is None:  # many wrong joints
         height = triangulated_height(cameras, pixels, _BEST_RAYS)
         name = unit_of_person(height, _UNITS)
+    if name is None and unit_of_person(triangulated_height(_inverted(cameras), pixels), _UNITS) is not None:
+        raise InputError(
+            f"{source}: the poses seem to be inverted: the rays to the person meet only if rotation and translation "
+            "lead from the camera to the world; replace them by their inverses, Rᵀ and -Rᵀ t"
+        )
     if not np.isfinite(height):
         return None
     if name is None:
@@ -127,6 +135,11 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     if name != "m":
         log.warning("%s: lengths are taken for %s: a person is %.3g tall (dataset.unit)", source, name, height)
     return UNITS[name]
+
+
+def _inverted(cameras: Iterable[Camera]) -> list[Camera]:
+    """Return cameras with the inverse poses."""
+    return [replace(one, rotation=one.rotation.T, translation=one.position) for one in cameras]
 
 
 def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray, best: float = 1.0) -> float:
@@ -149,14 +162,23 @@ def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray, best: flo
 
 def in_units(camera: Camera, size: tuple[int, int]) -> Camera:
     """Return a camera for images of a width, without a check of their height."""
+    if not camera.width:
+        return replace(camera, width=size[0], height=size[1])
     return camera if size[0] == camera.width else camera.scaled(size[0] / camera.width)
 
 
 def fitted(camera: Camera, size: tuple[int, int], source: str) -> Camera:
-    """Return a camera for images of another size, width and height, with the same aspect ratio to 1 %.
+    """Return a camera for images of another size, width and height, with the same aspect ratio to 1 %; one without a
+    size gets that of the images.
 
     Raises InputError for another aspect ratio.
     """
+    if not camera.width:
+        log.warning(
+            "%s: camera %s has no image size in its file; that of the images, %d×%d, is taken",
+            source, camera.name, *size,
+        )  # fmt: skip
+        return replace(camera, width=size[0], height=size[1])
     across, down = size[0] / camera.width, size[1] / camera.height
     if max(abs(across - 1.0), abs(down - 1.0)) <= _MAX_ASPECT_CHANGE:
         return camera

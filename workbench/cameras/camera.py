@@ -18,9 +18,10 @@ N_ROW_POSE = 12
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
-    p2, k3. rotation (3, 3) and translation (3,), m, map world points to the camera: x_camera = R x_world + t.
-    uncertainty: (G, 23) changes of `row` by a standard deviation of each error of an estimated camera; None: known."""
+    """One camera. width, height: image size, px; 0: unknown, of a camera in a file without it. matrix: (3, 3) K, px.
+    distortion: (5,) OpenCV's k1, k2, p1, p2, k3. rotation (3, 3) and translation (3,), m, map world points to the
+    camera: x_camera = R x_world + t. uncertainty: (G, 23) changes of `row` by a standard deviation of each error of an
+    estimated camera; None: known."""
 
     name: str
     width: int

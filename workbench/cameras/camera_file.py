@@ -1,7 +1,6 @@
 """Camera files: reading in the forms of several programs, and writing in the TOML form of Pose2Sim and Sports2D."""
 
 import json
-import logging
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,28 +10,30 @@ import cv2
 import numpy as np
 
 from workbench.cameras.camera import Camera
-from workbench.cameras.camera_formats import SUFFIXES, camera_tables
-from workbench.cameras.distortion import five_coefficients
+from workbench.cameras.camera_formats import SUFFIXES, camera_tables, read_text
+from workbench.cameras.distortion import check_lens_error, five_coefficients
+from workbench.cameras.laboratory_formats import HUMANEVA, laboratory_tables, refuse_pickle
 from workbench.utils.arrays import FloatArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_file, check_places, parse_toml
+from workbench.utils.input_limits import LARGEST_PX, check_places, parse_toml
 
-log = logging.getLogger(__name__)
-
-_N_COEFFICIENTS = (4, 5, 8, 12, 14)
-"""Numbers of coefficients of OpenCV's lens models."""
-_MAX_LENS_ERROR_PX = 3.0
-"""Largest error of a lens, of the order of a detector's noise."""
+_N_COEFFICIENTS = (1, 4, 5, 8, 12, 14)
+"""Numbers of coefficients of OpenCV's lens models, and of Anipose's with the first one only."""
+_ROUNDING = 0.01
+"""Largest error of a rotation matrix, whose numbers may be rounded to three places."""
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras of a file in TOML, OpenCV's YAML, XML and JSON, or ROS' camera_info, in the order of the file.
+    """Read the cameras of a file in TOML, OpenCV's YAML, XML and JSON, ROS' camera_info, or a laboratory's form, in the
+    order of the file.
 
-    Each camera has size [w, h], matrix, distortions (4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or matrix)
-    and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D, Anipose) it is
-    a table with these keys, for the other forms see `camera_tables`. Raises InputError if the file is missing, has
-    another form, or a camera is incomplete.
+    Each camera has size [w, h], matrix, distortions (1, 4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or
+    matrix) and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D,
+    Anipose, FreeMoCap, Caliscope) it is a table with these keys, for the other forms see `camera_tables` and
+    `laboratory_tables`. A camera whose file has no image size has the size 0, see `calibration.fitted`. A folder of
+    HumanEva's files is one calibration. Raises InputError if the file is missing, has another form, or a camera is
+    incomplete.
     """
     tables = _tables(Path(path))
     for key, table in tables.items():
@@ -56,6 +57,14 @@ def load_lenses(path: str | Path) -> tuple[Camera, ...]:
     return tuple(_camera(Path(path), key, {**table, **pose}) for key, table in tables.items())
 
 
+def stated_unit(path: str | Path) -> str | None:
+    """Return the unit of lengths that a camera file's format fixes, m, cm or mm; None where it does not.
+
+    Raises InputError as `load_cameras` does.
+    """
+    return next((table["unit"] for table in _tables(Path(path)).values() if "unit" in table), None)
+
+
 def _has_pose(table: Mapping[str, Any]) -> bool:
     return not {"rotation", "translation"}.isdisjoint(table)
 
@@ -64,13 +73,12 @@ def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
     """Return the tables of the cameras in a file by name, at least one."""
     if not path.exists():
         raise InputError(f"{path}: no such camera file")
-    check_file(path, MAX_CONFIG)
-    try:
-        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError:
-        text = path.read_text(encoding="latin-1")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    refuse_pickle(path)
+    if path.is_dir() and (files := sorted(path.glob(f"*{HUMANEVA}"))):
+        return {name: table for file in files for name, table in _tables(file).items()}
+    text = read_text(path)
+    if (laboratory := laboratory_tables(path, text)) is not None:
+        return dict(laboratory)
     if path.suffix.lower() in SUFFIXES:
         return dict(camera_tables(path, text))
     tables = parse_toml(path, text)
@@ -92,6 +100,7 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
         expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
         try:
             values = np.array(table[name], dtype=np.float64)
+            values = values.ravel() if values.ndim == 2 and 1 in values.shape else values
         except KeyError:
             raise InputError(f"{path}: camera [{key}] has no {name!r}; expected {expected} numbers") from None
         except (TypeError, ValueError, OverflowError):
@@ -100,29 +109,34 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
             raise InputError(f"{path}: camera [{key}]: {name!r} must hold {expected} numbers, found {table[name]!r}")
         return values
 
-    width, height = numbers("size", (2,))
-    if not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
+    is_sized = table.get("size", ()) is not None
+    width, height = numbers("size", (2,)) if is_sized else (0.0, 0.0)
+    if is_sized and not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
         raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
     if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
         raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
-    check_places(f"{path}: camera [{key}]", numbers("translation", (3,)))
+    translation = numbers("translation", (3,))
+    check_places(f"{path}: camera [{key}]", translation)
     turn = numbers("rotation", (3,), (3, 3))
     rotation = cv2.Rodrigues(turn)[0].astype(np.float64) if turn.ndim == 1 else turn
+    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROUNDING and np.linalg.det(rotation) > 0.0):
+        raise InputError(f"{path}: camera [{key}]: expected a rotation, found {table['rotation']!r}")
     coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
-    distortion = np.resize(np.append(coefficients, 0.0), 5)
+    distortion = np.zeros(5)
+    distortion[: min(5, coefficients.size)] = coefficients[:5]
     if fisheye or coefficients[5:].any():
+        if not is_sized:
+            raise InputError(
+                f"{path}: camera [{key}] has no image size, which its lens model needs; "
+                "add image_width and image_height, px"
+            )
         distortion, error_px = five_coefficients(
             (int(width), int(height)), numbers("matrix", (3, 3)), coefficients, fisheye
         )
-        if not error_px <= _MAX_LENS_ERROR_PX:
-            raise InputError(
-                f"{path}: camera [{key}]: its lens differs by {error_px:.2g} px from five coefficients; "
-                "undistort the images first, and set fisheye = false and distortions of 0"
-            )
-        log.warning("%s: camera [%s]: its lens is approximated by five coefficients to %.2g px", path, key, error_px)
+        check_lens_error(f"{path}: camera [{key}]", error_px)
     return Camera(
         name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
-        rotation=rotation, translation=numbers("translation", (3,)), distortion=distortion,
+        rotation=rotation, translation=translation, distortion=distortion,
     )  # fmt: skip
 
 

@@ -9,19 +9,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from workbench.body.units import UNITS
+from workbench.cameras.laboratory_formats import with_opencv_keys
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import DEEPEST, parse_json, parse_yaml
+from workbench.utils.input_limits import DEEPEST, MAX_CONFIG, check_file, parse_json, parse_xml, parse_yaml
 
 log = logging.getLogger(__name__)
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json")
 _ROLES = {
     "matrix": "k|m|mtx|matrix|cameramatrix|intrinsics?|intrinsicmatrix",
-    "distortions": "d|dist|distcoeffs?|distcoefs?|distortions?|distortioncoeffs?|distortioncoefficients",
+    "distortions": "d|dist|distcoeffs?|distcoefs?|distortions?|distortion(?:coeffs?|coefficients|vector)",
     "rotation": "r|rot|rvec|rotation|rotationmatrix",
     "translation": "t|tvec|translation|translationvector",
-    "size": "size|imagesize|resolution", "width": "width|imagewidth", "height": "height|imageheight",
-    "fisheye": "fisheye|fisheyemodel", "model": "distortionmodel", "name": "name|cameraname",
+    "size": "size|imagesize|resolution", "width": "w|width|imagewidth|imgwidth",
+    "height": "h|height|imageheight|imgheight", "fisheye": "fisheye|fisheyemodel", "model": "distortionmodel",
+    "name": "name|cameraname", "unit": "unit",
 }  # fmt: skip
 """Keys without letter case and symbols."""
 _ROLE = "|".join(f"(?P<{role}>{keys})" for role, keys in _ROLES.items())
@@ -29,6 +32,8 @@ _KEY = re.compile(rf"(left|right|cam(?:era)?\d+)?(?:{_ROLE})(left|right|l|r|(?:c
 _SIDES = {"l": "left", "r": "right"}
 _POLYNOMIAL = ("plumbbob", "radtan", "rationalpolynomial", "rational", "pinhole", "brownconrady", "none", "")
 _FISHEYE = ("equidistant", "fisheye", "kannalabrandt")
+_PARTS = {"intri": "extri", "Intri": "Extri", "INTRI": "EXTRI"}
+"""Parts of the names of two files of the same cameras, with their lenses and with their poses."""
 
 
 def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
@@ -37,10 +42,11 @@ def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     A camera is a mapping with a matrix, as K, camera_matrix or cameraMatrix, or several labelled ones, as
     cameraMatrix1 or mtx_left. The first of two labelled cameras is the world's origin where one R and one T are given:
     x_2 = R x_1 + T. A rotation without a translation is a rectification, and is ignored. A camera without distortion
-    coefficients has none. Raises InputError for other text, no camera and an unknown lens model.
+    coefficients has none, and one without an image size the size None. Of two files intri.yml and extri.yml, or with
+    such parts in their names, both are read. Raises InputError for other text, no camera and an unknown lens model.
     """
     tables: dict[str, dict[str, Any]] = {}
-    for name, roles in _cameras(path.stem, _content(path, text)):
+    for name, roles in _cameras(path.stem, with_opencv_keys(path, _of_both(path, _content(path, text)))):
         if name in tables:
             raise InputError(f"{path}: expected different names of the cameras, found {name!r} twice")
         tables[name] = _table(f"{path}: camera [{name}]", roles)
@@ -49,17 +55,47 @@ def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     return tables
 
 
+def read_text(path: Path) -> str:
+    """Return the text of a file in UTF-8 or Latin-1; raises InputError for a file that is none or cannot be read."""
+    check_file(path, MAX_CONFIG)
+    try:
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        return path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _of_both(path: Path, content: Any) -> Any:
+    """Return the content of a file with that of the other one of a pair."""
+    names = {path.name.replace(lens, pose, 1) for lens, pose in _PARTS.items()}
+    names |= {path.name.replace(pose, lens, 1) for lens, pose in _PARTS.items()}
+    other = next((path.with_name(name) for name in names - {path.name}), None)
+    if other is None or not isinstance(content, dict):
+        return content
+    if not other.exists():
+        if any(pose in path.name for pose in _PARTS.values()):
+            raise InputError(f"{path}: has no lenses; expected these in {other.name} in the same folder, found none")
+        return content
+    return _merged(_content(other, read_text(other)), content)
+
+
+def _merged(first: Any, second: Any) -> Any:
+    """Return two mappings as one, where values of the same key are mappings these as one, else the second's."""
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        return second
+    return {**first, **{key: _merged(first.get(key), value) for key, value in second.items()}}
+
+
 def _content(path: Path, text: str) -> Any:
     if path.suffix.lower() == ".json":
         return parse_json(path, text)
     if path.suffix.lower() != ".xml":
         # OpenCV's directive is not YAML's; rostopic ends each message with a line of dashes
         return parse_yaml(path, re.sub(r"\A%YAML.*|!!opencv-[\w-]+|\n---\s*\Z", "", text))
-    if "<!ENTITY" in text:
-        raise InputError(f"{path}: expected XML without entities")
     try:
-        return _mapping(ElementTree.fromstring(text))
-    except (ElementTree.ParseError, ValueError) as error:
+        return _mapping(parse_xml(path, text))
+    except ValueError as error:
         raise InputError(f"{path}: expected XML: {error}") from None
 
 
@@ -111,16 +147,17 @@ def _table(place: str, roles: Mapping[str, Any]) -> dict[str, Any]:
     table = {role: _numbers(roles[role]) for role in ("matrix", "distortions", "size") if role in roles}
     if {"width", "height"} <= roles.keys():
         table["size"] = _numbers([_word(roles["width"]), _word(roles["height"])])
-    if "size" not in table:
-        raise InputError(f"{place} has no image size; add image_width and image_height, px")
-    if np.shape(table["matrix"]) == (4,):
+    table.setdefault("size", None)
+    if isinstance(table["matrix"], list) and len(table["matrix"]) == 4:
         fx, fy, cx, cy = table["matrix"]
         table["matrix"] = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
-    if not np.size(table.get("distortions", ())):
+    if table.get("distortions", []) == []:
         log.warning("%s has no distortion coefficients; none are assumed", place)
         table["distortions"] = [0.0] * 5
     if {"rotation", "translation"} <= roles.keys():
         table |= {role: _numbers(roles[role]) for role in ("rotation", "translation")}
+    if (unit := _word(roles.get("unit"))) in UNITS:
+        table["unit"] = unit
     model = _plain(_word(roles.get("model")))
     if model not in _POLYNOMIAL + _FISHEYE:
         raise InputError(f"{place}: expected a lens model plumb_bob, rational_polynomial or equidistant, found {model}")

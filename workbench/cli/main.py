@@ -43,6 +43,10 @@ class _Commands(TyperGroup):
         name, *rest = args
         if name not in COMMANDS:
             ctx.fail(_unknown(args))
+        if ctx.resilient_parsing and name == "run":  # a shell waits for the completion of a word
+            from workbench.cli.completion import app as completed
+
+            return name, get_command(completed), rest
         return name, _loaded(name), rest
 
     def invoke(self, ctx: Any) -> Any:

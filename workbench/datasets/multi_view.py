@@ -14,6 +14,7 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.calibration import camera_named, fitted, in_units, read_calibration, unit_of_people
 from workbench.cameras.camera import Camera
+from workbench.cameras.camera_file import stated_unit
 from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, Truth, View
@@ -50,7 +51,7 @@ class MultiView:
     Parameters
     ----------
     sources : videos or folders of images by the names of their cameras.
-    calibration_file : camera file of the Pose2Sim and Sports2D form.
+    calibration_file : camera file, see `load_cameras`.
     cameras : names of the cameras used, in this order; None: all.
     first_frame, n_frames, scale, rate_hz : as for `Video`, the same for all.
     keypoints : annotation file or folder of OpenPose's JSON by camera, for some or all of them; "detect", for a camera
@@ -66,7 +67,8 @@ class MultiView:
     detector, cache : as for `Video`.
     only_visible : as for `Video`, where no camera has annotations; a person is visible in a frame that has a detection
         in any camera.
-    unit : of lengths in calibration_file, as for `Video`; None: that in which a person has a plausible height.
+    unit : of lengths in calibration_file, as for `Video`; None: that of its format, or else that in which a person has
+        a plausible height.
     up, keypoint_layout : as for `Video`; the layout is the same for all cameras.
     offsets_s : seconds by which cameras began later than the others, by their names, 0 for those without; None: they
         are estimated from the rays to the people, see `estimated_offsets`.
@@ -216,7 +218,7 @@ class MultiView:
         """Cameras of the sources' images, in metres with z up."""
         file, unit, up = self._calibration
         sizes = {name: video.image_size for name, video in zip(self._names, self._sources, strict=True)}
-        if unit is None and len(self._folders) > 1:
+        if unit is None and stated_unit(Path(file).expanduser()) is None and len(self._folders) > 1:
             in_file = read_calibration(file, 1.0, "z")
             views = [in_units(camera_named(in_file, name, file), sizes[name]) for name in self._people]
             unit = unit_of_people(views, most_prominent(self._people.values()), file)

@@ -128,6 +128,10 @@ class Synthetic(Scene):
         if self.calibration_file is None:
             return self._automatic_camera(places)
         camera = load_cameras(Path(self.calibration_file).expanduser())[0]
+        if not camera.width:
+            raise InputError(
+                f"{self.calibration_file}: camera [{camera.name}] has no image size; add image_width, image_height, px"
+            )
         if not _inside(camera, camera.project(places)).any():
             raise InputError(
                 f"{self.calibration_file}: camera {camera.name!r} never sees the person of motion {self.motion!r}"

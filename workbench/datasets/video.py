@@ -97,7 +97,8 @@ class Video:
         of `visible_frames`.
     detector : "full" or "heavy", BlazePose's models, which are downloaded once, or the path of a landmark model.
     cache : folder for detections and the model.
-    unit : of lengths in calibration_file, m, cm, mm or a number of metres; None: m, or mm where only that is plausible.
+    unit : of lengths in calibration_file, m, cm, mm or a number of metres; None: that of its format, else m, or mm
+        where only that is plausible.
     up : vertical axis of the world of calibration_file, such as y or -y; None: z.
     keypoint_layout : of a detector's points, such as BODY_25B; None: by their number and, where several layouts have
         it, by anatomy.

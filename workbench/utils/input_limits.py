@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import yaml
 
@@ -97,6 +98,17 @@ def parse_yaml(place: object, text: str) -> Any:
     """Return parsed plain YAML without references; InputError, with the place, for any other text."""
     check_number(place, "characters", len(text), MAX_CONFIG)
     return _parsed(place, "YAML", _load_yaml, text)
+
+
+def parse_xml(place: object, text: str) -> ElementTree.Element:
+    """Return the root of an XML text without entities; InputError, with the place, for any other text."""
+    check_number(place, "characters", len(text), MAX_CONFIG)
+    if "<!ENTITY" in text:
+        raise InputError(f"{place}: expected XML without entities")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{place}: expected XML: {error}") from None
 
 
 def _load_yaml(text: str) -> Any:

@@ -12,6 +12,7 @@ from workbench.cameras.camera import plain_camera
 from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.cameras.overlay import AXES, LEFT, draw_overlay
 from workbench.cameras.triangulation import triangulate
+from workbench.utils.errors import InputError
 
 COLOURS = (255, 159, 28), (120, 255, 130)
 """Of joints and of keypoints."""
@@ -132,3 +133,13 @@ def test_a_unit_is_recognized_with_wrong_joints_in_every_camera(share, factor, m
     pixels[wrong] = rng.uniform(0.0, [1280.0, 960.0], (wrong.sum(), 2))
     moved = [replace(camera, translation=factor * camera.translation) for camera in cameras]
     assert unit_of_people(moved, pixels, "rig.toml") == metres
+
+
+def test_inverted_poses_are_recognized_by_the_rays_to_the_person():
+    cameras = camera_arc()
+    inverted = [replace(each, rotation=each.rotation.T, translation=each.position) for each in cameras]
+    pixels = observed_joints(cameras).pixels()
+    with pytest.raises(InputError, match=r"rig\.toml: the poses seem to be inverted: .*inverses, Rᵀ and -Rᵀ t"):
+        unit_of_people(inverted, pixels, "rig.toml")
+    exchanged = [cameras[1], cameras[0], *cameras[2:]]
+    assert [unit_of_people(each, pixels, "rig.toml") for each in (cameras, exchanged)] == [1.0, 1.0]

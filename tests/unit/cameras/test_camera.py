@@ -106,8 +106,10 @@ def test_cameras_of_a_file(tmp_path):
         ("size = [640.0, 480.0]\n", "", "camera [cam] has no 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
         ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
-        ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 or 8 or 12 or 14 numbers"),
+        ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 1 or 4 or 5 or 8 or 12 or 14 numbers"),
         ("[1.2, -0.4, 0.3]", "[1.2, nan, 0.3]", "'rotation' must hold 3 or 3×3 numbers"),
+        ("[1.2, -0.4, 0.3]", "[[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "expected a rotation, found [[1, 0, 0], [0, 1, 0]"),
+        ("[1.2, -0.4, 0.3]", "[[1.006, 0, 0], [0, 1, 0], [0, 0, 1]]", "expected a rotation, found [[1.006, 0, 0]"),
     ],
 )
 def test_malformed_camera_files_are_rejected(tmp_path, old, new, message):
@@ -117,6 +119,11 @@ def test_malformed_camera_files_are_rejected(tmp_path, old, new, message):
     with pytest.raises(InputError, match=re.escape(message)) as error:
         load_cameras(path)
     assert str(path) in str(error.value)
+
+
+def test_a_rotation_matrix_may_be_rounded_to_three_places(tmp_path):
+    (tmp_path / "c.toml").write_text(GOOD.replace("[1.2, -0.4, 0.3]", "[[1.004, 0, 0], [0, 1, 0], [0, 0, 1]]"))
+    assert load_cameras(tmp_path / "c.toml")[0].rotation[0, 0] == 1.004
 
 
 def test_missing_and_empty_camera_files_are_rejected(tmp_path):

@@ -184,7 +184,11 @@ def test_a_file_without_distortion_has_none(tmp_path, caplog):
         ("c.yaml", "a: {b: [1, 2]}\n", "expected a camera with a camera_matrix or K"),
         ("c.yaml", "- 3\n", "expected a camera with a camera_matrix or K"),
         ("c.yaml", yaml.safe_dump(camera_info(image_width=None)), "'size' must hold 2 numbers"),
-        ("c.yaml", yaml.safe_dump({"K": np.eye(3).tolist()}), "has no image size; add image_width and image_height"),
+        (
+            "c.yaml",
+            yaml.safe_dump({"K": np.eye(3).tolist(), "D": [0.1] * 8}),
+            "has no image size, which its lens model",
+        ),
         ("c.yaml", yaml.safe_dump(camera_info(camera_matrix=[1.0, 2.0])), "'matrix' must hold 3×3 numbers"),
         ("c.yaml", yaml.safe_dump(camera_info(distortion_coefficients=[1.0] * 7)), "4 or 5 or 8 or 12 or 14"),
         ("c.yaml", yaml.safe_dump(camera_info(distortion_model="omni")), "expected a lens model"),

@@ -55,6 +55,20 @@ def dataset(scene, **changes):
     return MultiView(**{**options, **changes})
 
 
+def test_cameras_without_a_size_have_that_of_the_images_and_the_unit_of_the_file(scene, tmp_path):
+    lens = "K: [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]], D: [0.0, 0.0, 0.0, 0.0], unit: cm"
+    rig = (
+        f"left: {{{lens}, R: [1.57, 0, 0], T: [0, 100, 400]}}\nright: {{{lens}, R: [1.57, 0, 0], T: [80, 100, 400]}}\n"
+    )
+    (tmp_path / "rig.yml").write_text(rig)
+    expected = dataset(scene, unit="m").info.cameras
+    for one, other in zip(
+        dataset(scene, calibration_file=str(tmp_path / "rig.yml")).info.cameras, expected, strict=True
+    ):
+        assert (one.width, one.height) == (400, 300)
+        np.testing.assert_allclose(one.row, other.row, atol=1e-12)
+
+
 def test_frames_have_a_view_of_every_camera_up_to_the_end_of_the_shortest(scene):
     two_views = dataset(scene, first_frame=1)
     assert (two_views.info.n_frames, two_views.info.name) == (4, "left, right")

@@ -150,6 +150,13 @@ translation = [0.0, 1.0, {depth}]
         _ = scene(calibration_file=str(file)).info
 
 
+def test_a_camera_of_a_file_without_an_image_size_is_refused(tmp_path):
+    file = tmp_path / "camera.yml"
+    file.write_text("{K: [[200, 0, 99.5], [0, 200, 74.5], [0, 0, 1]], D: [0, 0, 0, 0], R: [0, 0, 0], T: [0, 0, 0]}")
+    with pytest.raises(InputError, match=r"camera \[camera\] has no image size; add image_width, image_height"):
+        _ = scene(calibration_file=str(file)).info
+
+
 def test_a_cache_that_cannot_be_written_is_reported_once(tmp_path, caplog):
     (tmp_path / "file").touch()
     for _ in range(2):
