@@ -4,6 +4,7 @@
     python -m analysis.tables videos --videos FOLDER [--detector MODEL] [--data DATA]
     python -m analysis.tables faults [--processes N] [--data DATA]
     python -m analysis.tables measures [--processes N] --data DATA
+    python -m analysis.tables ankles --data DATA
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -20,7 +21,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import cameras, faults, measures, videos
+from analysis.tables import ankles, cameras, faults, measures, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -28,7 +29,8 @@ from workbench.utils.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER, README = ROOT / "docs" / "_tables", ROOT / "README.md"
-VIDEOS, CAMERAS, FAULTS, MEASURES = "videos", "cameras", "faults", "measures"
+VIDEOS, CAMERAS, FAULTS = "videos", "cameras", "faults"
+MEASURES, ANKLES = "measures", "ankles"
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _INCLUDED = re.compile(r"(?:\{include\} _tables/|<!-- table: )(\w+)")
 
@@ -90,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     data = None if options.data is None else Path(options.data)
     try:
         source = Source(options.runs, options.data, quick=False)
-        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS, MEASURES])
+        names = command.chosen(options.names, [*TABLES, VIDEOS, CAMERAS, FAULTS, MEASURES, ANKLES])
         tables = {name: TABLES[name] for name in names if name in TABLES}
         failed = make(tables, source, options.seeds, options.stored, options.folder)
         if CAMERAS in names and not options.stored:
@@ -104,6 +106,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 write(
                     options.folder, MEASURES, measures.table(data, options.processes, options.seeds or measures.N_WALKS)
                 )
+        if ANKLES in names and not options.stored:
+            try:
+                write(options.folder, ANKLES, ankles.table(options.data))
+            except InputError as error:
+                failed.append(f"{ANKLES}: {error}")
         if VIDEOS in names and not options.stored:
             try:
                 text = videos.table(options.videos, data, options.runs / VIDEOS, options.detector)

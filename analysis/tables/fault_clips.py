@@ -44,7 +44,7 @@ _LANDMARK_STD_M, _LANDMARK_DEPTH_STD_M, _LANDMARK_DEPTH = 0.02, 0.055, 0.65
 """Standard deviations of a world landmark across and along the line of sight, and how much of a depth landmarks show:
 the depth of a bone, of two joints, has one of 0.08 m and is 20 to 50 % too small (`landmark_depths`), and directions of
 a torso and of knees have 10 to 15 degrees (`landmark_agreement`)."""
-_DEFINITION = 1.0 / np.sqrt(2.0)
+DEFINITION = 1.0 / np.sqrt(2.0)
 """Factor of `offset_std`, which is for a joint and a reference whose definitions differ independently."""
 _AVERAGE_M = 1.7
 _BALANCE = ("pose2sim_balance", 1.69, 60.0, 0.5)
@@ -123,7 +123,7 @@ def generated(shape: Shape, poses: FloatArray, seed: int, cameras: Sequence[Came
     poses = poses.copy()
     poses[:, :2] -= 0.5 * (poses[:, :2].min(axis=0) + poses[:, :2].max(axis=0))
     frames = forward(skeleton, poses)
-    definitions = _DEFINITION * offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
+    definitions = DEFINITION * offset_std(skeleton)[:, None] * rng.standard_normal((len(skeleton.names), 3))
     turned = frames.rotations[:, skeleton.parents.clip(min=0)]
     detected = frames.positions + (turned @ definitions[:, :, None])[..., 0]
     order = [skeleton.joint(name) for name in JOINT_NAMES]

@@ -87,3 +87,16 @@ def test_a_combination_tracks_or_is_refused(experiment, group, option, cache, re
     few_frames = experiment != "walk_keypoints"  # few of its frames are annotated
     conflict = conflict_or_track(make_small(config, experiment not in WITH_DATA, few_frames))
     assert conflict is None or conflict.startswith("config: ")
+
+
+@pytest.mark.parametrize(
+    ("experiment", "message"), [
+        ("walk_straight", "skeleton=feet needs a fit"),
+        ("walk_keypoints_synthetic", "the poses of this dataset have no ankles"),
+    ]
+)  # fmt: skip
+def test_feet_are_refused_where_no_ankle_moves(experiment, message, cache):
+    overrides = [f"experiment={experiment}", "paths.data=null", "training.motions=builtin", f"paths.cache={cache}"]
+    config = compose("config", overrides=[*overrides, "body=height", "body.height_m=1.7", "body.skeleton=feet"])
+    with pytest.raises(InputError, match=message):
+        assemble(make_small(config, True, True))

@@ -1,26 +1,29 @@
 """Angles of poses: unwrapping, left–right swaps and mirror images, and flexions."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from workbench.body.skeleton import POSE_NAMES, Skeleton
-from workbench.utils.arrays import FloatArray
+from workbench.body.skeleton import POSE_NAMES, POSE_NAMES_WITH_FEET, Skeleton
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 
 N_POSITION = 3
 """Number of lengths of a pose, which precede the angles."""
 _OPPOSITE = {"left": "right", "right": "left"}
-_MIRRORED_INDEX = np.array(
-    [
-        POSE_NAMES.index(f"{_OPPOSITE[side]}_{angle}") if side in _OPPOSITE else i
-        for i, (side, _, angle) in enumerate(name.partition("_") for name in POSE_NAMES)
-    ]
-)
 _ANTISYMMETRIC = ("root_y", "root_heading", "root_roll", "neck_turn", "neck_tilt")
-_MIRROR_SIGNS = np.where(np.isin(POSE_NAMES, _ANTISYMMETRIC), -1.0, 1.0)
+
+
+def _mirrored(names: Sequence[str]) -> IntArray:
+    """Return the column (P,) of the other side's number for each number of a pose."""
+    sides = [name.partition("_") for name in names]
+    return np.array([names.index(f"{_OPPOSITE[s]}_{n}") if s in _OPPOSITE else i for i, (s, _, n) in enumerate(sides)])
+
+
+_MIRRORED_INDEX = {len(names): _mirrored(names) for names in (POSE_NAMES, POSE_NAMES_WITH_FEET)}
+_MIRROR_SIGNS = np.where(np.isin(POSE_NAMES_WITH_FEET, _ANTISYMMETRIC), -1.0, 1.0)
 FLEXIONS: Mapping[str, Mapping[str, float]] = {
     "left_hip": {"left_hip_flexion": 1.0, "UpperLeg_L_y": -1.0, "lfemur_y": -1.0},
     "right_hip": {"right_hip_flexion": 1.0, "UpperLeg_R_y": -1.0, "rfemur_y": -1.0},
@@ -60,13 +63,15 @@ def wrapped(angles: FloatArray) -> FloatArray:
 
 def swap_left_right(poses: FloatArray) -> FloatArray:
     """Return poses (..., P) with the joint angles of left and right swapped and the root unchanged; unchanged if P is
-    not a person's 25."""
-    return poses[..., _MIRRORED_INDEX] if poses.shape[-1] == len(POSE_NAMES) else poses
+    neither a person's 25 nor, with feet, 27."""
+    index = _MIRRORED_INDEX.get(poses.shape[-1])
+    return poses if index is None else poses[..., index]
 
 
 def mirror_image(poses: FloatArray) -> FloatArray:
-    """Return the mirror image of a person's poses (..., 25) in the world's plane y = 0."""
-    return np.asarray(_MIRROR_SIGNS * poses[..., _MIRRORED_INDEX])
+    """Return the mirror image of a person's poses (..., 25), or with feet (..., 27), in the world's plane y = 0."""
+    n = poses.shape[-1]
+    return np.asarray(_MIRROR_SIGNS[:n] * poses[..., _MIRRORED_INDEX[n]])
 
 
 def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:

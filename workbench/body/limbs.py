@@ -1,6 +1,6 @@
 """The body's geometry: truncated cones and spheres on the skeleton's joints (paper A, section 3)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -8,17 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.shape import ANKLE_HEIGHT, LEG_LENGTH, Shape
-from workbench.body.skeleton import JOINT_NAMES, Skeleton, person_skeleton
+from workbench.body.shape import ANKLE_HEIGHT, TOES_HEIGHT, Shape
+from workbench.body.skeleton import (
+    JOINT_NAMES,
+    JOINT_NAMES_WITH_FEET,
+    Skeleton,
+    feet_skeleton,
+    person_skeleton,
+    without_feet,
+)
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-FOOT_LENGTH, FOOT_BREADTH = 0.152, 0.055
-"""Of a foot, as fractions of the height (Drillis & Contini 1966, in Winter, *Biomechanics and Motor Control of Human
-Movement*, 4th ed. 2009, fig. 4.1)."""
-_HEEL_BEHIND, _HEEL_BREADTH, _TOES_HEIGHT = 0.035, 0.0396, 0.022
-"""Of a foot, as fractions of the height, our values: distance of the heel behind the ankle, its breadth, and the toes'
-height."""
+FOOT_BREADTH, _HEEL_BREADTH = 0.055, 0.0396
+"""Breadth of a foot and of its heel as fractions of the height: the first by Drillis & Contini 1966, in Winter,
+*Biomechanics and Motor Control of Human Movement*, 4th ed. 2009, fig. 4.1, the second our value."""
 _NECK_BELOW, _NECK_RADII = 0.015, ((0.036, 0.036), (0.034, 0.032))
 """Of a neck, as fractions of the height, our values: depth of its lower end below its joint, and its radii there and at
 the head."""
@@ -65,11 +69,12 @@ class Limbs:
         return np.stack([x, np.cross(z, x), z], axis=2)
 
     def extended(self, rows: Sequence[tuple[str, str, FloatArray, FloatArray, Any]]) -> "Limbs":
-        """Append truncated cones of a person: name, name of the joint, start and end (3,) of the axis, and radii (2,
-        2), m. Raises ValueError for an unknown joint."""
+        """Append truncated cones of a person, who may have feet: name, name of the joint, start and end (3,) of the
+        axis, and radii (2, 2), m. Raises ValueError for an unknown joint."""
         names, joints, starts, ends, radii = zip(*rows, strict=True)
         return Limbs(
-            names=(*self.names, *names), joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
+            names=(*self.names, *names),
+            joints=np.append(self.joints, [JOINT_NAMES_WITH_FEET.index(joint) for joint in joints]),
             starts=np.concatenate([self.starts, starts]), ends=np.concatenate([self.ends, ends]),
             radii=np.concatenate([self.radii, radii]),
             spheres=np.append(self.spheres, np.zeros(len(rows), dtype=np.bool_)),
@@ -92,6 +97,13 @@ class Body:
     limbs: Limbs
     limb_length_std: FloatArray | None = None
 
+    @cached_property
+    def without_feet(self) -> "Body":
+        """The person's part of a body with feet, with the limbs of `person`; another body itself."""
+        if not self.skeleton.has_feet:
+            return self
+        return Body(without_feet(self.skeleton), self.shape, _person_limbs(self.shape))
+
     def scaled(self, factor: float) -> "Body":
         """Return the body with every length multiplied by `factor`, which preserves the proportions."""
         limbs = self.limbs
@@ -106,6 +118,21 @@ def person(shape: Shape) -> Body:
     """Return the 12 limbs of paper A on the 25-parameter skeleton: torso, head, and each side's upper arm, forearm,
     hand, thigh and calf."""
     return Body(skeleton=person_skeleton(shape), shape=shape, limbs=_person_limbs(shape))
+
+
+def person_with_feet(shape: Shape) -> Body:
+    """Return the limbs of `person` with a neck and two feet, on the skeleton whose ankles move."""
+    limbs = _person_limbs(shape).extended(_neck_and_feet(shape, "foot", np.zeros(3)))
+    return Body(skeleton=feet_skeleton(shape), shape=shape, limbs=limbs)
+
+
+def person_on(skeleton: str, shape: Shape) -> Body:
+    """Return the body of a person on a skeleton by its name: "person" for paper A's, "feet" for that with feet. Raises
+    InputError for another name."""
+    bodies: Mapping[str, Callable[[Shape], Body]] = {"person": person, "feet": person_with_feet}
+    if skeleton not in bodies:
+        raise InputError(f"body: skeleton must be one of {', '.join(bodies)}, found {skeleton!r}")
+    return bodies[skeleton](shape)
 
 
 Radii = Mapping[str, tuple[float, float]]
@@ -186,16 +213,21 @@ def with_neck_and_feet(body: Body) -> Body:
     has them."""
     if body.skeleton.names != JOINT_NAMES or "neck" in body.limbs.names:
         raise InputError("body: neck and feet are added to a person's plain body alone")
-    shape, limbs = body.shape, body.limbs
-    tall = (shape.thigh + shape.calf) / LEG_LENGTH
-    up, ankle = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -shape.calf])
-    heel = ankle + tall * np.array([-_HEEL_BEHIND, 0.0, -0.5 * ANKLE_HEIGHT])
-    toes = ankle + tall * np.array([FOOT_LENGTH - _HEEL_BEHIND, 0.0, 0.5 * _TOES_HEIGHT - ANKLE_HEIGHT])
-    foot = 0.5 * tall * np.array([[ANKLE_HEIGHT, _HEEL_BREADTH], [_TOES_HEIGHT, FOOT_BREADTH]])
+    rows = _neck_and_feet(body.shape, "knee", np.array([0.0, 0.0, -body.shape.calf]))
+    return replace(body, limbs=body.limbs.extended(rows))
+
+
+def _neck_and_feet(
+    shape: Shape, joint: str, ankle: FloatArray
+) -> list[tuple[str, str, FloatArray, FloatArray, FloatArray]]:
+    """Return the rows of `Limbs.extended` for the neck and the feet, on a joint of either side, in whose frame the
+    ankle is at (3,), m."""
+    tall, up = shape.foot_size, np.array([0.0, 0.0, 1.0])
+    heel, toes = ankle + np.array([1.0, 1.0, 0.5]) * shape.heel, ankle + shape.toes  # the axis is in the heel's middle
+    foot = 0.5 * tall * np.array([[ANKLE_HEIGHT, _HEEL_BREADTH], [TOES_HEIGHT, FOOT_BREADTH]])
     nape, chin = -tall * _NECK_BELOW * up, np.array(shape.head) - _CHIN * shape.head_radius * up
-    rows = [
+    return [
         ("neck", "neck", nape, chin, tall * np.array(_NECK_RADII)),
-        ("left_foot", "left_knee", heel, toes, foot),
-        ("right_foot", "right_knee", heel, toes, foot),
+        ("left_foot", f"left_{joint}", heel, toes, foot),
+        ("right_foot", f"right_{joint}", heel, toes, foot),
     ]
-    return replace(body, limbs=limbs.extended(rows))

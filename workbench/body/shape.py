@@ -15,6 +15,10 @@ _Pair = tuple[float, float]
 ANKLE_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT, LEG_LENGTH = 0.039, 0.818, 0.93, 0.491
 """Of a standing person, as fractions of the height, as in `from_height`: heights of ankles, shoulders and the head's
 centre, and the length of thigh and calf together."""
+FOOT_LENGTH, HEEL_BEHIND, TOES_HEIGHT = 0.152, 0.035, 0.022
+"""Of a foot, as fractions of the height: its length (Drillis & Contini 1966, in Winter, *Biomechanics and Motor Control
+of Human Movement*, 4th ed. 2009, fig. 4.1), and our values for the distance of the heel behind the ankle and the toes'
+height."""
 FOREARM_OVER_HEIGHT = 0.044
 """A forearm's width over a person's height, the mean of the two ends of `from_height`: the threshold of a track in the
 image."""
@@ -56,6 +60,24 @@ class Shape:
         for name, value in lengths.items():
             lengths[name] = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
         return Shape(**lengths)
+
+    @property
+    def foot_size(self) -> float:
+        """Height, m, of the person whose feet these are: that of an average person with legs as long."""
+        return (self.thigh + self.calf) / LEG_LENGTH
+
+    @property
+    def heel(self) -> Triple:
+        """The back of the heel at the sole, where detectors have it, m, seen from the ankle: forward, left, up, with
+        the sole at right angles to the calf."""
+        return (-self.foot_size * HEEL_BEHIND, 0.0, -self.foot_size * ANKLE_HEIGHT)
+
+    @property
+    def toes(self) -> Triple:
+        """The tip of the toes, half as high as they are, m, as `heel`."""
+        return (
+            self.foot_size * (FOOT_LENGTH - HEEL_BEHIND), 0.0, self.foot_size * (0.5 * TOES_HEIGHT - ANKLE_HEIGHT)
+        )  # fmt: skip
 
     def as_dict(self) -> dict[str, float | tuple[float, ...]]:
         """Return plain numbers by name, for provenance and for HDF5 attributes."""

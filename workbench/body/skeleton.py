@@ -6,7 +6,7 @@ person's left, z up. A limb lies along its frame's z axis (paper A, section 3); 
 The world's z axis points up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,16 @@ _PARENTS = {
 JOINT_NAMES = tuple(_PARENTS)
 ERROR_JOINTS = JOINT_NAMES[1:]
 """The 14 joints of the mean joint error: all but the pelvis, the root."""
+_FOOT_PARENTS = {
+    f"{side}_{joint}": f"{side}_{parent}"
+    for side in ("left", "right")
+    for joint, parent in (("foot", "ankle"), ("heel", "foot"), ("toes", "foot"))
+}
+FOOT_POINTS = tuple(name for name, parent in _FOOT_PARENTS.items() if parent.endswith("_foot"))
+"""The ends of the feet, left_heel, left_toes, right_heel and right_toes."""
+JOINT_NAMES_WITH_FEET = (*JOINT_NAMES, *_FOOT_PARENTS)
+"""The joints of a person whose feet move: JOINT_NAMES, and of each foot the joint at the ankle that carries it, heel
+and toes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +64,11 @@ class Skeleton:
     def dof(self, name: str) -> int:
         """Return the index of the degree of freedom of this name; raises ValueError if there is none."""
         return self.dof_names.index(name)
+
+    @property
+    def has_feet(self) -> bool:
+        """Whether this is a person's skeleton with feet, see `feet_skeleton`."""
+        return self.names == JOINT_NAMES_WITH_FEET
 
     @property
     def bones(self) -> IntArray:
@@ -99,6 +114,13 @@ _PERSON_DOFS = (
 POSE_NAMES = tuple(dof[0] for dof in _PERSON_DOFS)
 """The 25 numbers of a pose, in order: root position, root rotation, 19 joint angles."""
 N_ROOT = 6
+# Dorsiflexion, which lifts the toes, is positive; 0 is a foot at right angles to the calf. Limits: plantarflexion of
+# 56° (Boone & Azen 1979); dorsiflexion of 34°, which weight on a bent leg reaches in recorded bends and jumps.
+_FOOT_DOFS = tuple(
+    (f"{side}_ankle_flexion", f"{side}_foot", (0.0, -1.0, 0.0), -0.98, 0.6) for side in ("left", "right")
+)
+POSE_NAMES_WITH_FEET = (*POSE_NAMES, *(dof[0] for dof in _FOOT_DOFS))
+"""The 27 numbers of a pose with feet: POSE_NAMES, and the flexions of the ankles."""
 PARTS = {
     "root": POSE_NAMES[:N_ROOT],
     "body": POSE_NAMES[N_ROOT:],
@@ -122,21 +144,48 @@ def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
 
 def person_skeleton(shape: Shape) -> Skeleton:
     """Return the 25-parameter person of paper A (reading in EQUATIONS A, "Body") with the limb lengths of `shape`."""
+    return _skeleton(_PARENTS, _PERSON_DOFS, _offsets(shape))
+
+
+def feet_skeleton(shape: Shape) -> Skeleton:
+    """Return `person_skeleton` with moving feet: its joints and numbers come first, followed by the feet's."""
+    offsets = _offsets(shape)
+    for side in ("left", "right"):
+        offsets |= {f"{side}_foot": (0.0, 0.0, 0.0), f"{side}_heel": shape.heel, f"{side}_toes": shape.toes}
+    return _skeleton({**_PARENTS, **_FOOT_PARENTS}, (*_PERSON_DOFS, *_FOOT_DOFS), offsets)
+
+
+def without_feet(skeleton: Skeleton) -> Skeleton:
+    """Return the person's part of a skeleton with feet, another skeleton itself."""
+    if not skeleton.has_feet:
+        return skeleton
+    n, p = len(JOINT_NAMES), len(POSE_NAMES)
     return Skeleton(
-        names=JOINT_NAMES,
-        parents=np.array([-1 if (p := _PARENTS[n]) is None else JOINT_NAMES.index(p) for n in JOINT_NAMES]),
-        offsets=_person_offsets(shape), dof_names=POSE_NAMES,
-        dof_joints=np.array([JOINT_NAMES.index(dof[1]) for dof in _PERSON_DOFS]),
-        dof_axes=np.array([dof[2] for dof in _PERSON_DOFS]), limits=np.array([dof[3:] for dof in _PERSON_DOFS]),
+        JOINT_NAMES, skeleton.parents[:n], skeleton.offsets[:n], POSE_NAMES, skeleton.dof_joints[:p],
+        skeleton.dof_axes[:p], skeleton.limits[:p],
     )  # fmt: skip
 
 
-def _person_offsets(shape: Shape) -> FloatArray:
-    offsets = {"pelvis": (0.0, 0.0, 0.0), "neck": shape.neck, "head_centre": shape.head}
+def _skeleton(
+    parents: Mapping[str, str | None], dofs: Sequence[tuple[str, str, Triple, float, float]],
+    offsets: Mapping[str, Triple],
+) -> Skeleton:  # fmt: skip
+    names = tuple(parents)
+    return Skeleton(
+        names=names, parents=np.array([-1 if parent is None else names.index(parent) for parent in parents.values()]),
+        offsets=np.array([offsets[name] for name in names]), dof_names=tuple(dof[0] for dof in dofs),
+        dof_joints=np.array([names.index(dof[1]) for dof in dofs]),
+        dof_axes=np.array([dof[2] for dof in dofs]), limits=np.array([dof[3:] for dof in dofs]),
+    )  # fmt: skip
+
+
+def _offsets(shape: Shape) -> dict[str, Triple]:
+    """Return the offsets of JOINT_NAMES by name, m."""
+    offsets: dict[str, Triple] = {"pelvis": (0.0, 0.0, 0.0), "neck": shape.neck, "head_centre": shape.head}
     for side, left in (("left", 1.0), ("right", -1.0)):
         mirror = np.array([1.0, left, 1.0])
         offsets[f"{side}_shoulder"] = tuple(mirror * shape.shoulder)
         offsets[f"{side}_hip"] = tuple(mirror * shape.hip)
         lengths = {"elbow": shape.upper_arm, "wrist": shape.forearm, "knee": shape.thigh, "ankle": shape.calf}
         offsets |= {f"{side}_{joint}": (0.0, 0.0, -length) for joint, length in lengths.items()}
-    return np.array([offsets[name] for name in JOINT_NAMES])
+    return offsets

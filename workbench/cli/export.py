@@ -11,7 +11,7 @@ import typer
 
 from workbench.body.kinematics import joints, undetermined
 from workbench.body.shape import read_shape
-from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
+from workbench.body.skeleton import Skeleton, feet_skeleton, person_skeleton
 from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.experiment.config.options import options
 from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
@@ -80,7 +80,7 @@ def export_recording(
     if intervals:
         track = replace(track, bands=_intervals(run, track.frames))
     if min_state is not None:
-        track = without_joints(track, joints_below(run.path, track.frames.tolist(), min_state))
+        track = without_joints(track, joints_below(run.path, track.frames.tolist(), min_state, track.skeleton.names))
     export(output, with_missing_frames(track), metres=metres)
     if (n_omitted := len(run.poses[0]) - len(track)) > 0:
         print(f"{run.path}: {n_omitted} frames without ground truth are omitted", file=sys.stderr)
@@ -97,8 +97,8 @@ def estimated_track(run: Run) -> Track:
     """
     skeleton = _skeleton(run, "with poses")
     frames, times_s, poses = timed(run.path, "poses")
-    if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
-        raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found other values")
+    if poses.shape[1:] != (len(skeleton.dof_names),) or not np.isfinite(poses).all():
+        raise InputError(f"{run.path}: expected poses of {len(skeleton.dof_names)} finite numbers, found other values")
     positions = joints(skeleton, poses)
     free_joints, free = _never_shown(run, skeleton)
     positions[:, free_joints] = np.nan
@@ -162,6 +162,9 @@ def _skeleton(run: Run, kind: str) -> Skeleton:
     if "estimate/pose" not in run.scalars:
         raise InputError(f"{run.path}: expected a recording {kind} (estimate/pose), found none")
     body = run.properties.get("body", {})
-    if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
-        raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")
-    return person_skeleton(read_shape(str(run.path), run.properties.get("shape", {})))
+    shape = read_shape(str(run.path), run.properties.get("shape", {}))
+    names = tuple(body.get("joints", ())), tuple(body.get("pose", ()))
+    for skeleton in (person_skeleton(shape), feet_skeleton(shape)):
+        if names == (skeleton.names, skeleton.dof_names):
+            return skeleton
+    raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")

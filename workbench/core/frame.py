@@ -16,12 +16,15 @@ class View:
     world_landmarks: (J, 3) of a detector, m, relative positions of the joints along the axes of a camera that looks at
     the person, x right, y down, z away from the camera, NaN for a joint without one; None for a detector without them.
     Their size is that of an average person.
+
+    feet: (4, 3) detected ends of the feet, FOOT_POINTS, as `keypoints`; None for a detector without them.
     """
 
     camera: Camera
     image: ByteArray
     keypoints: FloatArray | None = None
     world_landmarks: FloatArray | None = None
+    feet: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

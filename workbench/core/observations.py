@@ -6,7 +6,7 @@ from itertools import groupby
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES, Skeleton
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, Skeleton
 from workbench.body.surface import Kind
 from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
@@ -98,20 +98,25 @@ def observed_kinds(observed: Sequence[Observed]) -> tuple[str, ...]:
 
 
 def usable_keypoints(
-    skeleton: Skeleton, keypoints: FloatArray, camera: Camera, world_landmarks: FloatArray | None = None
-) -> Keypoints | None:
-    """Return the finite keypoints with positive weight among (J, 3), in the order of JOINT_NAMES, with their world
-    landmarks of (J, 3); None if there are none."""
+    skeleton: Skeleton, keypoints: FloatArray, camera: Camera, world_landmarks: FloatArray | None = None,
+    feet: FloatArray | None = None,
+) -> Keypoints | None:  # fmt: skip
+    """Return the finite keypoints with positive weight among (J, 3), in the order of JOINT_NAMES, and among those of
+    the feet (4, 3) where the skeleton has them, with their world landmarks of (J, 3), NaN for feet; None if there are
+    none."""
+    names, world = JOINT_NAMES, world_landmarks
+    if feet is not None and set(FOOT_POINTS) <= set(skeleton.names):
+        names, keypoints = (*names, *FOOT_POINTS), np.concatenate([keypoints, feet])
+        world = None if world is None else np.pad(world, ((0, len(feet)), (0, 0)), constant_values=np.nan)
     rows = np.flatnonzero(np.isfinite(keypoints).all(axis=1) & (np.nan_to_num(keypoints[:, 2]) > 0.0))
-    joints = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
-    world = None if world_landmarks is None else world_landmarks[rows]
-    return Keypoints(joints, keypoints[rows], camera, world) if len(rows) else None
+    joints = np.array([skeleton.joint(names[row]) for row in rows], dtype=np.intp)
+    return Keypoints(joints, keypoints[rows], camera, None if world is None else world[rows]) if len(rows) else None
 
 
 def frame_keypoints(skeleton: Skeleton, frame: Frame, cameras: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
     """Return the usable keypoints of every view that has any, of the named cameras; None for all cameras."""
     usable = (
-        usable_keypoints(skeleton, view.keypoints, view.camera, view.world_landmarks)
+        usable_keypoints(skeleton, view.keypoints, view.camera, view.world_landmarks, view.feet)
         for view in frame.views
         if view.keypoints is not None and (cameras is None or view.camera.name in cameras)
     )

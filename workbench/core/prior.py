@@ -102,7 +102,7 @@ class PriorCapabilities:
     density : the transition density. motion : a cyclic motion model with derivatives, for fits. smoothness : penalty of
     a fit on changes between frames. examples : returns training poses (n, P), candidates for an initial pose from
     annotations. first_pose : returns the initial pose (P,), if the prior determines it. discrepancy : residual of the
-    motion model on held-out subjects. pose_prior : static prior over the posture, the last numbers of a pose.
+    motion model on held-out subjects. pose_prior : static prior over the posture, the last of POSE_NAMES.
     """
 
     density: Density | None = None

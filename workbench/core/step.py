@@ -1,7 +1,7 @@
 """The posterior of one frame, and the interface of inference methods."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -65,6 +65,17 @@ class Step:
     def expected_joints(self, skeleton: Skeleton) -> FloatArray:
         """Return the joints (J, 3), m, in the expected pose."""
         return self.expected_frames(skeleton).positions[0]
+
+    def first_parameters(self, n: int) -> "Step":
+        """Return the step of the first n parameters of its poses: of a person with feet, the person's without."""
+        if n == len(self.expected_pose):
+            return self
+        expected = self.expected_pose[:n]
+        is_equal = self.map_pose is self.expected_pose
+        return replace(
+            self, poses=np.ascontiguousarray(self.poses[:, :n]), expected_pose=expected,
+            map_pose=expected if is_equal else self.map_pose[:n],
+        )  # fmt: skip
 
     @cached_property
     def _expected_frames(self) -> dict[Skeleton, JointFrames]:

@@ -145,7 +145,7 @@ class MultiView:
             return view
         video = self._videos[self._names.index(view.camera.name)]
         keypoints, world = video.scaled_annotations(joints, index), joints.world_landmarks_at(index)
-        return replace(view, keypoints=keypoints, world_landmarks=world)
+        return replace(view, keypoints=keypoints, world_landmarks=world, feet=video.scaled_feet(joints, index))
 
     @cached_property
     def _target(self) -> Mapping[str, JointAnnotations]:

@@ -5,7 +5,7 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
-from workbench.body.limbs import Body, person, with_neck_and_feet
+from workbench.body.limbs import Body, person, person_on, with_neck_and_feet
 from workbench.body.shape import Shape, from_height
 from workbench.core.capabilities import Traits, component_traits, declares_traits
 from workbench.core.dataset import SequenceInfo
@@ -33,16 +33,18 @@ def _height_traits(keys: Mapping[str, Any]) -> Traits:
 
 @declares_traits(_height_traits)
 def of_height(
-    *, height_m: float, limb_lengths_m: Mapping[str, float] = _NO_LENGTHS, neck_and_feet: bool = False
-) -> Body:
+    *, height_m: float, limb_lengths_m: Mapping[str, float] = _NO_LENGTHS, neck_and_feet: bool = False,
+    skeleton: str = "person",
+) -> Body:  # fmt: skip
     """Return an average person of a height.
 
     limb_lengths_m: single lengths by name that replace the average, m, e.g. {thigh: 0.40}. neck_and_feet: whether the
-    body has neck and feet. Raises InputError for an unknown length, and as `from_height` does.
+    body of the plain skeleton has neck and feet. skeleton: see `person_on`. Raises InputError for an unknown length,
+    and as `from_height` and `person_on` do.
     """
     names = {field.name for field in fields(Shape) if field.type is float}
     if unknown := sorted(set(limb_lengths_m) - names):
         expected = ", ".join(sorted(names))
         raise InputError(f"body: limb_lengths_m: unknown length {unknown[0]!r}, expected one of {expected}")
-    body = person(from_height(height_m, **limb_lengths_m))
-    return with_neck_and_feet(body) if neck_and_feet else body
+    body = person_on(skeleton, from_height(height_m, **limb_lengths_m))
+    return with_neck_and_feet(body) if neck_and_feet and "neck" not in body.limbs.names else body

@@ -175,7 +175,8 @@ class Video:
             self._check_size(image)
             world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
             seen_by = camera if self.motion is None else self.motion.camera(camera, 0, index - self.first)
-            view = View(seen_by, self._scaled(image), self.scaled_annotations(self._keypoints, index), world)
+            keypoints, feet = self.scaled_annotations(self._keypoints, index), self.scaled_feet(self._keypoints, index)
+            view = View(seen_by, self._scaled(image), keypoints, world, feet)
             annotated = None if self._truth is None else self._truth.at(index)
             truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
             yield Frame(index, float(self.times.at(index)), (view,), truth)
@@ -445,6 +446,11 @@ class Video:
         """Return the weighted annotations (J, 3) of a frame in the resized image; None without any."""
         weighted = None if annotations is None else annotations.weighted(index, self.occluded_weight)
         return None if weighted is None else np.column_stack([self._resized(weighted[:, :2]), weighted[:, 2]])
+
+    def scaled_feet(self, annotations: JointAnnotations | None, index: int) -> FloatArray | None:
+        """Return the ends of the feet (4, 3) of a frame in the resized image; None without any."""
+        feet = None if annotations is None else annotations.feet_at(index)
+        return None if feet is None else np.column_stack([self._resized(feet[:, :2]), feet[:, 2]])
 
     def _resized(self, pixels: FloatArray) -> FloatArray:
         """Return pixels of the full-size image in the resized one, as `Camera.scaled` does."""

@@ -13,6 +13,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.association.target_selection import TargetPerson, select_target
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import is_detections
+from workbench.detections.readers.named_points import foot_points
 from workbench.detections.readers.people import People, SourceImages, read_people
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -42,6 +43,7 @@ class JointAnnotations:
     confidence : (M, J) of a detector, 0..1, NaN without a detection; None for annotations.
     counts : see `TargetPerson`.
     world_landmarks : (M, J, 3) of a detector, see `View`; None without.
+    feet : (M, 4, 3) of a detector, see `View`; None without.
     other_points : names of annotated points that are no joints of the body, and therefore omitted.
     """
 
@@ -52,6 +54,7 @@ class JointAnnotations:
     confidence: FloatArray | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     world_landmarks: FloatArray | None = None
+    feet: FloatArray | None = None
     other_points: tuple[str, ...] = ()
 
     @property
@@ -81,12 +84,19 @@ class JointAnnotations:
             return None
         return np.asarray(self.world_landmarks[int(np.searchsorted(self.frames, frame))])
 
+    def feet_at(self, frame: int) -> FloatArray | None:
+        """Return a frame's FOOT_POINTS (4, 3), [u, v, confidence]; None without any."""
+        if self.feet is None or frame not in self.frames:
+            return None
+        return np.asarray(self.feet[int(np.searchsorted(self.frames, frame))])
+
     def select(self, rows: BoolArray) -> "JointAnnotations":
         """Return the annotations of the frames with `rows` (M,) true."""
         confidence = None if self.confidence is None else self.confidence[rows]
         frames, pixels, visible = self.frames[rows], self.pixels[rows], self.visible[rows]
         world = None if self.world_landmarks is None else self.world_landmarks[rows]
-        return JointAnnotations(self.source, frames, pixels, visible, confidence, self.counts, world)
+        feet = None if self.feet is None else self.feet[rows]
+        return JointAnnotations(self.source, frames, pixels, visible, confidence, self.counts, world, feet)
 
 
 AT_30_HZ, UNKNOWN_IMAGES = FrameTimes(30.0), SourceImages()
@@ -160,9 +170,11 @@ def read_view(
 def target_annotations(people: People, target: TargetPerson, view: int) -> JointAnnotations:
     """Return the target person's detections in a view."""
     in_view = np.isin(target.frames, people.frames)
-    pixels, confidence = target.joints[view][in_view, :, :2], target.joints[view][in_view, :, 2]
-    frames, world = target.frames[in_view], target.joints[view][in_view, :, 3:] if target.joints.shape[3] > 3 else None
-    return JointAnnotations(people.source, frames, pixels, np.isfinite(confidence), confidence, target.counts, world)
+    frames, joints = target.frames[in_view], target.joints[view][in_view]
+    pixels, confidence = joints[..., :2], joints[..., 2]
+    world = joints[..., 3:6] if np.isfinite(joints[..., 3:6]).any() else None
+    visible, feet = np.isfinite(confidence), foot_points(joints)
+    return JointAnnotations(people.source, frames, pixels, visible, confidence, target.counts, world, feet)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

@@ -11,6 +11,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from workbench.body.limbs import Body
+from workbench.core.capabilities import FIT
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Likelihood
@@ -21,7 +22,7 @@ from workbench.evaluation.errors.pose_errors import AccelerationError, step_erro
 from workbench.evaluation.uncertainty.posterior_calibration import expected_calibration_error
 from workbench.evaluation.uncertainty.step_calibration import expected_errors, group_errors, pose_ranks
 from workbench.experiment.config.instantiate import build
-from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
+from workbench.experiment.config.requirements import check_requirements, ignores_likelihood, traits_of
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
 from workbench.inference.initialization.poses import initial_poses
 from workbench.utils.arrays import FloatArray
@@ -73,6 +74,8 @@ def build_components(
             config.prior, frames_hz=info.rate_hz, trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip)
         )  # fmt: skip
     _check_skeletons(info, body, prior)
+    if body.skeleton.has_feet:
+        _check_feet(config, clip)
     live = {"body": body, "clip": clip, "info": info, "phase_ends": info.phase_ends, "prior": prior}
     if ignored := ignores_likelihood(config):
         log.info("the likelihood is not built, as the inference does not use one")
@@ -98,20 +101,32 @@ def _check_skeletons(info: SequenceInfo, body: Body, prior: Prior | None) -> Non
         )
 
 
+def _check_feet(config: DictConfig, clip: FrameCache) -> None:
+    """Raise InputError for feet with an inference other than a fit, whose prior moves the person's numbers alone, and
+    with a dataset that knows the person's pose."""
+    if FIT not in traits_of(config.inference).provides:
+        raise InputError("body: skeleton=feet needs a fit, inference=least_squares; other inferences move no ankles")
+    truth = next(iter(clip)).truth
+    if clip.info.initial_pose is not None or (truth is not None and truth.pose is not None):
+        raise InputError("body: skeleton=feet is for detected joints; the poses of this dataset have no ankles")
+
+
 class Meter:
-    """Errors of the steps of one run, computed in order."""
+    """Errors of the steps of one run, computed in order; those of a body with feet are the errors without them."""
 
     def __init__(self, components: Components) -> None:
-        self._body, self._parameters, self._scale = components.body, components.parameters, components.clip.info.scale
-        self._clip = components.clip
-        self._acceleration = AccelerationError(components.body.skeleton, components.parameters)
-        self._markers = MarkerOffsets(components.body.skeleton, components.parameters)
+        self._body, self._scale, self._clip = components.body.without_feet, components.clip.info.scale, components.clip
+        skeleton = self._body.skeleton
+        self._parameters = tuple(name for name in components.parameters if name in skeleton.dof_names)
+        self._acceleration = AccelerationError(skeleton, self._parameters)
+        self._markers = MarkerOffsets(skeleton, self._parameters)
         self._first = True  # the initial pose, which is not tracked
         self._ranks: list[FloatArray] = []
 
     def errors(self, step: Step) -> dict[str, float]:
         """Return the step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`,
         and its expected errors, see `expected_errors` of `step_calibration`."""
+        step = step.first_parameters(len(self._body.skeleton.dof_names))
         errors = step_errors(step, self._body, self._parameters, self._scale, self._initial)
         errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:

@@ -139,8 +139,11 @@ class KeypointLikelihood:
 
     def _keypoints(self, frame: Frame) -> list[Keypoints]:
         """Return the frame's usable keypoints by view."""
-        detected = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]
-        usable = [usable_keypoints(self.body.skeleton, *view) for view in detected]
+        usable = [
+            usable_keypoints(self.body.skeleton, view.keypoints, view.camera, feet=view.feet)
+            for view in self._views(frame)
+            if view.keypoints is not None
+        ]
         return [keypoints for keypoints in usable if keypoints is not None]
 
     def _views(self, frame: Frame) -> tuple[View, ...]:

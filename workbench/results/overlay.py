@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES, person_skeleton
+from workbench.body.skeleton import JOINT_NAMES_WITH_FEET, feet_skeleton, person_skeleton
 from workbench.evaluation.verdict.joint_states import LOST
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.reader import Run
@@ -35,8 +35,12 @@ _WIDTH_OVER_HEIGHT = 1.0 / 200.0
 _LARGEST_PX = 1e6
 """Lines further away, of limbs next to the camera, are omitted; OpenCV draws up to 2^31."""
 _DEFAULT_HZ = 30.0
-PERSON_CHAINS = [[JOINT_NAMES[joint] for joint in chain] for chain in chains(person_skeleton(from_height(1.7)))]
-"""Names of the joints of the lines of a person's skeleton, as recorded."""
+_SKELETONS = [skeleton(from_height(1.7)) for skeleton in (person_skeleton, feet_skeleton)]
+_CHAINS = {
+    chains(each).shape: [[each.names[joint] for joint in chain] for chain in chains(each)] for each in _SKELETONS
+}
+"""Names of the joints of the lines of a person's skeleton, without and with feet, as recorded, by their shape."""
+PERSON_CHAINS = _CHAINS[chains(_SKELETONS[0]).shape]
 
 
 def write_overlay(
@@ -63,7 +67,9 @@ def write_overlay(
         For a recording without images, an unknown camera, as of `joints_below`, and where OpenCV cannot write the file.
     """
     frames = run.poses[0].tolist()
-    below = {} if min_state is None else dict(zip(frames, joints_below(run.path, frames, min_state), strict=True))
+    names, below = JOINT_NAMES_WITH_FEET, {}
+    if min_state is not None:
+        below = dict(zip(frames, joints_below(run.path, frames, min_state, names), strict=True))
     shown = pictures(run, camera=camera, max_side_px=max_side_px)
     if source is not None:
         shown = with_omitted_frames(shown, run, source)
@@ -73,7 +79,7 @@ def write_overlay(
         writer = cv2.VideoWriter()
         try:
             for n, picture in enumerate(tqdm(ahead(shown), desc=path.name, unit="frame", disable=None), 1):
-                hidden = {JOINT_NAMES[joint] for joint in np.flatnonzero(below.get(picture.frame, []))}
+                hidden = {names[joint] for joint in np.flatnonzero(below.get(picture.frame, []))}
                 image = drawn(picture, picture.frame in lost, hidden)
                 has_truth = has_truth or len(picture.skeletons.get("truth", ())) > 0
                 if n == 1:
@@ -150,8 +156,9 @@ def _draw_limbs(
 ) -> None:
     """Draw the lines (C, k, 2) of a person's skeleton but for hidden joints, those of another body or of a part of it
     in one colour."""
-    of_person = lines.shape[:2] == (len(PERSON_CHAINS), len(PERSON_CHAINS[0]))
-    for line, names in zip(lines, PERSON_CHAINS if of_person else [[""] * lines.shape[1]] * len(lines), strict=True):
+    person = _CHAINS.get(lines.shape[:2])
+    of_person = person is not None
+    for line, names in zip(lines, person or [[""] * lines.shape[1]] * len(lines), strict=True):
         for k in range(len(line) - 1):
             if of_person and (names[k] == names[k + 1] or hidden & {names[k], names[k + 1]}):
                 continue
@@ -162,7 +169,8 @@ def _draw_limbs(
 
 def _opacity(names: list[str], confidence: Mapping[str, float]) -> float:
     """Return the opacity of a limb by the less confident of its ends; joints that no detector has are ignored."""
-    values = [confidence.get(name, 0.0) for name in names if name.startswith(("left", "right"))] if confidence else []
+    sided = [name.replace("_foot", "_ankle") for name in names if name.startswith(("left", "right"))]
+    values = [confidence.get(name, 0.0) for name in sided] if confidence else []
     return max(min(values, default=1.0), _MIN_OPACITY)
 
 

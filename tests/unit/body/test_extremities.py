@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import forward
-from workbench.body.limbs import FOOT_BREADTH, FOOT_LENGTH, person, with_neck_and_feet
-from workbench.body.shape import ANKLE_HEIGHT, from_height
+from workbench.body.limbs import FOOT_BREADTH, person, with_neck_and_feet
+from workbench.body.shape import ANKLE_HEIGHT, FOOT_LENGTH, from_height
 from workbench.utils.errors import InputError
 
 TALL = 1.7

@@ -6,15 +6,18 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from feet_scenes import side_camera, walker
 from observed_walkers import camera_arc, walker_joints
 from openpose_scenes import points, write
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, JOINT_NAMES_WITH_FEET
 from workbench.cameras.camera_file import load_cameras, write_cameras
 from workbench.cli import track
 from workbench.cli.main import main
 from workbench.detections.detector import detection_files
 from workbench.detections.detector.landmark_network import PersonLandmarks, Region
+from workbench.motion.formats.markers import read_markers
 from workbench.recording.read.reader import read
 from workbench.utils.decode import count_frames
 
@@ -45,6 +48,37 @@ def test_a_video_is_recorded_and_exported(video, tmp_path, capsys):
     assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv", ".mp4"}
     assert count_frames(tmp_path / "out" / "overlay.mp4") == 8
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_feet", [True, False])
+def test_a_body_with_feet_is_recorded_and_exported(tmp_path, with_feet):
+    """Ankles follow detected heels and toes; without them, exports have no feet."""
+    times, body, poses = walker(24)
+    camera, skeleton = side_camera().scaled(0.25), body.skeleton
+    (tmp_path / "walk").mkdir()
+    for t in range(len(times)):
+        cv2.imwrite(str(tmp_path / "walk" / f"{t:03d}.png"), np.full((camera.height, camera.width, 3), 90, np.uint8))
+    names = (*JOINT_NAMES, *FOOT_POINTS) if with_feet else JOINT_NAMES
+    pixels = camera.project(joints(skeleton, poses)[:, [skeleton.joint(name) for name in names]]).tolist()
+    people = [[points("BODY_25B", dict(zip(names, frame, strict=True)))] for frame in pixels]
+    write(tmp_path / "keypoints", dict(enumerate(people)))
+    write_cameras(tmp_path / "camera.toml", [camera], 0.0, {})
+    overrides = [f"dataset.keypoints={tmp_path / 'keypoints'}", "dataset.rate_hz=30", "training.motions=builtin"]
+    overrides += ["body.skeleton=feet", "--height", "1.7", "--camera", str(tmp_path / "camera.toml")]
+    assert main(["track", str(tmp_path / "walk"), "-o", str(tmp_path / "out"), *overrides]) == 0
+    run = read(tmp_path / "out" / "run.rrd")
+    assert tuple(run.properties["body"]["joints"]) == JOINT_NAMES_WITH_FEET
+    ankles = np.degrees(run.poses[1][:, 25:] - poses[:, 25:])
+    assert (np.sqrt((ankles**2).mean()) < 5.0) == with_feet
+    markers = read_markers(tmp_path / "out" / "person.trc")
+    assert markers.names == (*JOINT_NAMES, *FOOT_POINTS)
+    assert np.isfinite(markers.positions[:, :15]).all()
+    assert np.isfinite(markers.positions[:, 15:]).all() == with_feet
+    assert main(["export", str(tmp_path / "out" / "run.rrd"), "-o", str(tmp_path / "walk.mot")]) == 0
+    assert ("ankle_angle_r" in (tmp_path / "walk.mot").read_text()) == with_feet
+    marked = [str(tmp_path / "out" / "run.rrd"), "-o", str(tmp_path / "tracked.csv"), "--min-state", "tracked"]
+    assert main(["export", *marked]) == 0
 
 
 def test_a_lens_calibration_is_used_with_the_persons_height(video, tmp_path, capsys):

@@ -80,3 +80,20 @@ def test_repeated_and_frozen_images_are_counted(film):
     assert (counts["frames_repeated"], counts["frames_frozen"]) == (6, 6)
     options["person"] = 0  # in the other part
     assert "frames_repeated" not in Video(str(film / "left"), str(film / "cameras.toml"), **options).info.input_counts
+
+
+def test_the_ends_of_the_feet_follow_the_target(film):
+    """Heel and toes of a detector with feet are in the views, in the scale of their images; others have none."""
+    people = {}
+    for t in range(30):
+        feet = {f"{side}_{end}": (100.0 + t + du, 140.0) for side, du in (("left", 6.0), ("right", -6.0))
+                for end in ("heel", "toes")}  # fmt: skip
+        people[t] = [points("BODY_25", standing(100.0 + t, 40.0) | feet)]
+    folder = write(film / "feet_json", people)
+    options = {"calibration_file": str(film / "cameras.toml"), "rate_hz": 10.0, "first_frame": N, "n_frames": 4}
+    view = next(Video(str(film / "left"), keypoints=str(folder), scale=0.5, **options).frames()).views[0]
+    places = 0.5 * (np.array([[118.0, 140.0], [118.0, 140.0], [106.0, 140.0], [106.0, 140.0]]) + 0.5) - 0.5
+    np.testing.assert_allclose(view.feet, np.column_stack([places, np.full(4, 0.8)]))
+    assert view.world_landmarks is None
+    plain = Video(str(film / "left"), keypoints=str(film / "left_json"), **options)
+    assert next(plain.frames()).views[0].feet is None

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from openpose_scenes import people_in, points, standing, write
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES
 from workbench.detections.joint_annotations import read_annotations
 from workbench.detections.readers.formats import LAYOUTS
-from workbench.detections.readers.named_points import layout_joints
+from workbench.detections.readers.named_points import foot_points, joints_of_points, layout_joints, named_points
 from workbench.utils.errors import InputError
 
 
@@ -27,7 +27,7 @@ def test_every_layout_is_recognized_by_its_points(tmp_path, layout):
     assert len(known) >= 12
     for name, pixel in joints.items():
         expected = [*pixel, 0.8] if name in known else [np.nan] * 3
-        np.testing.assert_allclose(detections.joints[0][0, JOINT_NAMES.index(name)], expected)
+        np.testing.assert_allclose(detections.joints[0][0, JOINT_NAMES.index(name), :3], expected)
 
 
 PUBLISHED = {
@@ -47,6 +47,53 @@ def test_points_have_their_published_numbers(layout):
     assert len(LAYOUTS[layout]) == int(re.sub(r"\D", "", layout.partition("_")[2]))
     assert (numbers["left_wrist"], numbers["right_knee"], numbers["left_ankle"]) == ((wrist,), (knee,), (ankle,))
     assert numbers.get("head_centre") == head
+
+
+FEET = {
+    "BODY_25": ((21,), (19, 20), (24,), (22, 23)), "BODY_25B": ((21,), (19, 20), (24,), (22, 23)),
+    "BODY_135": ((21,), (19, 20), (24,), (22, 23)), "HALPE_26": ((24,), (20, 22), (25,), (21, 23)),
+    "HALPE_136": ((24,), (20, 22), (25,), (21, 23)), "COCO_133": ((19,), (17, 18), (22,), (20, 21)),
+    "BLAZEPOSE_33": ((29,), (31,), (30,), (32,)),
+}  # fmt: skip
+"""Numbers of the points of left heel, left toes, right heel and right toes, in the same documentation."""
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_feet_have_their_published_numbers(layout):
+    numbers = layout_joints(LAYOUTS[layout])
+    found = {name: numbers[name] for name in FOOT_POINTS if name in numbers}
+    assert found == dict(zip(FOOT_POINTS, FEET.get(layout, ()), strict=False))
+
+
+def test_feet_follow_their_ankles():
+    """Heel and toes are at the mean of their points with the smallest confidence, in the row of their ankle."""
+    layout = LAYOUTS["BODY_25"]
+    person = np.random.default_rng(0).uniform(0.1, 1.0, (25, 3))
+    joints = joints_of_points(layout_joints(layout), person)
+    assert joints.shape == (15, 12)
+    np.testing.assert_array_equal(joints[:, :3], joints_of_points(layout_joints(layout[:19]), person))
+    feet = foot_points(joints)
+    np.testing.assert_array_equal(feet[0], person[21])
+    np.testing.assert_allclose(feet[1], [*person[19:21, :2].mean(axis=0), person[19:21, 2].min()])
+    np.testing.assert_array_equal(feet[2], person[24])
+    assert np.isnan(
+        np.delete(joints[:, 3:], [JOINT_NAMES.index(f"{side}_ankle") for side in ("left", "right")], axis=0)
+    ).all()
+    assert foot_points(joints[:, :6]) is None
+
+
+@pytest.mark.parametrize(
+    ("names", "toes"),
+    [
+        (("LHeel", "LBigToe", "LSmallToe"), (2, 3)),
+        (("heel_left", "toe_left"), (2,)),
+        (("left_heel", "left_foot_index"), (2,)),
+    ],
+)
+def test_named_points_may_be_feet(names, toes):
+    numbers = named_points(("left_knee", *names))
+    assert numbers == {"left_knee": (0,), "left_heel": (1,), "left_toes": toes}
+    assert named_points(names) == {}
 
 
 PIXELS = st.floats(2.0, 2000.0, allow_nan=False)

@@ -13,7 +13,7 @@ from valid_files import BVH
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
-from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.skeleton import FOOT_POINTS, POSE_NAMES, feet_skeleton, person_skeleton
 from workbench.motion.formats.bvh import bvh_text, read_bvh
 
 SKELETON = person_skeleton(from_height(1.8))
@@ -64,6 +64,24 @@ def test_bvhio_reads_the_same_joints(tmp_path):
             read[f"{joint.Name}_end"] = read[joint.Name] + ends[joint.Name] * np.array(joint.UpWorld)
         positions = np.array([read[LEAVES.get(name, name)] for name in SKELETON.names])
         np.testing.assert_allclose(positions, expected, atol=0.01)  # cm, in float32
+
+
+def test_feet_are_read_back_by_bvhio_and_by_our_reader(tmp_path):
+    """Heel and toes are joints, which the ankle's angle moves."""
+    poses = np.hstack([random_poses(4), np.random.default_rng(1).uniform(-0.9, 0.5, (4, 2))])
+    skeleton, path = feet_skeleton(from_height(1.8)), tmp_path / "out.bvh"
+    path.write_text(bvh_text(skeleton, poses, 30.0))
+    expected, ends = joints(skeleton, poses), [skeleton.joint(name) for name in FOOT_POINTS]
+    clip = read_bvh(path, unit="cm", up="y")
+    np.testing.assert_allclose(
+        clip.positions[:, [clip.joint(name) for name in FOOT_POINTS]], expected[:, ends], atol=1e-6
+    )
+    root = bvhio.readAsHierarchy(str(path))
+    for frame in range(len(poses)):
+        root.loadPose(frame)
+        read = {joint.Name: np.array(joint.PositionWorld) for joint, _, _ in root.layout()}
+        found = np.array([read[name] for name in FOOT_POINTS])
+        np.testing.assert_allclose(found, 100.0 * expected[frame, ends][:, [1, 2, 0]], atol=0.01)  # cm, in float32
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 120.0, 29.97, 14.0])

@@ -5,13 +5,14 @@ import io
 import sys
 from dataclasses import replace
 
+import ezc3d
 import numpy as np
 import pytest
 import trc
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, POSE_NAMES, feet_skeleton, person_skeleton
 from workbench.motion.formats.markers import read_markers
 from workbench.motion.formats.motion_export import (
     SUFFIXES,
@@ -98,6 +99,30 @@ def test_points_are_read_back_from_every_format_of_points(tmp_path, metres):
         assert markers.names == JOINT_NAMES
         np.testing.assert_allclose(markers.positions, exported.positions, atol=last_digit, rtol=0.0)
         (tmp_path / f"walk{suffix}").unlink()
+
+
+def test_heels_and_toes_are_read_back_by_independent_readers(tmp_path):
+    """The joint that carries a foot, at the ankle, is no marker."""
+    rng, skeleton = np.random.default_rng(2), feet_skeleton(from_height(1.7))
+    poses = 0.2 * rng.uniform(-1.0, 1.0, (9, 27))
+    exported = Track(skeleton, np.arange(9), np.arange(9) / 30.0, joints(skeleton, poses), poses)
+    names = (*JOINT_NAMES, *FOOT_POINTS)
+    expected = exported.positions[:, [skeleton.joint(name) for name in names]]
+    assert exported.markers[0] == names
+    for suffix in SUFFIXES:
+        export(tmp_path / f"walk{suffix}", exported)
+    data = trc.TRCData()
+    data.load(str(tmp_path / "walk.trc"))
+    assert data["Markers"] == list(names)
+    found = np.stack([np.array(data[name]) for name in names], axis=1)[..., [0, 2, 1]] * [1, -1, 1] / 1000.0
+    np.testing.assert_allclose(found, expected, atol=0.51e-7)
+    points = ezc3d.c3d(str(tmp_path / "walk.c3d"))
+    assert points["parameters"]["POINT"]["LABELS"]["value"] == list(names)
+    np.testing.assert_allclose(points["data"]["points"][:3].transpose(2, 1, 0) / 1000.0, expected, atol=1e-6)
+    for suffix in (".trc", ".c3d", ".csv"):
+        markers = read_markers(tmp_path / f"walk{suffix}")
+        assert markers.names == names
+        np.testing.assert_allclose(markers.positions, expected, atol=1e-6)
 
 
 def test_c3d_holds_at_most_65535_frames(tmp_path):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
-from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.skeleton import POSE_NAMES, feet_skeleton, person_skeleton
 from workbench.motion.formats.opensim_mot import mot_text, opensim_coordinates
 
 SKELETON = person_skeleton(from_height(1.7))
@@ -50,6 +50,20 @@ def pose(**degrees):
 def test_a_single_movement_changes_a_single_coordinate(moved, coordinate):
     for name, values in opensim_coordinates(SKELETON, pose(**moved)).items():
         assert values[0] == pytest.approx(coordinate.get(name, 0.0), abs=1e-9), name
+
+
+def test_ankle_angles_are_positive_in_dorsiflexion():
+    skeleton, feet = feet_skeleton(from_height(1.7)), np.pad(pose(left_knee_flexion=20.0), ((0, 0), (0, 2)))
+    feet[0, skeleton.dof("left_ankle_flexion")], feet[0, skeleton.dof("right_ankle_flexion")] = np.radians([12.0, -7.0])
+    found = opensim_coordinates(skeleton, feet)
+    assert found["ankle_angle_l"] == pytest.approx(12.0)
+    assert found["ankle_angle_r"] == pytest.approx(-7.0)
+    plain = opensim_coordinates(SKELETON, feet[:, :25])
+    assert set(found) == {*plain, "ankle_angle_l", "ankle_angle_r"}
+    assert all(np.array_equal(found[name], values) for name, values in plain.items())
+    columns = parsed(mot_text("walk", skeleton, np.zeros(1), feet, ("left_ankle_flexion",)))
+    assert "ankle_angle_r" in columns
+    assert "ankle_angle_l" not in columns
 
 
 def test_positive_angles_move_limbs_forward_and_outward():

@@ -95,12 +95,12 @@ def _motion_costs(places: FloatArray, rate_hz: float) -> FloatArray:
 
 def _twist_costs(joints: FloatArray) -> FloatArray:
     """Return costs (T, 1, 1, 4) of the states by the directions of shoulders and hips in one view's world landmarks, of
-    joints (T, J, 6), none of joints (T, J, 3)."""
+    joints (T, J, ≥ 6), none of joints (T, J, 3)."""
     costs = np.zeros((len(joints), 1, 1, len(_STATES)))
     if joints.shape[2] < 6:
         return costs
     sides = [[JOINT_NAMES.index(f"{side}_{joint}") for joint in ("shoulder", "hip")] for side in ("left", "right")]
-    across = joints[:, sides[0], 3:] - joints[:, sides[1], 3:]
+    across = joints[:, sides[0], 3:6] - joints[:, sides[1], 3:6]
     agree = (across[:, 0] * across[:, 1]).sum(axis=1)  # NaN if unknown
     arms_only = _STATES[:, 0] & ~_STATES[:, 1]
     both_or_none = _STATES[:, 0] == _STATES[:, 1]

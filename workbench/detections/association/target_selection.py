@@ -49,7 +49,7 @@ class TargetPerson:
     ----------
     frames : (T,) numbers of the frames, increasing.
     joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection
-        and for `isolated_joints`. (V, T, J, 6) with world landmarks, see `People`.
+        and for `isolated_joints`. (V, T, J, 6) with world landmarks, (V, T, J, 12) with feet, see `People`.
     counts : numbers of people, of the video's frames within the chosen ones, of frames without a detection of anybody
         (empty), of the target (unseen), of those of them that may show the target (lost), of the others before the
         target's first detection and after the last, and of arms and legs in views with exchanged left/right labels. Of
@@ -95,7 +95,8 @@ class TrackedPeople:
         return sorted({number for frame in self.assigned for number in frame.values()})
 
     def of(self, number: int) -> FloatArray:
-        """Return one person's joints (V, T, J, 3), or (V, T, J, 6) if all views have world landmarks."""
+        """Return one person's joints (V, T, J, 3), (V, T, J, 6) if all views have world landmarks, or (V, T, J, 12) if
+        all have feet."""
         width = min(rows.shape[2] for views in self.joints for rows in views if len(rows))
         joints = np.full((len(self.names), len(self.frames), len(JOINT_NAMES), width), np.nan)
         for t, frame in enumerate(self.assigned):

@@ -12,20 +12,20 @@ _COCO = (
     "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow left_wrist "
     "right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"
 )
-_BODY_25B = f"{_COCO} neck head_top left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"
+_FEET = "left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"
+_BODY_25B = f"{_COCO} neck head_top {_FEET}"
 _HALPE = f"{_COCO} head_top neck pelvis left_big_toe right_big_toe left_small_toe right_small_toe left_heel right_heel"
 _OTHER = " -"
 """A point of the face or of a hand."""
 _LAYOUTS = {
-    "BODY_25": f"nose shoulders {_ARMS} pelvis {_LEGS} {_FACE} "
-    "left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel",
+    "BODY_25": f"nose shoulders {_ARMS} pelvis {_LEGS} {_FACE} {_FEET}",
     "BODY_25B": _BODY_25B,
     "BODY_135": _BODY_25B + 110 * _OTHER,
     "HALPE_26": _HALPE,
     "HALPE_136": _HALPE + 110 * _OTHER,
     "COCO_18": f"nose shoulders {_ARMS} {_LEGS} {_FACE}",
     "COCO_17": _COCO,
-    "COCO_133": _COCO + 116 * _OTHER,
+    "COCO_133": f"{_COCO} {_FEET}" + 110 * _OTHER,
     "MPII_16": "right_ankle right_knee right_hip left_hip left_knee left_ankle pelvis thorax neck head_top "
     "right_wrist right_elbow right_shoulder left_shoulder left_elbow left_wrist",
     "MPI_15": f"head_top shoulders {_ARMS} {_LEGS} chest",

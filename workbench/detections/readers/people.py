@@ -46,7 +46,8 @@ class People:
     frames : (M,) numbers of the frames, ascending.
     joints : (n, J, 3) per frame, for n people in the order of the file, [u px, v px, confidence 0..1] in the order of
         JOINT_NAMES; NaN for a joint that was not detected and for all joints of an empty person. (n, J, 6) where the
-        files have world landmarks, [x, y, z] m about the middle of the hips along the camera's axes.
+        files have world landmarks, [x, y, z] m about the middle of the hips along the camera's axes. (n, J, 12) where
+        the layout has heels or toes, with FOOT_OF_ANKLE, and NaN without world landmarks.
     identities : see `DetectedPoints`.
     """
 
@@ -153,5 +154,6 @@ def _people_of(points: DetectedPoints, name: str) -> People:
         )
     width = min(person.shape[1] for person in points.detected)
     joints = [[joints_of_points(numbers, person, width) for person in frame] for frame in points.points]
+    width = next(person.shape[1] for frame in joints for person in frame)
     by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
     return People(points.source, name, points.frames, by_frame, points.identities)

@@ -123,7 +123,8 @@ class MeasurementCollector:
     """
 
     def __init__(self, body: Body, scale: float = 1.0) -> None:
-        self._body, self._scale = body, scale
+        self._body, self._scale = body.without_feet, scale
+        body = self._body
         named = [name for name in JOINT_NAMES if name in body.skeleton.names]
         self._body_joints, self._named = list(map(body.skeleton.joint, named)), list(map(JOINT_NAMES.index, named))
         self._rows: list[dict[str, Any]] = []
@@ -134,6 +135,7 @@ class MeasurementCollector:
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Add one step and its errors."""
+        step = step.first_parameters(len(self._body.skeleton.dof_names))
         frame = step.frame
         estimate = step.expected_joints(self._body.skeleton)
         places = np.full((len(JOINT_NAMES), 3), np.nan)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from workbench.body.kinematics import forward, joint_jacobian, length_jacobian
-from workbench.body.limbs import Body, person
+from workbench.body.limbs import Body, person_on
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, declares_traits
@@ -65,18 +65,22 @@ def _traits(keys: Mapping[str, Any]) -> Traits:
 
 
 @declares_traits(_traits)
-def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: int = 8) -> Body:
+def of_keypoints(
+    clip: FrameCache, *, height_m: float | None = None, n_frames: int = 8, skeleton: str = "person"
+) -> Body:
     """Return a body fitted to the keypoints of `n_frames` of a clip's first _MAX_FRAMES frames with keypoints, those
     that show most of the person in as many equal parts of them.
 
-    height_m: the person's, which one camera cannot separate from the distance; None: an adult's, 1.70 m ± 10 cm. Raises
-    InputError if none of the frames has MIN_KEYPOINTS joints, and for heights as `from_height`.
+    height_m: the person's, which one camera cannot separate from the distance; None: an adult's, 1.70 m ± 10 cm.
+    skeleton: see `person_on`; feet are as long as an average person's with such legs. Raises InputError if none of the
+    frames has MIN_KEYPOINTS joints, for heights as `from_height`, and for an unknown skeleton.
     """
-    skeleton = person_skeleton(from_height(AVERAGE_M if height_m is None else height_m))
+    average = person_on(skeleton, from_height(AVERAGE_M if height_m is None else height_m))
+    plain = person_skeleton(average.shape)
     usable = (
         keypoints
         for frame in clip
-        if enough_keypoints(Observed(np.empty((0, 3)), keypoints := frame_keypoints(skeleton, frame)))
+        if enough_keypoints(Observed(np.empty((0, 3)), keypoints := frame_keypoints(plain, frame)))
     )
     candidates = list(islice(usable, _MAX_FRAMES))
     if not candidates:
@@ -87,7 +91,10 @@ def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: i
     log.info(
         "limb lengths fitted in %d frames, residual %.1f px: %s cm", len(observations), measurement.error_px, lengths
     )
-    return replace(person(measurement.shape), limb_length_std=measurement.length_uncertainty)
+    body, std = person_on(skeleton, measurement.shape), measurement.length_uncertainty
+    if skeleton == "feet":
+        std = _with_feet(body, std)
+    return replace(body, limb_length_std=std)
 
 
 def best_observed(frames: Sequence[tuple[Keypoints, ...]], n: int) -> list[tuple[Keypoints, ...]]:
@@ -177,6 +184,15 @@ def _project(
             residuals.append(errors.ravel())
             jacobians.append(rows)
     return np.concatenate(residuals), np.vstack(jacobians)
+
+
+def _with_feet(body: Body, length_uncertainty: FloatArray) -> FloatArray:
+    """Return errors (J, 3, G + 1) of a body with feet by those (15, 3, G) without: feet are as wrong as the legs, and
+    by PROPORTION_SIGMA."""
+    knee, ankle = (body.skeleton.joint(f"left_{joint}") for joint in ("knee", "ankle"))
+    legs = -(length_uncertainty[knee, 2] + length_uncertainty[ankle, 2]) / (body.shape.thigh + body.shape.calf)
+    feet = body.skeleton.offsets[len(length_uncertainty) :, :, None] * np.append(legs, PROPORTION_SIGMA)
+    return np.concatenate([np.pad(length_uncertainty, ((0, 0), (0, 0), (0, 1))), feet])
 
 
 def _by_length(lengths: FloatArray) -> FloatArray:

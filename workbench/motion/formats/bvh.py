@@ -256,16 +256,23 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
 
 
 def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[list[str], list[int]]:
-    """Return the lines of a joint and its descendants, and the pose's column of each of their channels (-1: none)."""
+    """Return the lines of a joint and its descendants, and the pose's column of each of their channels (-1: none).
+
+    A joint has at most one End Site: of several leaves, such as heel and toes, each is a joint with an End Site of its
+    own.
+    """
     tab = "\t" * depth
     children = np.flatnonzero(skeleton.parents == joint).tolist()
-    kind = f"{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}" if children else "End Site"
+    is_end = not children and (skeleton.parents == skeleton.parents[joint]).sum() == 1
+    kind = "End Site" if is_end else f"{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}"
     offset = np.round(skeleton.offsets[joint, FILE_FROM_WORLD] * scale, _DIGITS) + 0.0
     lines = [f"{tab}{kind}", f"{tab}{{", f"{tab}\tOFFSET {' '.join([f'{value:.{_DIGITS}f}' for value in offset])}"]
     columns: list[int] = []
-    if children:
+    if not is_end:
         names, columns = _joint_channels(skeleton, joint)
         lines.append(f"{tab}\tCHANNELS {len(names)} {' '.join(names)}")
+        if not children:
+            lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET 0 0 0", f"{tab}\t}}"]
     for child in children:
         child_lines, child_columns = _branch(skeleton, child, scale, depth + 1)
         lines += child_lines

@@ -53,6 +53,14 @@ class Track:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def markers(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names (M,) and positions (F, M, 3), m, of the joints but for those at the place of their parent, such as the
+        one that carries a foot at the ankle."""
+        skeleton = self.skeleton
+        rows = np.flatnonzero((skeleton.parents < 0) | skeleton.offsets.any(axis=1))
+        return tuple(skeleton.names[row] for row in rows), self.positions[:, rows]
+
 
 def export(path: str | Path, track: Track, metres: bool = False) -> None:
     """Write a track to a file of one of SUFFIXES, atomically; an existing file is replaced.
@@ -79,7 +87,7 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
     with whole_file(path, parents=True) as part:
         if path.suffix.lower() == ".c3d":
             unit, target = "m" if metres else "mm", part.with_suffix(".c3d")  # ezc3d appends it to other names
-            write_c3d(target, track.skeleton.names, track.positions, frame_rate(track.times_s), unit, PER_METRE[unit])
+            write_c3d(target, *track.markers, frame_rate(track.times_s), unit, PER_METRE[unit])
             target.replace(part)
         else:
             part.write_text(_text(path, track, metres), encoding="utf-8", newline="\n")
@@ -92,7 +100,7 @@ def _text(path: Path, track: Track, metres: bool) -> str:
         return csv_text(track)
     if suffix == ".trc":
         unit = "m" if metres else "mm"
-        return trc_text(path.name, track.skeleton.names, track.positions, frame_rate(track.times_s), unit)
+        return trc_text(path.name, *track.markers, frame_rate(track.times_s), unit)
     if track.poses is None:
         raise InputError(
             f"{path}: {suffix[1:].upper()} requires joint angles, but only joint positions are known; choose .trc, "
@@ -185,8 +193,9 @@ def csv_text(track: Track) -> str:
     Coordinates are in the world, z up. If known, limits of intervals follow: <name>_low, <name>_high. Nine decimals:
     nanometres. A missing joint (NaN) is three empty cells, an undetermined parameter an empty one.
     """
-    names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in track.skeleton.names for axis in "xyz"]]
-    values = [track.times_s[:, None], track.positions.reshape(len(track), -1)]
+    joints, positions = track.markers
+    names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in joints for axis in "xyz"]]
+    values = [track.times_s[:, None], positions.reshape(len(track), -1)]
     if track.poses is not None:
         dofs = track.skeleton.dof_names
         names += [f"{dof}_{'m' if column < _N_POSITIONS else 'rad'}" for column, dof in enumerate(dofs)]

@@ -16,17 +16,19 @@ _PELVIS = ("tilt", "list", "rotation")
 _COORDINATES = {
     "hip_flexion": "hip_flexion", "hip_abduction": "hip_adduction", "hip_twist": "hip_rotation",
     "shoulder_flexion": "arm_flex", "shoulder_abduction": "arm_add", "shoulder_twist": "arm_rot",
-    "knee_flexion": "knee_angle", "elbow_flexion": "elbow_flex",
+    "knee_flexion": "knee_angle", "elbow_flexion": "elbow_flex", "ankle_flexion": "ankle_angle",
 }  # fmt: skip
 """OpenSim's names by our parameters, both without the side."""
 
 
 def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, FloatArray]:
-    """Return OpenSim's coordinates (F,) of a person's poses (F, 25) by name, angles in degrees, without jumps by 360°.
+    """Return OpenSim's coordinates (F,) of a person's poses (F, 25), or with feet (F, 27), by name, angles in degrees,
+    without jumps by 360°.
 
     The angles are those of the joint coordinate systems of the ISB (Wu et al., J Biomech 2002 and 2005) as OpenSim's
     models order them: intrinsic rotations about z to the right, x ahead and y up. Flexion, adduction and internal
-    rotation are positive on both sides, as are knee and elbow flexion; a positive pelvis_tilt leans backwards. Of the
+    rotation are positive on both sides, as are knee and elbow flexion, and dorsiflexion; a positive pelvis_tilt leans
+    backwards. Of the
     two equivalent triples of a ball joint it is the one with smaller angles. pelvis_tx, ty and tz, m, are of the middle
     of the hips: x ahead where the world has x, y up.
     """
@@ -41,15 +43,17 @@ def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, Floa
             for turn, angles in zip(("flexion", "abduction", "twist"), _zxy(relative), strict=True):
                 name = f"{_COORDINATES[f'{joint}_{turn}']}_{side[0]}"
                 coordinates[name] = angles if turn == "flexion" else sign * angles
-            degrees = np.degrees(poses[:, skeleton.dof(f"{side}_{hinge}")])
-            coordinates[f"{_COORDINATES[hinge]}_{side[0]}"] = degrees
+            coordinates[f"{_COORDINATES[hinge]}_{side[0]}"] = np.degrees(poses[:, skeleton.dof(f"{side}_{hinge}")])
+        if skeleton.has_feet:
+            ankle = np.degrees(poses[:, skeleton.dof(f"{side}_ankle_flexion")])
+            coordinates[f"{_COORDINATES['ankle_flexion']}_{side[0]}"] = ankle
     return coordinates
 
 
 def mot_text(
     name: str, skeleton: Skeleton, times_s: FloatArray, poses: FloatArray, undetermined: Collection[str] = ()
 ) -> str:
-    """Return the text of a motion file of a person's poses (F, 25).
+    """Return the text of a motion file of a person's poses (F, 25), or with feet (F, 27).
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES
 from workbench.motion.formats.text import MISSING, fail, gap_numbers, numbers, points, read_lines
 from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray
@@ -71,7 +71,8 @@ def read_trc(path: Path) -> RawMarkers:
     rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz)
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
-    forward = "x" if tuple(names) == JOINT_NAMES else None  # as of OpenSim and `trc_text`
+    is_own = tuple(names[: len(JOINT_NAMES)]) == JOINT_NAMES and set(names[len(JOINT_NAMES) :]) <= set(FOOT_POINTS)
+    forward = "x" if is_own else None  # as of OpenSim and `trc_text`
     return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
 
 

@@ -28,18 +28,19 @@ def lane(path: Path, name: str, frames: Sequence[int]) -> list[str]:
     return states
 
 
-def joints_below(path: Path, frames: Sequence[int], min_state: str) -> BoolArray:
-    """Return which joints (F, J), in the order of JOINT_NAMES, belong to a part of the body with a state below
-    `min_state`, "tracked" or "doubtful", in ascending frames.
+def joints_below(path: Path, frames: Sequence[int], min_state: str, names: Sequence[str] = JOINT_NAMES) -> BoolArray:
+    """Return which joints (F, J) of the `names`, a person's with feet or without, belong to a part of the body with a
+    state below `min_state`, "tracked" or "doubtful", in ascending frames. Feet have the state of their ankle.
 
     Raises InputError for another state, and for a recording without states of joints.
     """
     if min_state not in SHOWN:
         raise InputError(f"--min-state: expected {' or '.join(SHOWN)}, found {min_state!r}")
     below = np.zeros((len(frames), len(JOINT_NAMES)), bool)
-    for group, names in JOINT_GROUPS.items():
+    for group, joints in JOINT_GROUPS.items():
         states = lane(path, group, frames)
         if not any(states):
             raise InputError(f"{path}: no states of joints, which --min-state needs; they require keypoints or a truth")
-        below[:, [JOINT_NAMES.index(name) for name in names]] = ~np.isin(states, SHOWN[min_state])[:, None]
-    return below
+        below[:, [JOINT_NAMES.index(name) for name in joints]] = ~np.isin(states, SHOWN[min_state])[:, None]
+    of_feet = [JOINT_NAMES.index(f"{name.partition('_')[0]}_ankle") for name in names[len(JOINT_NAMES) :]]
+    return np.concatenate([below, below[:, of_feet]], axis=1)

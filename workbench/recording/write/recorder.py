@@ -15,11 +15,11 @@ import rerun as rr
 from workbench.body.angles import flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, Skeleton
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
 from workbench.cameras.camera import Camera
-from workbench.core.frame import Frame, true_cameras
+from workbench.core.frame import Frame, View, true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
@@ -243,7 +243,7 @@ class Recorder:
                 self._file.send(images.keypoint_style(recorded), static=True)
                 self._with_keypoints.add(view.camera.name)
             if view.camera.name in self._with_keypoints:  # always from the first on, to clear earlier ones
-                yield from images.keypoints(recorded, view.keypoints, JOINT_NAMES)
+                yield from images.keypoints(recorded, *_observed(view, figure.skeleton))
         if step.frame.points is not None:
             yield from scene.points(step.frame.points, step.attachment)
         elif not views:
@@ -339,6 +339,13 @@ class Recorder:
         for frame, time, path, jpeg in self._encoded:
             self._columns.add(frame, time, images.jpeg_row(path, jpeg.result()))
         self._encoded.clear()
+
+
+def _observed(view: View, skeleton: Skeleton) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Return a view's keypoints (n, 3), with those of the feet for a skeleton that has them, and their names."""
+    if view.keypoints is None or view.feet is None or not skeleton.has_feet:
+        return view.keypoints, JOINT_NAMES
+    return np.concatenate([view.keypoints, view.feet]), (*JOINT_NAMES, *FOOT_POINTS)
 
 
 def _drawn(step: Step) -> frozenset[str]:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from single_steps import BODY, CAMERA, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
+from workbench.body.limbs import person_with_feet
 from workbench.core.frame import Truth
 from workbench.evaluation.errors.pose_errors import (
     AccelerationError,
@@ -219,3 +220,17 @@ def test_the_image_error_is_the_mean_of_all_views():
     ]
     assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.02)  # twice the distance
     assert errors[2] == pytest.approx(0.5 * (errors[0] + errors[1]))
+
+
+def test_the_errors_of_a_body_with_feet_are_those_without():
+    feet = person_with_feet(BODY.shape)
+    poses = standing() + 0.02 * np.random.default_rng(0).standard_normal((8, 25))
+    truth = Truth(pose=standing(), joints=joints(SKELETON, standing()[None])[0])
+    with_feet = step_of(np.pad(poses, ((0, 0), (0, 2)), constant_values=0.3), truth)
+    assert feet.without_feet.skeleton.names == SKELETON.names
+    assert BODY.without_feet is BODY
+    plain = with_feet.first_parameters(25)
+    assert step_errors(plain, feet.without_feet) == step_errors(step_of(poses, truth), BODY)
+    assert with_feet.first_parameters(27) is with_feet
+    same = replace(with_feet, map_pose=with_feet.expected_pose).first_parameters(25)
+    assert same.map_pose is same.expected_pose

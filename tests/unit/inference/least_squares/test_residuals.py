@@ -26,7 +26,9 @@ POSE_PRIOR = PosePrior(
 
 def pose_prior_residual(pose, covariance, power):
     """Return the residual of a power of POSE_PRIOR for an estimate `pose` with a covariance."""
-    means, precisions = pose_prior_gaussians(POSE_PRIOR, pose[None], covariance[None], power)
+    means, precisions = pose_prior_gaussians(
+        POSE_PRIOR, pose[None], covariance[None], power, (np.zeros(25), np.eye(25))
+    )
     return gaussian_residual(means[0], precisions[0])
 
 

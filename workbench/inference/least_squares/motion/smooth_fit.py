@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.body.skeleton import Skeleton
+from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.cameras.camera import Camera
 from workbench.core.capabilities import Traits, component_traits
 from workbench.core.losses import SEARCH_LOSS, Loss
@@ -170,7 +170,7 @@ def fit_smooth(
     ----------
     observations : one per frame.
     starts : (n, P) candidate poses of the first frame.
-    pose_prior : of the last numbers of a pose.
+    pose_prior : of the last of POSE_NAMES.
     length_uncertainty : (J, 3, G) errors of the skeleton's offsets, m, for one standard deviation of each cause, or
         None. The covariances of a fit to joints alone include them: limbs that are all 5 % too long place the person
         5 % too far away, however many frames there are.
@@ -272,7 +272,7 @@ def _fit_with_pose_prior(
     """
     poses, minimum = previous.poses, previous.search
     for _ in range(EM_ROUNDS):
-        gaussians = pose_prior_gaussians(pose_prior, poses, previous.covariances, POSE_PRIOR_POWER)
+        gaussians = pose_prior_gaussians(pose_prior, poses, previous.covariances, POSE_PRIOR_POWER, problem.nominal)
         minimum = _fit_all(replace(problem, pose_prior=gaussians), poses, max_iterations)
         poses = _poses(minimum, poses)
     shifts = poses - previous.poses
@@ -281,12 +281,15 @@ def _fit_with_pose_prior(
 
 
 def pose_prior_gaussians(
-    pose_prior: PosePrior, poses: FloatArray, covariances: FloatArray, power: float
-) -> tuple[FloatArray, FloatArray]:
+    pose_prior: PosePrior, poses: FloatArray, covariances: FloatArray, power: float,
+    nominal: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return means (T, P) and precisions (T, P, P) of the pose prior's Gaussians at poses (T, P) with covariances (T,
-    P, P), to a power above 0, see `PosePrior.geometric_mean`; they are fixed in the following fit."""
-    angles = slice(poses.shape[1] - pose_prior.means.shape[1], None)
+    P, P), to a power above 0, see `PosePrior.geometric_mean`; they are fixed in the following fit. The angles of feet
+    keep their nominal mean and precision, of (P,) and (P, P)."""
+    angles, feet = slice(len(POSE_NAMES) - pose_prior.means.shape[1], len(POSE_NAMES)), slice(len(POSE_NAMES), None)
     means, precisions = np.zeros_like(poses), np.zeros_like(covariances)
+    means[:, feet], precisions[:, feet, feet] = nominal[0][feet], nominal[1][feet, feet]
     for t, (pose, covariance) in enumerate(zip(poses, covariances, strict=True)):
         gaussian = pose_prior.geometric_mean(pose[angles], covariance[angles, angles], power)
         means[t, angles], precisions[t, angles, angles] = gaussian

@@ -27,7 +27,7 @@ class Task:
 
     observations: one per frame. times_s: (T,), increasing. motion, smoothness: of the prior. phase_ends: phases of the
     first and the last frame, cycles, if available. max_iterations: of a complete search. discrepancy: of the motion
-    model for new people. pose_prior: of the last numbers of a pose. length_uncertainty: (J, 3, G), see
+    model for new people. pose_prior: of the last of POSE_NAMES. length_uncertainty: (J, 3, G), see
     `Body.limb_length_std`.
     """
 

@@ -23,9 +23,10 @@ OFFSET_STD_M, EXTREMITY_OFFSET_STD_M = 0.033, 0.013
 
 Detected hips and knees are 30 to 50 mm from those of markers, ankles up to 15 mm (Needham et al., Scientific Reports
 11, 2021). 40 and 16 mm are 23 and 9 mm along each axis; annotations of a woman by hand differ as much from a detector's
-joints: 18 mm, and 9 mm at wrists and ankles. The factor √2 is for the reference that a joint is compared with, such as
-another detector, whose definition differs independently."""
-EXTREMITIES = ("wrist", "ankle")
+joints: 18 mm, and 9 mm at wrists and ankles. Heels and toes are taken for as distinct as ankles. The
+factor √2 is for the reference that a joint is compared with, such as another detector, whose definition differs
+independently."""
+EXTREMITIES = ("wrist", "ankle", "heel", "toes")
 _ROBUST_STD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from workbench.body.centre_of_mass import centre_of_mass
 from workbench.body.kinematics import descendants, joint_jacobian, joints, length_jacobian
-from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
+from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, N_ROOT, POSE_NAMES, Skeleton
 from workbench.core.losses import LOSSES, SQUARED, Loss
 from workbench.core.observations import Observed
 from workbench.core.prior import REFERENCE_RATE_HZ, Smoothness
@@ -335,8 +335,19 @@ class PoseProblem:
     def _prior(self) -> tuple[FloatArray, ...]:
         if self.pose_prior is not None:
             return limits(self.skeleton, *self.pose_prior)
+        mean, precision = self.nominal
+        return limits(self.skeleton, mean[None], precision[None])
+
+    @cached_property
+    def nominal(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean (P,) and precision (P, P) of `nominal_pose_prior`. That of the ankles, which may have no other
+        information over many frames, is for frames at REFERENCE_RATE_HZ, and less for more of them."""
         nominal = nominal_pose_prior(self.skeleton)
-        return limits(self.skeleton, nominal.mean[None], (nominal.whitening.T @ nominal.whitening)[None])
+        precision = nominal.whitening.T @ nominal.whitening
+        if self.n_frames > 1 and set(POSE_NAMES) < set(self.skeleton.dof_names):
+            feet = slice(len(POSE_NAMES), None)
+            precision[feet, feet] *= min(1.0, REFERENCE_RATE_HZ * float(np.median(np.diff(self.times_s))))
+        return nominal.mean, precision
 
     @cached_property
     def _stance(self) -> tuple[FloatArray | IntArray, ...]:
@@ -411,20 +422,16 @@ def reach_targets(
 
 
 def reach_in_sequence(skeleton: Skeleton, targets: FloatArray, sigma_m: float) -> FloatArray:
-    """Return poses (n, P) with the root at the origin whose joints reach targets (n, J, 3), m, as far as their limits
-    allow, each fitted from the previous one. sigma_m: standard deviation of the distance, m, against nominal angles."""
+    """Return poses (n, P) with the root at the origin whose joints, but for the ends of feet, reach targets (n, J, 3),
+    m, as far as their limits allow, each fitted from the previous one. sigma_m: standard deviation of the distance, m,
+    against nominal angles."""
     nominal, n_dofs = nominal_pose_prior(skeleton), len(skeleton.dof_names)
     poses = np.zeros((len(targets), n_dofs))
     poses[0, N_ROOT:] = np.clip(0.5, *skeleton.limits[N_ROOT:].T)  # bent, away from singular straight limbs
     precisions = np.where(np.arange(n_dofs) < N_ROOT, _FIXED_PRECISION, 0.0) + np.zeros((len(targets), 1))
-    terms = _target_terms(
-        skeleton,
-        np.arange(len(skeleton.names)),
-        targets,
-        sigma_m,
-        nominal.mean,
-        nominal.whitening.T @ nominal.whitening,
-    )
+    reaching = np.flatnonzero(~np.isin(skeleton.names, FOOT_POINTS))
+    gaussian = nominal.mean, nominal.whitening.T @ nominal.whitening
+    terms = _target_terms(skeleton, reaching, targets[:, reaching], sigma_m, *gaussian)
     kernels.fit_frames(poses, True, precisions, terms, 20, 1e-3, np.empty(len(poses)))
     return poses
 
