@@ -1,0 +1,89 @@
+"""A walk or run: its strides in all stretches of a motion, its parameters, and its joint angles over the cycle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.evaluation.gait.angle_cycles import AngleCycles, angle_cycles
+from workbench.evaluation.gait.foot_events import foot_events
+from workbench.evaluation.gait.stretches import stretch_of
+from workbench.evaluation.gait.strides import (
+    BELT_SPEED,
+    Strides,
+    double_support,
+    ground_velocity,
+    joined,
+    parameters,
+    strides_of,
+)
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.nan_statistics import nan_median
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A walk or run in M motions.
+
+    strides: of left and right foot. parameters: see `strides.parameters`. cycles: angles over the strides of left and
+    right foot, None without one. standing_speed: backward speed of standing feet over the walking speed. on_belt: the
+    walk is on a treadmill. is_run: there is no double support. n_turning, n_irregular: strides left out as they turn,
+    or as the strikes of left and right do not alternate.
+    """
+
+    strides: tuple[Strides, Strides]
+    parameters: dict[str, dict[str, FloatArray]]
+    cycles: tuple[AngleCycles | None, AngleCycles | None]
+    standing_speed: float
+    on_belt: bool
+    is_run: bool
+    n_turning: int
+    n_irregular: int
+
+
+def walk_of(
+    names: Sequence[str],
+    joints: FloatArray,
+    angles: FloatArray,
+    rotation: int,
+    times_s: FloatArray,
+    stretches: Sequence[IntArray],
+    height_m: float,
+) -> Walk | None:
+    """Return the walk in motions; None without a stride.
+
+    Parameters
+    ----------
+    names : of the J joints, JOINT_NAMES and possibly heels and toes.
+    joints : (M, F, J, 3), m, in the world, z up; motion 0 is the expected one, the others are samples.
+    angles : (M, F, A), rad.
+    rotation : column of the torso's heading in the angles.
+    times_s : (F,), s, increasing.
+    stretches : frames of each stretch without gaps.
+    height_m : the person's.
+    """
+    parts = [stretch_of(names, joints, angles, times_s, rows) for rows in stretches]
+    events = [foot_events(part, height_m) for part in parts]
+    grounds = [ground_velocity(part, each) for part, each in zip(parts, events, strict=True)]
+    counts = [sum(foot.strikes_s.shape[1] for foot in each) for each in events]
+    standing = np.array([share[0] for _, share in grounds])
+    known = np.isfinite(standing)
+    standing_speed = float(np.average(standing[known], weights=np.array(counts)[known])) if known.any() else np.nan
+    on_belt = standing_speed >= BELT_SPEED
+    found, n_turning = [], 0
+    for part, each, (velocity, _) in zip(parts, events, grounds, strict=True):
+        strides, turning = strides_of(part, each, velocity if on_belt else np.zeros_like(velocity))
+        found.append(strides)
+        n_turning += turning
+    if not sum(len(foot) for strides in found for foot in strides):
+        return None
+    left, right = (joined([strides[foot] for strides in found]) for foot in (0, 1))
+    rotating = [[(part, strides[foot]) for part, strides in zip(parts, found, strict=True)] for foot in (0, 1)]
+    cycles = (angle_cycles(rotating[0], rotation), angle_cycles(rotating[1], rotation))
+    n_pairs = sum(max(foot.strikes_s.shape[1] - 1, 0) for each in events for foot in each)
+    both = joined([left, right])
+    return Walk(
+        (left, right), parameters(left, right), cycles, standing_speed, on_belt,
+        is_run=bool(nan_median(double_support(both)[0]) < 0.0),
+        n_turning=n_turning, n_irregular=n_pairs - len(both) - n_turning,
+    )  # fmt: skip
