@@ -33,8 +33,8 @@ def angle_measures(times_s: FloatArray, angles: FloatArray, stretches: Sequence[
     """Return the measures of angles (M, F, A), rad, at times (F,), s, in stretches of frames.
 
     Speeds and repetitions are of the low-passed angles within stretches of three frames or more. A repetition is a
-    maximum of the angle that is followed and preceded by a change of REPEATED of the range, at least of half
-    MIN_RANGE_RAD.
+    maximum of an angle with a range of MIN_RANGE_RAD, from which it falls by REPEATED of the range before and after, or
+    the stretch begins or ends.
     """
     n_motions, _, n_angles = angles.shape
     rows = np.concatenate([np.empty(0, np.int64), *stretches])
@@ -53,7 +53,7 @@ def angle_measures(times_s: FloatArray, angles: FloatArray, stretches: Sequence[
         smooth = low_passed(values, 1.0 / step_s)
         peak_speeds = np.fmax(peak_speeds, np.abs(np.gradient(smooth, step_s, axis=1)).max(axis=1))
         for k in np.flatnonzero(ranges[0] >= MIN_RANGE_RAD):
-            peaks, _ = find_peaks(smooth[0, :, k], prominence=REPEATED * float(ranges[0, k]))
+            peaks = _repetitions(smooth[0, :, k], REPEATED * float(ranges[0, k]))
             counts[k] += len(peaks)
             if len(peaks) > 1:
                 reach = max(round(0.25 * float(np.diff(peaks).min())), 1)
@@ -62,6 +62,13 @@ def angle_measures(times_s: FloatArray, angles: FloatArray, stretches: Sequence[
                 n_times[k] += len(peaks) - 1
     seconds = np.where(n_times > 0, totals / np.maximum(n_times, 1), np.nan)
     return AngleMeasures(ranges, peak_speeds, counts, seconds)
+
+
+def _repetitions(angle: FloatArray, least: float) -> IntArray:
+    """Return the frames of maxima of an angle (F,) which falls by `least` before and after, or begins or ends."""
+    ends = np.full(1, angle.min() - 2.0 * least)
+    peaks = find_peaks(np.concatenate([ends, angle, ends]), prominence=least)[0] - 1
+    return np.asarray(peaks[(peaks > 0) & (peaks < len(angle) - 1)], dtype=np.int64)
 
 
 def _peak(values: FloatArray, near: int, reach: int) -> FloatArray:

@@ -47,10 +47,10 @@ class Stretch:
         return float(self.times_s[1] - self.times_s[0])
 
 
-def rows_of_stretches(times_s: FloatArray, valid: BoolArray) -> list[IntArray]:
-    """Return the valid frames of each stretch of two frames or more, which are at most MAX_GAP_S apart."""
+def rows_of_stretches(times_s: FloatArray, valid: BoolArray, max_gap_s: float = MAX_GAP_S) -> list[IntArray]:
+    """Return the valid frames (F,) of each stretch of two frames or more, at times (F,), s, at most max_gap_s apart."""
     rows = np.flatnonzero(valid)
-    ends = np.flatnonzero(np.diff(times_s[rows]) > MAX_GAP_S * (1.0 + 1e-9)) + 1
+    ends = np.flatnonzero(np.diff(times_s[rows]) > max_gap_s * (1.0 + 1e-9)) + 1
     return [stretch for stretch in np.split(rows, ends) if len(stretch) > 1]
 
 

@@ -14,6 +14,7 @@ from workbench.evaluation.gait.estimates import mean_known
 from workbench.evaluation.gait.foot_events import MIN_STRIDE_S, FootEvents
 from workbench.evaluation.gait.stretches import Stretch
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_median
 
 MAX_STRIDE_S = 2.5
 """Longest stride; a longer one is a pause. Very slow walks, of 0.2 m/s, take 2 s."""
@@ -26,6 +27,8 @@ from the ground, where it is about 0, to a treadmill, where it is about 1."""
 SLIDING_SPEED = 0.25
 """The same, in either direction, from which on feet slide on the ground: the largest of recorded walks is 0.05, of a
 run 0.1."""
+_LOADED = 0.15
+"""Part of the stride after a strike at which a run's leg is bent most and a walk's leg carries the pelvis up."""
 _FLAT_FROM, _FLAT_TO = 0.25, 0.45
 """Part of the stance in which the whole foot is on the ground: in recorded walks an ankle moves ahead least in it, at
 0.02 ± 0.01 of the walking speed."""
@@ -38,7 +41,7 @@ class Strides:
     starts_s, ends_s: the foot's strikes. toe_offs_s: its toe-off. other_strikes_s, other_toe_offs_s: the other foot's.
     lengths_m: of the stride. step_lengths_m, step_widths_m: of the step of the other foot in it; a width is negative
     where the feet cross. distances_m: of the pelvis over the ground or the belt. directions_rad: of the stride, from
-    the world's x axis.
+    the world's x axis. rises_m: of the pelvis from the strike to _LOADED of the stride.
     """
 
     starts_s: FloatArray
@@ -51,6 +54,7 @@ class Strides:
     step_widths_m: FloatArray
     distances_m: FloatArray
     directions_rad: FloatArray
+    rises_m: FloatArray
 
     @property
     def durations_s(self) -> FloatArray:
@@ -97,7 +101,7 @@ def strides_of(
     belt_velocity : (M, 2), m/s, of the surface the feet stand on; 0 of the ground.
     """
     travelled = stretch.times_s[None, :, None] * belt_velocity[:, None]
-    pelvis = stretch.pelvis[..., :2] - travelled
+    pelvis, height = stretch.pelvis[..., :2] - travelled, stretch.pelvis[..., 2]
     places = [_places(stretch, each, stretch.heels[:, :, foot, :2] - travelled) for foot, each in enumerate(events)]
     found, n_turning = [], 0
     for foot in (0, 1):
@@ -118,6 +122,7 @@ def strides_of(
                 events[1 - foot].toe_offs_s[:, other], np.linalg.norm(stride, axis=1),
                 (step * along).sum(axis=1) / length, left_of if foot == 1 else -left_of,
                 np.linalg.norm(moved, axis=1), np.arctan2(along[:, 1], along[:, 0]),
+                _at(height, starts + _LOADED * (ends - starts), stretch) - _at(height, starts, stretch),
             ])  # fmt: skip
         empty = [np.empty((len(pelvis), 0))] * len(fields(Strides))
         found.append(Strides(*(np.stack(each, axis=1) for each in zip(*columns, strict=True)) if columns else empty))
@@ -139,6 +144,14 @@ def parameters(left: Strides, right: Strides) -> dict[str, dict[str, FloatArray]
         measures[name] = {side: mean_known(values) for side, values in sides.items()}
     measures["double_support_fraction"] = {"both": mean_known(double_support(both) / both.durations_s)}
     return measures
+
+
+def is_run(strides: Strides) -> bool:
+    """Return whether the expected motion runs: both feet are off the ground between steps, and the pelvis sinks after a
+    strike, as on a spring, where a walk's rises over the leg (Cavagna, Thys & Zamboni, *J. Physiol.* 262, 1976). Either
+    alone is not sure: toe-offs are known to 25 ms, and some walkers sink."""
+    flies = nan_median(double_support(strides)[0]) < 0.0
+    return bool(flies and np.median(strides.rises_m[0]) < 0.0)
 
 
 def double_support(strides: Strides) -> FloatArray:

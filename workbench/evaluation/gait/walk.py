@@ -11,14 +11,13 @@ from workbench.evaluation.gait.stretches import stretch_of
 from workbench.evaluation.gait.strides import (
     BELT_SPEED,
     Strides,
-    double_support,
     ground_velocity,
+    is_run,
     joined,
     parameters,
     strides_of,
 )
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.nan_statistics import nan_median
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,7 @@ class Walk:
 
     strides: of left and right foot. parameters: see `strides.parameters`. cycles: angles over the strides of left and
     right foot, None without one. standing_speed: backward speed of standing feet over the walking speed. on_belt: the
-    walk is on a treadmill. is_run: there is no double support. n_turning, n_irregular: strides left out as they turn,
+    walk is on a treadmill. is_run: see `strides.is_run`. n_turning, n_irregular: strides left out as they turn,
     or as the strikes of left and right do not alternate.
     """
 
@@ -84,6 +83,6 @@ def walk_of(
     both = joined([left, right])
     return Walk(
         (left, right), parameters(left, right), cycles, standing_speed, on_belt,
-        is_run=bool(nan_median(double_support(both)[0]) < 0.0),
+        is_run=is_run(both),
         n_turning=n_turning, n_irregular=n_pairs - len(both) - n_turning,
     )  # fmt: skip
