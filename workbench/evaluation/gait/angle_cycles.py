@@ -28,7 +28,7 @@ class AngleCycles:
     maxima: FloatArray
 
 
-def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int) -> AngleCycles | None:
+def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int | None) -> AngleCycles | None:
     """Return the angles over the strides of one foot in stretches; None without a stride.
 
     rotation: column of the torso's heading, which becomes relative to the direction of each stride.
@@ -37,7 +37,8 @@ def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int) -> Ang
     for stretch, strides in parts:
         for k in range(len(strides)):
             cycle = _cycle(stretch, strides.starts_s[:, k], strides.ends_s[:, k])
-            cycle[..., rotation] = wrapped(cycle[..., rotation] - strides.directions_rad[:, k, None])
+            if rotation is not None:
+                cycle[..., rotation] = wrapped(cycle[..., rotation] - strides.directions_rad[:, k, None])
             curves.append(cycle[0])
             total = cycle if total is None else total + cycle
             maxima.append(cycle.max(axis=1))

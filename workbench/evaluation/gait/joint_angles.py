@@ -38,6 +38,7 @@ CONVENTIONS = {
     "elbow_flexion": Convention("elbow flexion", "flexion", "about the elbow's lateral axis (ISB: Wu et al. 2005)"),
 }
 """Angles in the order of tables. The torso is pelvis, trunk and shoulders in one, as in the body."""
+_ORDER = {name: k for k, name in enumerate(CONVENTIONS)}
 GAIT_ANGLES = tuple(name for name in CONVENTIONS if not name.startswith(("shoulder", "elbow")))
 """Angles shown over the gait cycle."""
 
@@ -49,6 +50,12 @@ class JointAngles:
     names: tuple[str, ...]
     sides: tuple[str, ...]
     values: FloatArray
+
+    def chosen(self, columns: Sequence[int]) -> "JointAngles":
+        """Return some of the angles, in the order of CONVENTIONS."""
+        ordered = sorted(columns, key=lambda k: (_ORDER[self.names[k]], self.sides[k]))
+        names, sides = (tuple(each[k] for k in ordered) for each in (self.names, self.sides))
+        return JointAngles(names, sides, self.values[..., ordered])
 
 
 def joint_angles(dof_names: Sequence[str], poses: FloatArray) -> JointAngles:

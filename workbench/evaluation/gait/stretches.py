@@ -25,6 +25,9 @@ _FACING_S = 1.0
 """Time over which the direction of the pelvis is averaged, about a stride, in which it turns to both sides."""
 
 
+_POINTS = ("pelvis", *(f"{side}_{joint}" for joint in ("hip", "ankle", "heel") for side in SIDES))
+
+
 @dataclass(frozen=True, eq=False)
 class Stretch:
     """F frames at one rate of M motions, low-passed; motion 0 is the expected one.
@@ -67,17 +70,19 @@ def stretch_of(
     times_s : (F,), s, increasing.
     rows : (n,), the frames of the stretch.
     """
-    times_s, (joints, angles) = evenly(times_s[rows], joints[:, rows], angles[:, rows])
+    points = [name for name in _POINTS if name in names]
+    chosen = joints[:, rows][:, :, [names.index(name) for name in points]]
+    times_s, (chosen, angles) = evenly(times_s[rows], chosen, angles[:, rows])
     rate_hz = 1.0 / float(times_s[1] - times_s[0])
-    smooth = low_passed(joints, rate_hz)
-    ankles = np.stack([smooth[:, :, names.index(f"{side}_ankle")] for side in SIDES], axis=2)
-    heels = [smooth[:, :, names.index(f"{side}_heel")] for side in SIDES if f"{side}_heel" in names]
-    across = smooth[:, :, names.index("left_hip"), :2] - smooth[:, :, names.index("right_hip"), :2]
+    smooth = dict(zip(points, np.moveaxis(low_passed(chosen, rate_hz), 2, 0), strict=True))
+    ankles = np.stack([smooth[f"{side}_ankle"] for side in SIDES], axis=2)
+    heels = [smooth[f"{side}_heel"] for side in SIDES if f"{side}_heel" in smooth]
+    across = (smooth["left_hip"] - smooth["right_hip"])[..., :2]
     ahead = np.stack([across[..., 1], -across[..., 0]], axis=-1)
     ahead = uniform_filter1d(ahead, max(round(_FACING_S * rate_hz), 1), axis=1, mode="nearest")
     facing = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-12)
     strikers = np.stack(heels, axis=2) if len(heels) == len(SIDES) else ankles
-    return Stretch(times_s, smooth[:, :, names.index("pelvis")], ankles, strikers, facing, angles)
+    return Stretch(times_s, smooth["pelvis"], ankles, strikers, facing, angles)
 
 
 def evenly(times_s: FloatArray, *values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:

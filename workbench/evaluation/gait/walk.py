@@ -44,7 +44,7 @@ def walk_of(
     names: Sequence[str],
     joints: FloatArray,
     angles: FloatArray,
-    rotation: int,
+    rotation: int | None,
     times_s: FloatArray,
     stretches: Sequence[IntArray],
     height_m: float,
@@ -56,7 +56,7 @@ def walk_of(
     names : of the J joints, JOINT_NAMES and possibly heels and toes.
     joints : (M, F, J, 3), m, in the world, z up; motion 0 is the expected one, the others are samples.
     angles : (M, F, A), rad.
-    rotation : column of the torso's heading in the angles.
+    rotation : column of the torso's heading in the angles, None without it.
     times_s : (F,), s, increasing.
     stretches : frames of each stretch without gaps.
     height_m : the person's.

@@ -51,13 +51,15 @@ class RecordedMotion:
 
 def recorded_motion(run: Run) -> RecordedMotion:
     """Return the motion of a recording; raises InputError if there is none, or for another body."""
-    if run.is_study or "estimate/pose" not in run.scalars:
-        raise InputError(f"{run.path}: expected a run that tracks a person (estimate/pose), found none")
+    if run.is_study:
+        raise InputError(f"{run.path}: expected a run that tracks a person, found a study")
     body = run.properties["body"]
     make = _BODIES.get((tuple(body.get("joints", ())), tuple(body["pose"])))
     if make is None:
         raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")
     frames, times_s, poses = timed(run.path, "poses")
+    if not len(frames):
+        raise InputError(f"{run.path}: expected the poses of a person (estimate/pose), found none")
     if poses.shape[1:] != (len(body["pose"]),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(body['pose'])} finite numbers, found other values")
     if not (np.diff(times_s) > 0.0).all():
