@@ -48,16 +48,16 @@ def foot_events(stretch: Stretch, height_m: float) -> tuple[FootEvents, FootEven
     """Return the events of left and right foot in a stretch of M motions of a person of a height, m.
 
     They are found in the expected motion, motion 0, and timed in each, so that all have the same steps. Without two
-    steps of one foot there is none.
+    steps there is none.
     """
     offsets = stretch.heels - stretch.pelvis[:, :, None]
     ahead = (offsets[..., :2] * stretch.facing[:, :, None]).sum(axis=-1)
     apart = _farthest_apart(ahead[0, :, 0] - ahead[0, :, 1], height_m, stretch.step_s)
-    gaps = np.concatenate([np.diff(peaks) for peaks in apart])
-    if not len(gaps):
+    if sum(map(len, apart)) < 2:
         none = np.empty((len(ahead), 0))
         return FootEvents(none, none), FootEvents(none, none)
-    stride = float(np.median(gaps))
+    gaps = np.concatenate([np.diff(peaks) for peaks in apart])
+    stride = float(np.median(gaps)) if len(gaps) else 2.0 * float(np.ptp(np.concatenate(apart)))
     speeds = np.gradient(ahead, axis=1)
     stance = _stance_speeds(speeds, apart, stride)
     rising = np.gradient(stretch.ankles[..., 2], axis=1)
