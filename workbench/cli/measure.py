@@ -34,7 +34,7 @@ def measure(
     run = read_sound_run(recording)
     measures = measures_of(run)
     folder = run.folder if output is None else output
-    paths = write_measures(folder, f"Measures of {run.folder.resolve().name}", measures)
+    paths = write_measures(folder, run.folder.resolve().name, measures)
     print(text(display(measures)))
     print()
     for note in measures.notes:

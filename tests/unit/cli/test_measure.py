@@ -13,6 +13,8 @@ from workbench.evaluation.gait.angle_cycles import N_POINTS
 from workbench.evaluation.gait.strides import SLIDING_SPEED
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.motion.synthetic.run_gait import average_runner, runner
+from workbench.results.measure.display import headline
+from workbench.results.measure.measures import Measures
 
 WALKER = average_subject()
 RNG = np.random.default_rng(0)
@@ -94,6 +96,13 @@ def test_a_walk_has_its_parameters_with_intervals(measured):
     assert (knee.low_90_deg < knee.mean_deg).all()
     strides = knee[[name for name in angles if name.startswith("stride")]].dropna(axis=1)
     np.testing.assert_allclose(strides.mean(axis=1), knee.mean_deg, atol=0.01)
+
+
+def test_the_headline_has_speed_and_cadence():
+    rows = [("speed", "both", "m/s", 1.2345, 1.1, 1.4, 8), ("cadence", "both", "steps/min", 106.04, np.nan, np.nan, 8)]
+    columns = ["measure", "side", "unit", "estimate", "low_90", "high_90", "n"]
+    measures = Measures("walk", pd.DataFrame(rows, columns=columns), (), ())
+    assert headline(measures) == "a walk at 1.23 (1.10 to 1.40) m/s and 106.0 steps/min"
 
 
 def test_without_samples_intervals_are_empty_and_it_is_said(measured):

@@ -18,6 +18,15 @@ def display(measures: Measures) -> pd.DataFrame:
     return _by_angle(measures.table) if measures.kind == "motion" else _by_side(measures.table)
 
 
+def headline(measures: Measures) -> str:
+    """Return what was measured in a few words, with speed and cadence of a walk."""
+    if measures.kind == "motion":
+        return "ranges, speeds and repetitions of the joint angles"
+    rows = measures.table.set_index("measure").loc[["speed", "cadence"]]
+    numbers = (f"{estimate(row.estimate, row.low_90, row.high_90, row.unit)} {row.unit}" for row in rows.itertuples())
+    return f"a {measures.kind} at {' and '.join(numbers)}"
+
+
 def estimate(value: float, low: float, high: float, unit: str) -> str:
     """Return a number as text, with its 90 % interval where there is one; a dash for an unknown one."""
     if not math.isfinite(value):

@@ -13,8 +13,9 @@ MEASURES, ANGLES, PAGE = "measures.csv", "angles.csv", "measures.html"
 _DIGITS, _ANGLE_DIGITS = 6, 3
 
 
-def write_measures(folder: Path, title: str, measures: Measures) -> list[Path]:
-    """Write the files of measures into a folder, atomically, and return their paths; existing files are replaced.
+def write_measures(folder: Path, name: str, measures: Measures) -> list[Path]:
+    """Write the files of the measures of a run of this name into a folder, atomically, and return their paths; existing
+    files are replaced.
 
     measures.csv: a row for each measure and side, with estimate and 90 % interval, empty where unknown. angles.csv: a
     row for each point of each curve, degrees, over percent of the cycle, with the strides, or over seconds.
@@ -22,12 +23,12 @@ def write_measures(folder: Path, title: str, measures: Measures) -> list[Path]:
     texts = {
         MEASURES: measures.table.round(_DIGITS).to_csv(index=False),
         ANGLES: angle_table(measures).round(_ANGLE_DIGITS).to_csv(index=False),
-        PAGE: page(title, measures),
+        PAGE: page(f"Measures of {name}", measures),
     }
-    for name, content in texts.items():
-        with whole_file(folder / name, parents=True) as part:
+    for file, content in texts.items():
+        with whole_file(folder / file, parents=True) as part:
             part.write_text(content, encoding="utf-8", newline="\n")
-    return [folder / name for name in texts]
+    return [folder / file for file in texts]
 
 
 def angle_table(measures: Measures) -> pd.DataFrame:
