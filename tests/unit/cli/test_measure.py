@@ -5,8 +5,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pandas as pd
 import pytest
-from walking_scenes import Scene, on_treadmill, record, scene, standing
+from walking_scenes import HEIGHT_M, Scene, on_treadmill, record, scene, standing
 
+from workbench.body.limbs import person_with_feet
+from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
 from workbench.cli.main import main
 from workbench.evaluation.gait.angle_cycles import N_POINTS
@@ -96,6 +98,29 @@ def test_a_walk_has_its_parameters_with_intervals(measured):
     assert (knee.low_90_deg < knee.mean_deg).all()
     strides = knee[[name for name in angles if name.startswith("stride")]].dropna(axis=1)
     np.testing.assert_allclose(strides.mean(axis=1), knee.mean_deg, atol=0.01)
+
+
+def test_a_body_with_feet_has_ankle_angles_and_steps_by_its_heels(measured):
+    """Feet that are always level move their heels as the ankles."""
+    motion = scene(walker(WALKER, 6.0, 30.0))
+    plain = measured(motion)[1].estimate
+    pitch, hips, knees = (
+        np.stack([motion.poses[0, :, POSE_NAMES.index(name)] for name in names], axis=1)
+        for names in (
+            ("root_pitch",),
+            ("left_hip_flexion", "right_hip_flexion"),
+            ("left_knee_flexion", "right_knee_flexion"),
+        )
+    )
+    level = pitch - hips + knees
+    feet = Scene(None, motion.times_s, np.concatenate([motion.poses, level[None]], axis=2))
+    out, table, angles = measured(feet, body=person_with_feet(from_height(HEIGHT_M)))
+    for name in ("step_length", "step_width", "stride_length", "stance"):
+        np.testing.assert_allclose(table.estimate[name], plain[name], atol=0.02 if name != "stance" else 2.0)
+    expected = np.degrees(np.ptp(level[60:], axis=0)).max()
+    assert table.loc[("ankle_flexion_range", "left")].estimate == pytest.approx(expected, abs=5.0)
+    assert {"left", "right"} == set(angles.side[angles.angle == "ankle_flexion"])
+    assert "Conventions" not in out
 
 
 def test_the_headline_has_speed_and_cadence():
@@ -236,6 +261,8 @@ def test_a_person_who_is_lost_throughout_is_not_measured(measured):
 def test_lengths_are_in_proportion_to_the_height(measured):
     config = "dataset: {height_m: 1.65, calibration_file: null}\n"
     assert "in proportion to the person's height, 1.65 m" in measured(standing(1.0), config_yaml=config)[0]
+    config = "dataset: {height_m: null, calibration_file: null}\n"
+    assert "an average adult's, as none is given" in measured(standing(1.0), config_yaml=config)[0]
     config = "dataset: {height_m: 1.65, calibration_file: camera.toml}\n"
     assert "in proportion" not in measured(standing(1.0), config_yaml=config)[0]
 

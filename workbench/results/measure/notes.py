@@ -1,6 +1,6 @@
 """Sentences on how a motion was measured, what was left out, and what limits the numbers."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -126,15 +126,15 @@ def _limits(run: Run, facts: GaitNotes) -> Iterator[str]:
 
 
 def _scale(run: Run) -> str | None:
-    """Return the sentence on what determines lengths; None with a calibration, or without detected joints."""
+    """Return the sentence on what determines lengths of one camera; None with a calibration, or for another dataset."""
     try:
-        dataset: Mapping[str, Any] = run.settings.get("dataset", {})
+        dataset: Any = run.settings.get("dataset")
     except InputError:  # the numbers are known without it
         return None
-    height_m = dataset.get("height_m") if isinstance(dataset, dict) else None
-    if dataset.get("calibration_file") is not None or not isinstance(height_m, float):
+    if not isinstance(dataset, dict) or "height_m" not in dataset or dataset.get("calibration_file") is not None:
         return None
+    height_m = dataset["height_m"]
+    known = f"{height_m:g} m" if isinstance(height_m, float) else "an average adult's, as none is given"
     return (
-        "One camera without a calibration file: lengths and speeds are in proportion to the person's height, "
-        f"{height_m:g} m."
+        f"One camera without a calibration file: lengths and speeds are in proportion to the person's height, {known}."
     )
