@@ -222,6 +222,31 @@ def test_two_strides_are_measured_and_it_is_said(measured):
     assert table.loc[("cadence", "both")].estimate == pytest.approx(120.0 * WALKER.stride_hz, rel=0.02)
 
 
+@pytest.mark.parametrize(("seconds", "few"), [(4.4, True), (5.0, False)])
+def test_three_strides_of_each_foot_are_not_few(measured, seconds, few):
+    """Strides of 1.13 s, from strikes at 1.13 s and 0.57 s; the strike at the begin has no frames before it."""
+    out, table, _ = measured(scene(walker(WALKER, seconds, 30.0)))
+    n = min(table.loc[("stride_time", side)].n for side in ("left", "right"))
+    assert (n < 3) == few
+    assert ("Fewer than 3 strides of a foot" in out) == few
+
+
+@pytest.mark.parametrize(("rate_hz", "said"), [(24.9, True), (25.1, False)])
+def test_low_rates_are_said(measured, rate_hz, said):
+    out, _, _ = measured(scene(walker(WALKER, 5.0, rate_hz)))
+    assert ("frames per second strikes and toe-offs are known to about a frame" in out) == said
+
+
+@pytest.mark.parametrize(("gap_s", "n"), [(0.5, 2), (0.51, 1)])
+def test_other_motion_is_interpolated_over_half_a_second(measured, gap_s, n):
+    """Two squats, of which the frames from 1 s on, at the deepest, are missing for a while."""
+    motion = squats(100.0).frames(slice(0, 401))
+    keep = (motion.times_s <= 1.0) | (motion.times_s >= 1.0 + gap_s - 1e-9)
+    out, table, _ = measured(motion.frames(np.flatnonzero(keep)))
+    assert "no frames in" in out
+    assert table.loc[("knee_flexion_range", "left")].n == n
+
+
 def test_lost_stretches_are_left_out_and_it_is_said(measured):
     motion = scene(walker(WALKER, 10.0, 30.0))
     whole = measured(motion)[1].loc[("cadence", "both")]

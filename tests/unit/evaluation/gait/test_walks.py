@@ -1,12 +1,15 @@
 """Strikes, steps and speeds of generated walks and runs agree with how they were generated."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from walking_scenes import HEIGHT_M, Scene, on_treadmill, scene, standing
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.evaluation.gait.foot_events import MIN_SEPARATION, foot_events
-from workbench.evaluation.gait.strides import BELT_SPEED, MAX_STRIDE_S, MAX_TURN_RAD
+from workbench.evaluation.gait.foot_events import MIN_SEPARATION, MIN_STRIDE_S, foot_events
+from workbench.evaluation.gait.stretches import CUTOFF_HZ, low_passed
+from workbench.evaluation.gait.strides import BELT_SPEED, MAX_STRIDE_S, MAX_TURN_RAD, Strides, is_run
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
 from workbench.motion.synthetic.run_gait import average_runner, runner, runners
 
@@ -168,3 +171,36 @@ def test_long_strides_are_pauses(part, measured):
     slow = np.arange(0.0, motion.times_s[-1], 1.0 / 30.0)
     poses = np.stack([np.interp(slow, motion.times_s, column) for column in motion.poses[0].T], axis=1)
     assert (Scene(motion.skeleton, slow, poses[None]).walk() is not None) == measured
+
+
+@pytest.mark.parametrize(("part", "measured"), [(0.9, False), (1.1, True)])
+def test_short_strides_are_no_steps(part, measured):
+    person = average_runner()
+    motion = scene(runner(person, 6.0, 100.0))
+    motion.times_s = motion.times_s * part * MIN_STRIDE_S * person.stride_hz
+    walk = motion.walk()
+    n = 0 if walk is None else len(walk.strides[0])
+    assert (n >= 6) == measured
+
+
+@pytest.mark.parametrize("support", [-0.001, 0.001])
+@pytest.mark.parametrize("rise", [-0.001, 0.001])
+def test_a_run_flies_and_sinks(support, rise):
+    """A stride of 1 s with this time of double support, s, and rise of the pelvis after the strike, m."""
+    values = dict.fromkeys((field.name for field in fields(Strides)), np.zeros((1, 1)))
+    values |= {"ends_s": np.ones((1, 1)), "toe_offs_s": np.full((1, 1), 0.5 + support)}
+    values |= {"other_strikes_s": np.full((1, 1), 0.5), "rises_m": np.full((1, 1), rise)}
+    assert is_run(Strides(**values)) == (support < 0.0 and rise < 0.0)
+
+
+def test_low_rates_are_not_filtered():
+    values = np.random.default_rng(0).normal(size=(1, 50, 2))
+    np.testing.assert_array_equal(low_passed(values, 2.5 * CUTOFF_HZ - 0.1), values)
+    assert low_passed(values, 2.5 * CUTOFF_HZ).std() < values.std()
+
+
+def test_the_filter_removes_what_is_above_its_cut_off():
+    times_s = np.arange(200) / 100.0
+    for frequency_hz, gain in ((1.0, 1.0), (CUTOFF_HZ, 0.5), (25.0, 0.0)):
+        wave = np.sin(2.0 * np.pi * frequency_hz * times_s)[None]
+        assert np.abs(low_passed(wave, 100.0)[0, 50:150]).max() == pytest.approx(gain, abs=0.02)
