@@ -31,16 +31,15 @@ def bands_of(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return estimates and the bounds (...) of their 90 % intervals from values (M, ...) in M motions.
 
     Motion 0 is the expected motion, whose value is the estimate; the others are samples of the posterior. The interval
-    is the estimate ± 1.645 standard deviations of the samples. The standard error of their 5 % quantile would be twice
-    as large with 40 samples; and extremes such as a peak speed are larger in each sample than in the expected motion,
-    so that the samples' own quantiles need not contain the estimate. NaN for fewer than MIN_SAMPLES samples.
+    is the estimate ± 1.645 times the root mean square deviation of the samples from it, which is the posterior's
+    standard error of the estimate. Quantiles of 40 samples would vary by twice as much. And they need not contain the
+    estimate: noise makes extremes, such as a range, larger in each sample than in the expected motion, while the truth
+    may be either. NaN for fewer than MIN_SAMPLES samples.
     """
-    value, samples = values[0], values[1:]
-    n = np.isfinite(samples).sum(axis=0)
-    known = np.where(np.isfinite(samples), samples, 0.0)
-    mean = known.sum(axis=0) / np.maximum(n, 1)
-    squares = np.where(np.isfinite(samples), np.square(known - mean), 0.0).sum(axis=0)
-    reach = np.where(n >= MIN_SAMPLES, _Z90 * np.sqrt(squares / np.maximum(n - 1, 1)), np.nan)
+    value, deviations = values[0], values[1:] - values[0]
+    n = np.isfinite(deviations).sum(axis=0)
+    squares = np.square(np.where(np.isfinite(deviations), deviations, 0.0)).sum(axis=0)
+    reach = np.where(n >= MIN_SAMPLES, _Z90 * np.sqrt(squares / np.maximum(n, 1)), np.nan)
     return value, value - reach, value + reach
 
 
