@@ -54,7 +54,7 @@ def test_strikes_and_toe_offs_of_a_walker_agree_with_force_plates(data, striking
     rate_hz = file["parameters"]["ANALOG"]["RATE"]["value"][0]
     rows = np.arange(133, 327)  # with all markers
     points = points_of(markers, rows, {"hip": "ASI", "ankle": "ANK", "heel": striking})
-    left, right = foot_events(stretch_of_markers(rows / markers.rate_hz, points, 1.75), 1.75)
+    left, right = foot_events(stretch_of_markers(rows / markers.rate_hz, points, 1.75), 1.75, runs=False)
     for events, contact in ((left, loaded[0]), (right, loaded[1])):
         assert nearest(events.strikes_s[0], contact[0] / rate_hz) < 0.03
     # the left toe-off follows the last strike
@@ -66,7 +66,7 @@ def test_strikes_and_toe_offs_of_a_runner_agree_with_force_plates(data, striking
     markers = read_markers(bmc(data) / "motion_capture_run.trc")
     times_s = np.arange(len(markers.positions)) / markers.rate_hz
     points = points_of(markers, slice(None), {"hip": "ASI", "ankle": "LMALv", "heel": striking})
-    left, right = foot_events(stretch_of_markers(times_s, points, 1.75), 1.75)
+    left, right = foot_events(stretch_of_markers(times_s, points, 1.75), 1.75, runs=True)
     forces = np.loadtxt(bmc(data) / "grf_run.mot", skiprows=7)
     left_on, right_on = (forces[forces[:, column] > LOADED_N, 0] for column in (8, 2))
     assert nearest(left.strikes_s[0], left_on[0]) < 0.02

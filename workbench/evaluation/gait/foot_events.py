@@ -3,9 +3,10 @@
 A strike is found where the feet are farthest apart along the walk (Zeni, Richards & Higginson, *Gait & Posture* 27,
 2008, who use the foot's distance from the sacrum), and timed where the foot's speed ahead over the ground falls to
 _STRIKE_SPEED of the walking speed (a threshold on the foot's speed: Ghoussayni et al., *Gait & Posture* 20, 2004, in
-proportion to the walking speed: Bruening & Ridge, *Gait & Posture* 39, 2014). The foot is ahead most about 45 ms before
-it strikes. A toe-off is where the ankle rises fastest (O'Connor et al., *Gait & Posture* 25, 2007, of the foot's
-centre). In recorded walks this is 6 ± 12 ms before the toes move ahead, in a run about 25 ms after the force ends. Only
+proportion to the walking speed: Bruening & Ridge, *Gait & Posture* 39, 2014), as the foot is ahead most about 45 ms
+before it strikes. In a walk, a toe-off is where the ankle is farthest behind (Zeni et al.), in recorded walks 17 ± 8 ms
+before the toes move ahead. In a run, where the foot flies backwards after it, it is where the ankle rises fastest
+(O'Connor et al., *Gait & Posture* 25, 2007, of the foot's centre), in a recorded run 29 ms after the force ends. Only
 positions relative to the pelvis count along the walk, so that a treadmill and a camera that travels along make no
 difference.
 """
@@ -23,9 +24,11 @@ MIN_SEPARATION = 0.1
 Two feet side by side are closer, as in a person who stands, squats or steps in place; it is 0.8 in a usual walk."""
 MIN_STRIDE_S = 0.4
 """Shortest stride; fast runners take 0.5 s."""
-_STRIKE_SPEED = 0.35
+_STRIKE_SPEED = 0.45
 """Speed of the foot over the ground at its strike, over the walking speed: 0.26 and 0.37 of a walker, 0.28 and 0.43 of
-a runner at 2.7 m/s, at the moment when the force plate shows 20 N (ankles in BMClab's recordings)."""
+a runner at 2.7 m/s, at the moment when the force plate shows 20 N (ankles in BMClab's recordings), and more in smooth
+estimates: 0.5 in fits of one camera's noisy joints. So it is 10 to 30 ms early in recorded motion and 7 ± 18 ms late in
+such fits."""
 _BEFORE, _AFTER = 0.2, 0.2
 """Parts of a stride, before and after the feet are farthest apart, in which the foot is farthest ahead and strikes."""
 _STANCE_FROM, _STANCE_TO = 0.1, 0.3
@@ -44,14 +47,13 @@ class FootEvents:
     toe_offs_s: FloatArray
 
 
-def foot_events(stretch: Stretch, height_m: float) -> tuple[FootEvents, FootEvents]:
-    """Return the events of left and right foot in a stretch of M motions of a person of a height, m.
+def foot_events(stretch: Stretch, height_m: float, runs: bool) -> tuple[FootEvents, FootEvents]:
+    """Return the events of left and right foot in a stretch of M motions of a person of a height, m, who walks or runs.
 
     They are found in the expected motion, motion 0, and timed in each, so that all have the same steps. Without two
     steps there is none.
     """
-    offsets = stretch.heels - stretch.pelvis[:, :, None]
-    ahead = (offsets[..., :2] * stretch.facing[:, :, None]).sum(axis=-1)
+    ahead = _ahead(stretch, stretch.heels)
     apart = _farthest_apart(ahead[0, :, 0] - ahead[0, :, 1], height_m, stretch.step_s)
     if sum(map(len, apart)) < 2:
         none = np.empty((len(ahead), 0))
@@ -60,15 +62,21 @@ def foot_events(stretch: Stretch, height_m: float) -> tuple[FootEvents, FootEven
     stride = float(np.median(gaps)) if len(gaps) else 2.0 * float(np.ptp(np.concatenate(apart)))
     speeds = np.gradient(ahead, axis=1)
     stance = _stance_speeds(speeds, apart, stride)
-    rising = np.gradient(stretch.ankles[..., 2], axis=1)
+    leaving = np.gradient(stretch.ankles[..., 2], axis=1) if runs else -_ahead(stretch, stretch.ankles)
     found = []
     for foot, peaks in enumerate(apart):
         over_ground = speeds[:, :, foot] + (1.0 - _STRIKE_SPEED) * stance[:, None]
         strikes = [_strike(ahead[0, :, foot], over_ground, int(peak), stride) for peak in peaks]
-        offs = [_toe_off(rising[:, :, foot], float(strike[0]), stride) for strike in strikes]
+        offs = [_toe_off(leaving[:, :, foot], float(strike[0]), stride) for strike in strikes]
         frames = [np.stack(each, axis=1) if each else np.empty((len(ahead), 0)) for each in (strikes, offs)]
         found.append(FootEvents(*(stretch.times_s[0] + stretch.step_s * each for each in frames)))
     return found[0], found[1]
+
+
+def _ahead(stretch: Stretch, points: FloatArray) -> FloatArray:
+    """Return the distances (M, F, 2), m, of points of the feet (M, F, 2, 3) ahead of the pelvis."""
+    offsets = points - stretch.pelvis[:, :, None]
+    return np.asarray((offsets[..., :2] * stretch.facing[:, :, None]).sum(axis=-1))
 
 
 def _farthest_apart(separation: FloatArray, height_m: float, step_s: float) -> list[FloatArray]:
@@ -113,18 +121,18 @@ def _falls_below(values: FloatArray, near: float, first: int, end: int) -> Float
     return np.where(falls.any(axis=1), crossing, first + np.argmin(np.abs(part), axis=1))
 
 
-def _toe_off(rising: FloatArray, strike: float, stride: float) -> FloatArray:
-    """Return the frames (M,), not whole, in which the ankle rises fastest (M, F) before a strike; NaN at the stretch's
-    begin."""
+def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
+    """Return the frames (M,), not whole, in which a measure of leaving the ground (M, F) is largest before a strike;
+    NaN at the stretch's begin."""
     first, end = max(round(strike - _SWING_FROM * stride), 0), round(strike - _SWING_TO * stride) + 1
-    unknown = np.full(len(rising), np.nan)
+    unknown = np.full(len(leaving), np.nan)
     if end - first < 3:
         return unknown
-    expected = first + int(np.argmax(rising[0, first:end]))
+    expected = first + int(np.argmax(leaving[0, first:end]))
     if expected == 0:
         return unknown
     reach = max(round(_REFINED * stride), 1)
-    return _maximum(rising, max(expected - reach, 0), min(expected + reach + 1, rising.shape[1]))
+    return _maximum(leaving, max(expected - reach, 0), min(expected + reach + 1, leaving.shape[1]))
 
 
 def _maximum(values: FloatArray, first: int, end: int) -> FloatArray:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from workbench.evaluation.gait.angle_cycles import AngleCycles, angle_cycles
-from workbench.evaluation.gait.foot_events import foot_events
-from workbench.evaluation.gait.stretches import stretch_of
+from workbench.evaluation.gait.foot_events import FootEvents, foot_events
+from workbench.evaluation.gait.stretches import Stretch, stretch_of
 from workbench.evaluation.gait.strides import (
     BELT_SPEED,
     Strides,
@@ -62,27 +63,45 @@ def walk_of(
     height_m : the person's.
     """
     parts = [stretch_of(names, joints, angles, times_s, rows) for rows in stretches]
-    events = [foot_events(part, height_m) for part in parts]
+    taken = _strides(parts, [foot_events(part, height_m, runs=True) for part in parts])
+    found = [foot for strides in taken.strides for foot in strides]
+    if not any(map(len, found)):
+        return None
+    both = joined(found)
+    runs = is_run(both)
+    if not runs:  # whose toe-offs are found otherwise, which changes no strike
+        taken = _strides(parts, [foot_events(part, height_m, runs=False) for part in parts])
+    left, right = (joined([strides[foot] for strides in taken.strides]) for foot in (0, 1))
+    cycles = [
+        angle_cycles([(part, each[foot]) for part, each in zip(parts, taken.strides, strict=True)], rotation)
+        for foot in (0, 1)
+    ]
+    return Walk(
+        (left, right), parameters(left, right), (cycles[0], cycles[1]), taken.standing_speed,
+        taken.standing_speed >= BELT_SPEED, runs, taken.n_turning, taken.n_pairs - len(both) - taken.n_turning,
+    )  # fmt: skip
+
+
+class _Taken(NamedTuple):
+    """Strides of left and right foot in each stretch. n_pairs: number of pairs of successive strikes of a foot."""
+
+    strides: list[tuple[Strides, Strides]]
+    standing_speed: float
+    n_turning: int
+    n_pairs: int
+
+
+def _strides(parts: Sequence[Stretch], events: Sequence[tuple[FootEvents, FootEvents]]) -> _Taken:
+    """Return the strides in stretches of a motion, on the ground or on a belt."""
     grounds = [ground_velocity(part, each) for part, each in zip(parts, events, strict=True)]
-    counts = [sum(foot.strikes_s.shape[1] for foot in each) for each in events]
+    counts = np.array([sum(foot.strikes_s.shape[1] for foot in each) for each in events])
     standing = np.array([share[0] for _, share in grounds])
     known = np.isfinite(standing)
-    standing_speed = float(np.average(standing[known], weights=np.array(counts)[known])) if known.any() else np.nan
-    on_belt = standing_speed >= BELT_SPEED
-    found, n_turning = [], 0
+    standing_speed = float(np.average(standing[known], weights=counts[known])) if known.any() else np.nan
+    strides, n_turning = [], 0
     for part, each, (velocity, _) in zip(parts, events, grounds, strict=True):
-        strides, turning = strides_of(part, each, velocity if on_belt else np.zeros_like(velocity))
-        found.append(strides)
+        found, turning = strides_of(part, each, velocity if standing_speed >= BELT_SPEED else np.zeros_like(velocity))
+        strides.append(found)
         n_turning += turning
-    if not sum(len(foot) for strides in found for foot in strides):
-        return None
-    left, right = (joined([strides[foot] for strides in found]) for foot in (0, 1))
-    rotating = [[(part, strides[foot]) for part, strides in zip(parts, found, strict=True)] for foot in (0, 1)]
-    cycles = (angle_cycles(rotating[0], rotation), angle_cycles(rotating[1], rotation))
     n_pairs = sum(max(foot.strikes_s.shape[1] - 1, 0) for each in events for foot in each)
-    both = joined([left, right])
-    return Walk(
-        (left, right), parameters(left, right), cycles, standing_speed, on_belt,
-        is_run=is_run(both),
-        n_turning=n_turning, n_irregular=n_pairs - len(both) - n_turning,
-    )  # fmt: skip
+    return _Taken(strides, standing_speed, n_turning, n_pairs)
