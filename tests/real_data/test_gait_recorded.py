@@ -56,7 +56,7 @@ def test_strikes_and_toe_offs_of_a_walker_agree_with_force_plates(data, striking
     points = points_of(markers, rows, {"hip": "ASI", "ankle": "ANK", "heel": striking})
     left, right = foot_events(stretch_of_markers(rows / markers.rate_hz, points, 1.75), 1.75, runs=False)
     for events, contact in ((left, loaded[0]), (right, loaded[1])):
-        assert nearest(events.strikes_s[0], contact[0] / rate_hz) < 0.03
+        assert nearest(events.strikes_s[0], contact[0] / rate_hz) < 0.015
     # the left toe-off follows the last strike
     assert nearest(right.toe_offs_s[0], loaded[1][-1] / rate_hz) < 0.03
 
@@ -69,7 +69,7 @@ def test_strikes_and_toe_offs_of_a_runner_agree_with_force_plates(data, striking
     left, right = foot_events(stretch_of_markers(times_s, points, 1.75), 1.75, runs=True)
     forces = np.loadtxt(bmc(data) / "grf_run.mot", skiprows=7)
     left_on, right_on = (forces[forces[:, column] > LOADED_N, 0] for column in (8, 2))
-    assert nearest(left.strikes_s[0], left_on[0]) < 0.02
+    assert nearest(left.strikes_s[0], left_on[0]) < 0.015
     assert nearest(right.toe_offs_s[0], right_on[-1]) < 0.04
 
 

@@ -1,14 +1,11 @@
 """Foot strikes and toe-offs from the positions of feet and pelvis, without force plates.
 
-A strike is found where the feet are farthest apart along the walk (Zeni, Richards & Higginson, *Gait & Posture* 27,
-2008, who use the foot's distance from the sacrum), and timed where the foot's speed ahead over the ground falls to
-_STRIKE_SPEED of the walking speed (a threshold on the foot's speed: Ghoussayni et al., *Gait & Posture* 20, 2004, in
-proportion to the walking speed: Bruening & Ridge, *Gait & Posture* 39, 2014), as the foot is ahead most about 45 ms
-before it strikes. In a walk, a toe-off is where the ankle is farthest behind (Zeni et al.), in recorded walks 17 ± 8 ms
-before the toes move ahead. In a run, where the foot flies backwards after it, it is where the ankle rises fastest
-(O'Connor et al., *Gait & Posture* 25, 2007, of the foot's centre), in a recorded run 29 ms after the force ends. Only
-positions relative to the pelvis count along the walk, so that a treadmill and a camera that travels along make no
-difference.
+A strike follows, by _STRIKE_DELAY, the moment when the foot is farthest ahead of the pelvis (Zeni, Richards &
+Higginson, *Gait & Posture* 27, 2008). In a walk, a toe-off is where the ankle is farthest behind (Zeni et al.), in
+recorded walks 17 ± 8 ms before the toes move ahead. In a run, where the foot flies backwards after it, it is where the
+ankle rises fastest (O'Connor et al., *Gait & Posture* 25, 2007, of the foot's centre), in a recorded run 29 ms after
+the force ends. Only positions relative to the pelvis count along the walk, so that a treadmill and a camera that
+travels along make no difference.
 """
 
 from dataclasses import dataclass
@@ -24,15 +21,13 @@ MIN_SEPARATION = 0.1
 Two feet side by side are closer, as in a person who stands, squats or steps in place; it is 0.8 in a usual walk."""
 MIN_STRIDE_S = 0.4
 """Shortest stride; fast runners take 0.5 s."""
-_STRIKE_SPEED = 0.45
-"""Speed of the foot over the ground at its strike, over the walking speed: 0.26 and 0.37 of a walker, 0.28 and 0.43 of
-a runner at 2.7 m/s, at the moment when the force plate shows 20 N (ankles in BMClab's recordings), and more in smooth
-estimates: 0.5 in fits of one camera's noisy joints. So it is 10 to 30 ms early in recorded motion and 7 ± 18 ms late in
-such fits."""
-_BEFORE, _AFTER = 0.2, 0.2
-"""Parts of a stride, before and after the feet are farthest apart, in which the foot is farthest ahead and strikes."""
-_STANCE_FROM, _STANCE_TO = 0.1, 0.3
-"""Part of the stride after the feet are farthest apart in which the foot stands, in walks and runs."""
+_STRIKE_DELAY = 0.045
+"""Time from the moment when the foot is farthest ahead to its strike, over the stride's: 43 and 52 ms of a walker with
+strides of 0.97 s, 38 ms of a runner with strides of 0.69 s, to the moment when the force plate shows 20 N (ankles in
+BMClab's recordings). A threshold on the foot's speed needs no delay, but smooth estimates cross it later: 38 ms in fits
+of one camera's noisy joints, which are farthest ahead 13 ms later than the recorded motion."""
+_AROUND = 0.2
+"""Part of a stride, before and after the feet are farthest apart, in which the foot is farthest ahead."""
 _SWING_FROM, _SWING_TO = 0.75, 0.2
 """Part of the stride before a strike in which the toes leave the ground: 0.4 in walks, 0.65 in runs."""
 _REFINED = 0.1
@@ -60,13 +55,10 @@ def foot_events(stretch: Stretch, height_m: float, runs: bool) -> tuple[FootEven
         return FootEvents(none, none), FootEvents(none, none)
     gaps = np.concatenate([np.diff(peaks) for peaks in apart])
     stride = float(np.median(gaps)) if len(gaps) else 2.0 * float(np.ptp(np.concatenate(apart)))
-    speeds = np.gradient(ahead, axis=1)
-    stance = _stance_speeds(speeds, apart, stride)
     leaving = np.gradient(stretch.ankles[..., 2], axis=1) if runs else -_ahead(stretch, stretch.ankles)
     found = []
     for foot, peaks in enumerate(apart):
-        over_ground = speeds[:, :, foot] + (1.0 - _STRIKE_SPEED) * stance[:, None]
-        strikes = [_strike(ahead[0, :, foot], over_ground, int(peak), stride) for peak in peaks]
+        strikes = [_strike(ahead[:, :, foot], int(peak), stride) for peak in peaks]
         offs = [_toe_off(leaving[:, :, foot], float(strike[0]), stride) for strike in strikes]
         frames = [np.stack(each, axis=1) if each else np.empty((len(ahead), 0)) for each in (strikes, offs)]
         found.append(FootEvents(*(stretch.times_s[0] + stretch.step_s * each for each in frames)))
@@ -87,38 +79,12 @@ def _farthest_apart(separation: FloatArray, height_m: float, step_s: float) -> l
     return [find_peaks(each, prominence=least_m, distance=apart)[0].astype(np.float64) for each in signed]
 
 
-def _stance_speeds(speeds: FloatArray, apart: list[FloatArray], stride: float) -> FloatArray:
-    """Return the walking speeds (M,), m per frame, from those of the feet relative to the pelvis (M, F, 2): the median
-    of feet that stand."""
-    standing = []
-    for foot, peaks in enumerate(apart):
-        for peak in peaks:
-            first, end = (round(peak + part * stride) for part in (_STANCE_FROM, _STANCE_TO))
-            standing.append(speeds[:, first : end + 1, foot])
-    return np.asarray(-np.median(np.concatenate(standing, axis=1), axis=1))
-
-
-def _strike(ahead: FloatArray, over_ground: FloatArray, peak: int, stride: float) -> FloatArray:
-    """Return the frames (M,), not whole, of a strike: after the foot is farthest ahead (F,) in the expected motion, its
-    speed over the ground (M, F) falls below a threshold, here 0."""
-    first, end = max(round(peak - _BEFORE * stride), 0), round(peak + _AFTER * stride) + 1
-    farthest = first + int(np.argmax(ahead[first:end]))
-    expected = _falls_below(over_ground[:1], farthest, farthest, end)[0]
-    reach = _REFINED * stride
-    return _falls_below(over_ground, expected, round(expected - reach), round(expected + reach) + 1)
-
-
-def _falls_below(values: FloatArray, near: float, first: int, end: int) -> FloatArray:
-    """Return where values (M, F) fall below 0 within [first, end), nearest to a frame, by linear interpolation; where
-    they do not, where they are nearest to 0."""
-    first, end = max(first, 0), min(max(end, first + 2), values.shape[1])
-    part = values[:, first:end]
-    before, after = part[:, :-1], part[:, 1:]
-    falls = (before >= 0.0) & (after < 0.0)
-    places = first + np.arange(before.shape[1]) + before / np.where(falls, before - after, 1.0)
-    nearest = np.argmin(np.where(falls, np.abs(places - near), np.inf), axis=1)[:, None]
-    crossing = np.take_along_axis(places, nearest, axis=1)[:, 0]
-    return np.where(falls.any(axis=1), crossing, first + np.argmin(np.abs(part), axis=1))
+def _strike(ahead: FloatArray, peak: int, stride: float) -> FloatArray:
+    """Return the frames (M,), not whole, of a strike, from the distance of the foot ahead of the pelvis (M, F), near
+    the frame in which the feet are farthest apart."""
+    first = max(round(peak - _AROUND * stride), 0)
+    expected = first + int(np.argmax(ahead[0, first : round(peak + _AROUND * stride) + 1]))
+    return _near_maximum(ahead, expected, stride) + _STRIKE_DELAY * stride
 
 
 def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
@@ -131,8 +97,13 @@ def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
     expected = first + int(np.argmax(leaving[0, first:end]))
     if expected == 0:
         return unknown
+    return _near_maximum(leaving, expected, stride)
+
+
+def _near_maximum(values: FloatArray, expected: int, stride: float) -> FloatArray:
+    """Return where values (M, F) are largest within _REFINED of a stride from a frame."""
     reach = max(round(_REFINED * stride), 1)
-    return _maximum(leaving, max(expected - reach, 0), min(expected + reach + 1, leaving.shape[1]))
+    return _maximum(values, max(expected - reach, 0), min(expected + reach + 1, values.shape[1]))
 
 
 def _maximum(values: FloatArray, first: int, end: int) -> FloatArray:

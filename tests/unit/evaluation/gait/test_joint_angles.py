@@ -79,9 +79,8 @@ def test_cycles_of_a_walk_are_its_curves():
         for name in ("hip_flexion", "knee_flexion"):
             k = column(name, side)
             expected = curves.values[:, column(name, "left")]
-            np.testing.assert_allclose(
-                np.degrees(cycles.means[0, :, k]), np.degrees(expected), atol=5.0
-            )  # 12 ms at 400 °/s
+            # strikes may be 17 ms from the walk's, in which a knee turns by 7°
+            np.testing.assert_allclose(np.degrees(cycles.means[0, :, k]), np.degrees(expected), atol=7.0)
             assert np.degrees(cycles.ranges[0, k]) == pytest.approx(np.degrees(np.ptp(expected)), abs=1.0)
             assert np.degrees(cycles.maxima[0, k]) == pytest.approx(np.degrees(expected.max()), abs=1.0)
 
