@@ -15,10 +15,6 @@ from pathlib import Path
 import numpy as np
 from omegaconf import OmegaConf
 from tqdm import tqdm
-from workbench.evaluation.gait.estimates import estimate_of
-from workbench.evaluation.gait.joint_angles import joint_angles
-from workbench.evaluation.gait.stretches import rows_of_stretches
-from workbench.evaluation.gait.walk import Walk, walk_of
 
 from analysis.tables import fault_clips
 from analysis.tables.fault_clips import NO_CALIBRATION, ONE, RATE_HZ, SIZE, Clip, generated, turned
@@ -30,6 +26,10 @@ from workbench.body.shape import Shape
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.body.stature import SIDES
 from workbench.cameras.camera import Camera, plain_camera
+from workbench.evaluation.gait.estimates import estimate_of
+from workbench.evaluation.gait.joint_angles import joint_angles
+from workbench.evaluation.gait.stretches import rows_of_stretches
+from workbench.evaluation.gait.walk import Walk, walk_of
 from workbench.experiment.tracking import assemble, track
 from workbench.motion.sources import find_motion
 from workbench.utils.arrays import FloatArray

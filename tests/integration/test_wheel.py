@@ -56,6 +56,8 @@ def test_the_wheel_contains_configurations_templates_and_py_typed(wheel):
     assert {f"workbench/conf/{option}" for option in options} <= set(names)
     assert {
         "workbench/py.typed",
+        "workbench/results/page.html",
+        "workbench/results/measure/measures.html",
         "workbench/results/report/report.html",
         "workbench/detections/annotation/page.html",
     } <= set(names)

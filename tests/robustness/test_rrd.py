@@ -124,7 +124,7 @@ def test_an_unknown_body_is_refused(tmp_path):
 
 
 COMMANDS = (
-    "check {run}", "check {run} {other}", "report {run}", "view {run}", "export {run} -o {run}.csv",
+    "check {run}", "check {run} {other}", "report {run}", "view {run}", "measure {run}", "export {run} -o {run}.csv",
     "runs list {run}", "runs list {folder}", "runs restore {folder}", "runs restore --changes {folder}",
     "run from={run}", "run from={folder}",
 )  # fmt: skip

@@ -20,6 +20,7 @@ COMMANDS = {
     "components": ("components:components", "Run", "List the experiments and components, and the keys of one."),
     "runs": ("runs:app", "Inspect", "List, query, compare and remove recorded runs."),
     "view": ("view:view", "Inspect", "Open recordings in the viewer."),
+    "measure": ("measure:measure", "Inspect", "Measure steps, speed and joint angles of a recorded motion."),
     "report": ("report:report", "Compare", "Summarize many runs in tables and plots."),
     "check": ("check:check", "Compare", "Run recorded configurations again and compare the numbers."),
     "detect": ("detect:detect", "Data", "Detect people's joints in videos."),

@@ -18,6 +18,10 @@ from workbench.evaluation.verdict.run_findings import MOVING_CAMERA
 from workbench.experiment.config.schema import composed
 from workbench.motion.formats.motion_export import export, with_missing_frames
 from workbench.recording.read.crash_probe import read_sound_run
+from workbench.recording.read.reader import Run
+from workbench.results.measure.display import headline
+from workbench.results.measure.files import PAGE, write_measures
+from workbench.results.measure.measures import measures_of
 from workbench.results.overlay import MAX_SIDE_PX, SUFFIX, write_overlay
 from workbench.results.pictures import camera_names
 from workbench.utils.decode import count_frames
@@ -52,7 +56,7 @@ def track(
         Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one."),
     ] = None,
 ) -> None:
-    """Detect a person's joints in a video, fit the motion in 3-D, record it and export it.
+    """Detect a person's joints in a video, fit the motion in 3-D, record, export and measure it.
 
     Several videos with one calibration file are one scene; its cameras have
     the names of the videos. With --each, every video is a scene of its own,
@@ -144,7 +148,7 @@ def _new_folder(video: str, kind: str) -> Path:
 def _export(folder: Path, source: Path | None, motion: bool) -> None:
     """Write the overlay of each camera and the estimated motion of a run into its folder.
 
-    source : the run's only video. motion : write the motion, too.
+    source : the run's only video. motion : write the motion and its measures, too.
     """
     run = read_sound_run(folder / RECORDING)
     overlays = _overlays(camera_names(run))
@@ -156,11 +160,20 @@ def _export(folder: Path, source: Path | None, motion: bool) -> None:
         for name in names:
             export(folder / name, estimate, metres=False)
     print(f"exported: {', '.join(str(folder / name) for name in (*overlays.values(), *names))}")
-    if not motion:
+    if motion:
+        _measure(folder, run)
+    else:
         print(f"{folder}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
     findings = ((read_summary(folder) or {}).get("verdict") or {}).get("findings", ())
     if motion and any(finding["kind"] == MOVING_CAMERA for finding in findings):
         print("the exported positions are relative to the camera, which travels, and not to the ground")
+
+
+def _measure(folder: Path, run: Run) -> None:
+    """Write the measures of a run into its folder."""
+    measures = measures_of(run)
+    write_measures(folder, folder.resolve().name, measures)
+    print(f"measured: {headline(measures)}: {folder / PAGE}")
 
 
 def _overlays(cameras: list[str]) -> dict[str, str]:

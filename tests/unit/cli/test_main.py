@@ -30,7 +30,8 @@ RUNS = (
 OTHER_COMMANDS = (
     "rnu", "reports", "walk", "view", "view nowhere.rrd", "view .", "report nowhere", "report --no-such-option .",
     "check nowhere.rrd", "check nowhere.rrd inference=x", "check --seeds 1 nowhere.rrd", "runs --view many",
-    "export nowhere.rrd -o walk.bvh", "export run.rrd", "import nowhere -o no/out.h5", "components prior.no_such",
+    "measure nowhere.rrd", "export nowhere.rrd -o walk.bvh", "export run.rrd",
+    "import nowhere -o no/out.h5", "components prior.no_such",
     "calibrate board left -o c.toml --corners 9x6 --square-mm 25", "annotate none.mp4 -o marks.csv",
     "check-calibration seed=3", "--version=3",
 )  # fmt: skip

@@ -46,6 +46,10 @@ def test_a_video_is_recorded_and_exported(video, tmp_path, capsys):
     run = read(tmp_path / "out" / "run.rrd")
     assert len(run.poses[0]) == 8
     assert {path.suffix for path in (tmp_path / "out").iterdir()} >= {".rrd", ".json", ".trc", ".bvh", ".csv", ".mp4"}
+    assert {"measures.csv", "angles.csv", "measures.html"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert (
+        f"measured: ranges, speeds and repetitions of the joint angles: {tmp_path / 'out' / 'measures.html'}" in printed
+    )
     assert count_frames(tmp_path / "out" / "overlay.mp4") == 8
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
 
@@ -148,6 +152,7 @@ def exported(monkeypatch):
     monkeypatch.setattr(track, "estimated_track", lambda run: None)
     monkeypatch.setattr(track, "with_missing_frames", lambda motion: motion)
     monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append((path.name, None)))
+    monkeypatch.setattr(track, "_measure", lambda folder, run: None)
     return written
 
 

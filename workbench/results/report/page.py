@@ -4,9 +4,8 @@ from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-
-from workbench.results.formatting import cells, numeric, text
+from workbench.results.formatting import text
+from workbench.results.pages import environment
 from workbench.results.report.contents import Contents
 from workbench.utils.text import printable
 
@@ -47,10 +46,6 @@ def render(template: str, title: str, contents: Contents, plots: Sequence[Plot])
     title : of the report.
     contents, plots : of the report.
     """
-    environment = Environment(
-        loader=PackageLoader("workbench.results.report", "."), autoescape=select_autoescape(["html"]),
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    environment.filters |= {"escaped": escaped, "base64": lambda data: b64encode(data).decode("ascii")}
-    environment.globals |= {"cells": cells, "numeric": numeric}
-    return environment.get_template(template).render(title=title, plots=plots, **contents._asdict())
+    pages = environment()
+    pages.filters |= {"escaped": escaped, "base64": lambda data: b64encode(data).decode("ascii")}
+    return pages.get_template(f"report/{template}").render(title=title, plots=plots, **contents._asdict())

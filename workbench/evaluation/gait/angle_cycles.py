@@ -1,0 +1,59 @@
+"""Joint angles over the gait cycle: from one strike of a foot to its next, on 101 points."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.body.angles import wrapped
+from workbench.evaluation.gait.stretches import Stretch
+from workbench.evaluation.gait.strides import Strides
+from workbench.utils.arrays import FloatArray
+
+N_POINTS = 101
+"""Points of a cycle, in percent from 0 to 100."""
+
+
+@dataclass(frozen=True, eq=False)
+class AngleCycles:
+    """A angles over the strides of one foot, rad.
+
+    strides: (n, N_POINTS, A), of the expected motion. means: (M, N_POINTS, A), of M motions. ranges, maxima: (M, A),
+    means over strides of the range and of the largest value in each.
+    """
+
+    strides: FloatArray
+    means: FloatArray
+    ranges: FloatArray
+    maxima: FloatArray
+
+
+def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int | None) -> AngleCycles | None:
+    """Return the angles over the strides of one foot in stretches; None without a stride.
+
+    rotation: column of the torso's heading, which becomes relative to the direction of each stride.
+    """
+    curves, total, ranges, maxima = [], None, [], []
+    for stretch, strides in parts:
+        for k in range(len(strides)):
+            cycle = _cycle(stretch, strides.starts_s[:, k], strides.ends_s[:, k])
+            if rotation is not None:
+                cycle[..., rotation] = wrapped(cycle[..., rotation] - strides.directions_rad[:, k, None])
+            curves.append(cycle[0])
+            total = cycle if total is None else total + cycle
+            maxima.append(cycle.max(axis=1))
+            ranges.append(maxima[-1] - cycle.min(axis=1))
+    if total is None:
+        return None
+    return AngleCycles(np.stack(curves), total / len(curves), np.mean(ranges, axis=0), np.mean(maxima, axis=0))
+
+
+def _cycle(stretch: Stretch, starts_s: FloatArray, ends_s: FloatArray) -> FloatArray:
+    """Return the angles (M, N_POINTS, A) between times (M,), s, of each motion, by linear interpolation."""
+    times_s = starts_s[:, None] + np.linspace(0.0, 1.0, N_POINTS) * (ends_s - starts_s)[:, None]
+    last = len(stretch.times_s) - 1
+    places = np.clip((times_s - stretch.times_s[0]) / stretch.step_s, 0.0, last)
+    before = np.minimum(places.astype(np.int64), last - 1)
+    share = (places - before)[..., None]
+    motions = np.arange(len(places))[:, None]
+    return np.asarray((1.0 - share) * stretch.angles[motions, before] + share * stretch.angles[motions, before + 1])

@@ -1,0 +1,49 @@
+"""Estimates of measures with 90 % intervals, from the measure of the expected motion and of samples of the motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.utils.arrays import FloatArray
+
+_Z90 = 1.6449
+"""95 % quantile of the normal distribution."""
+MIN_SAMPLES = 10
+"""Fewest samples of the motion for an interval: the standard deviation of ten has a standard error of a quarter."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A measure with its 90 % interval, in the measure's unit; NaN where unknown."""
+
+    value: float
+    low: float
+    high: float
+
+
+def estimate_of(values: FloatArray) -> Estimate:
+    """Return the estimate of a measure from its values (M,) in M motions, see `bands_of`."""
+    value, low, high = bands_of(values[:, None])
+    return Estimate(float(value[0]), float(low[0]), float(high[0]))
+
+
+def bands_of(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return estimates and the bounds (...) of their 90 % intervals from values (M, ...) in M motions.
+
+    Motion 0 is the expected motion, whose value is the estimate; the others are samples of the posterior. The interval
+    is the estimate ± 1.645 times the root mean square deviation of the samples from it, which is the posterior's
+    standard error of the estimate. Quantiles of 40 samples would vary by twice as much. And they need not contain the
+    estimate: noise makes extremes, such as a range, larger in each sample than in the expected motion, while the truth
+    may be either. NaN for fewer than MIN_SAMPLES samples.
+    """
+    value, deviations = values[0], values[1:] - values[0]
+    n = np.isfinite(deviations).sum(axis=0)
+    squares = np.square(np.where(np.isfinite(deviations), deviations, 0.0)).sum(axis=0)
+    reach = np.where(n >= MIN_SAMPLES, _Z90 * np.sqrt(squares / np.maximum(n, 1)), np.nan)
+    return value, value - reach, value + reach
+
+
+def mean_known(values: FloatArray) -> FloatArray:
+    """Return the means (M,) of values (M, n) that are known; NaN where none is, without NumPy's warning."""
+    n = np.isfinite(values).sum(axis=1)
+    return np.where(n > 0, np.nansum(values, axis=1) / np.maximum(n, 1), np.nan)

@@ -1,0 +1,1 @@
+"""Measures of a recorded motion: tables, files and a page."""
