@@ -155,7 +155,7 @@ def test_every_row_of_a_table_has_a_valid_configuration():
 
 
 def test_the_command_makes_every_table_of_the_pages():
-    assert command.included() <= {*TABLES, command.VIDEOS, command.CAMERAS, command.FAULTS, "claims", "recording_sizes"}
+    assert command.included() <= {*TABLES, *command.MEASURED, "claims", "recording_sizes"}
     assert {path.stem for path in command.FOLDER.glob("*.md")} == command.included()
     readme = command.README.read_text(encoding="utf-8")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in command.FOLDER.glob("*.md")}
