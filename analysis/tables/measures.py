@@ -26,7 +26,7 @@ from workbench.body.shape import Shape
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.body.stature import SIDES
 from workbench.cameras.camera import Camera, plain_camera
-from workbench.evaluation.gait.estimates import estimate_of
+from workbench.evaluation.gait.estimates import estimate_of, mean_known
 from workbench.evaluation.gait.joint_angles import joint_angles
 from workbench.evaluation.gait.stretches import rows_of_stretches
 from workbench.evaluation.gait.walk import Walk, walk_of
@@ -99,7 +99,8 @@ def measured(number: int, data: Path, setting: str) -> Measured | None:
     for name, samples in values(estimate).items():
         each, truth = estimate_of(samples), float(truths[name][0])
         errors[name] = [100.0 * (each.value / truth - 1.0) if name in _RELATIVE else each.value - truth]
-        covered[name] = each.low <= truth <= each.high
+        if np.isfinite([each.value, truth]).all():
+            covered[name] = each.low <= truth <= each.high
     return Measured(errors, covered)
 
 
@@ -157,7 +158,7 @@ def values(measured_walk: Walk) -> dict[str, FloatArray]:
     ranges = [np.degrees(cycles.ranges[:, k]) for cycles, k in zip(measured_walk.cycles, knees, strict=True) if cycles]
     return {
         "speed": given["speed_m_s"]["both"], "cadence": given["cadence_steps_min"]["both"],
-        "step_length": 100.0 * np.nanmean([given["step_length_m"][side] for side in SIDES], axis=0),
+        "step_length": 100.0 * mean_known(np.stack([given["step_length_m"][side] for side in SIDES], axis=1)),
         "knee_range": np.mean(ranges, axis=0),
     }  # fmt: skip
 
@@ -182,6 +183,7 @@ def _rows(setting: str, every: Sequence[Measured], n: int) -> list[list[str]]:
         covered = [each.covered[name] for each in every if name in each.covered]
         count = f"{len(every)} of {n}" + (f", {len(errors)} strikes" if name == "strike" else "")
         share = f"{100.0 * np.mean(covered):.0f}" if covered else NONE
+        errors = errors[np.isfinite(errors)]  # a clip may show no whole step
         numbers = [f"{value:.{digits}f}" for value in (errors.mean(), np.sqrt(np.square(errors).mean()))]
         rows.append([setting, title, count, *numbers, share])
     return rows

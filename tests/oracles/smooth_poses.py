@@ -59,7 +59,7 @@ def constraints(problem, t):
 def second_differences(problem, poses, columns):
     """Return the terms of the second differences of all parameters, whose time unit is 1/14 s."""
     root = problem.smoothness.second_differences[1:]
-    deviations = np.array([*root, *[problem.smoothness.angle] * (poses.shape[1] - len(root))])
+    deviations = np.array([*root, *map(problem.smoothness.of_angle, problem.skeleton.dof_names[len(root) :])])
     times, terms = 14.0 * problem.times_s, []
     for t in range(1, len(poses) - 1):
         before, after = 1.0 / np.diff(times[t - 1 : t + 2])

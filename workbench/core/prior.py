@@ -1,7 +1,8 @@
 """Interface of temporal priors, and their optional capabilities."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,7 +22,8 @@ class Smoothness:
 
     At other rates, coefficients and velocities follow a random walk. style : change of a coefficient per frame, in
     standard deviations of the model. phase : second differences of μ, cycles. position, rotation : second differences
-    of the root, m and rad. angle : second differences of joint angles without a motion model, rad.
+    of the root, m and rad. angle : second differences of joint angles without a motion model, rad. angles : those of
+    single angles, equal on both sides, by their names without the side.
     """
 
     style: float = 0.3
@@ -29,6 +31,11 @@ class Smoothness:
     position: float = 0.03
     rotation: float = 0.03
     angle: float = 0.2
+    angles: Mapping[str, float] = field(default_factory=dict)
+
+    def of_angle(self, name: str) -> float:
+        """Return the standard deviation, rad, of the second differences of a joint angle."""
+        return self.angles.get(name.removeprefix("left_").removeprefix("right_"), self.angle)
 
     @property
     def second_differences(self) -> FloatArray:
@@ -36,8 +43,16 @@ class Smoothness:
         return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
 
 
-RECORDED_SMOOTHNESS = Smoothness(position=0.013, angle=0.11)
-"""Root mean square over 23 activities in the CMU and Bandai recordings."""
+RECORDED_SMOOTHNESS = Smoothness(
+    position=0.013, angle=0.11, angles=MappingProxyType({
+        "neck_turn": 0.064, "neck_nod": 0.044, "neck_tilt": 0.047,
+        "shoulder_abduction": 0.17, "shoulder_flexion": 0.134, "shoulder_twist": 0.22, "elbow_flexion": 0.22,
+        "hip_flexion": 0.117, "hip_abduction": 0.067, "hip_twist": 0.10, "knee_flexion": 0.22,
+    }),
+)  # fmt: skip
+"""Root mean square over 19 to 23 activities in the CMU and Bandai recordings. That of all angles together is half
+of the knees', whose swing it would smooth away. Those of single angles are without the six people whose steps are
+measured."""
 
 
 class MotionModel(Protocol):

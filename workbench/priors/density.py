@@ -76,13 +76,13 @@ def smoothness(penalty: Mapping[str, float] | None) -> Smoothness:
 
     Raises InputError for an unknown field, or a value that is not a positive number.
     """
-    values, names = dict(penalty or {}), [field.name for field in fields(Smoothness)]
+    values, names = dict(penalty or {}), [field.name for field in fields(Smoothness) if field.name != "angles"]
     for name, value in values.items():
         if name not in names:
             raise InputError(f"prior: penalty: expected some of {', '.join(names)}, found {name!r}")
         if not 0.0 < value < np.inf:
             raise InputError(f"prior: penalty.{name} must be a positive number, found {value}")
-    return Smoothness(**values)
+    return Smoothness(**values)  # type: ignore[arg-type]  # numbers alone
 
 
 class AppendedColumns:

@@ -82,3 +82,9 @@ def test_generated_gaits_give_no_pose_prior(tmp_path):
     learned = linear(motions="builtin", cache=str(tmp_path)).capabilities
     assert learned.pose_prior is None
     assert learned.smoothness == RECORDED_SMOOTHNESS
+
+
+def test_knees_change_faster_than_necks_on_both_sides():
+    knees = [RECORDED_SMOOTHNESS.of_angle(f"{side}_knee_flexion") for side in ("left", "right")]
+    assert knees[0] == knees[1] > 3.0 * RECORDED_SMOOTHNESS.of_angle("neck_turn")
+    assert RECORDED_SMOOTHNESS.of_angle("left_ankle_flexion") == RECORDED_SMOOTHNESS.angle

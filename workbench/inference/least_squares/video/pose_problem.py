@@ -312,7 +312,7 @@ class PoseProblem:
     @cached_property
     def _smoothness_weights(self) -> FloatArray:
         """Return the inverse variances (P,) of second differences."""
-        deviations = np.full(len(self.skeleton.dof_names), self.smoothness.angle)
+        deviations = np.array([self.smoothness.of_angle(name) for name in self.skeleton.dof_names])
         deviations[:N_ROOT] = self.smoothness.second_differences[1:]
         return deviations**-2.0
 
