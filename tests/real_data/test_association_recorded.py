@@ -49,7 +49,7 @@ def test_two_crossing_people_are_distinguished(recorded, man, distance_m, seed):
     direction, heading = rng.uniform(0.0, 2.0 * np.pi, 2)
     forward, left = np.array([np.cos(direction), np.sin(direction)]), np.array([-np.sin(direction), np.cos(direction)])
     start, velocity = distance_m * left - forward, 1.2 * forward  # nearest 0.83 s after the first frame
-    joints = dict(zip(cameras, man.joints, strict=True))
+    joints = dict(zip(cameras, man.joints[..., :3], strict=True))
     both = copies(cameras, joints, [(heading, start, velocity, int(rng.integers(5, 95)))], RATE_HZ)
     scene = crowd(cameras, both, rng, missing=0.1, swapped=0.02)
     for person in range(2):
