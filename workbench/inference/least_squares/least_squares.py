@@ -86,12 +86,15 @@ class LeastSquares:
         person.
 
         rng_streams: generators named "start", which thins points, "prior", which draws the particles, and "draws",
-        which draws the motions of a fit of smooth poses. A frame without observations is interpolated by the
-        smoothness, or keeps the previous pose frame by frame, with a warning. Raises InputError without observations.
+        which draws the motions of a fit of smooth poses; none are drawn without it. A frame without observations is
+        interpolated by the smoothness, or keeps the previous pose frame by frame, with a warning. Raises InputError
+        without observations.
         """
         frames = list(frames)
         fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
-        draws = None if fit.posterior is None else fit.posterior.draws(N_DRAWS, rng_streams["draws"])
+        draws = None
+        if fit.posterior is not None and "draws" in rng_streams:
+            draws = fit.posterior.draws(N_DRAWS, rng_streams["draws"])
         fit = replace(fit, posterior=None)  # large
         samples = steps(fit, frames, self.n_particles, rng_streams["prior"], draws)
         for step, observed, messages in zip(samples, observations, warnings, strict=True):
