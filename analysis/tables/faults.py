@@ -183,10 +183,7 @@ def outcome(job: Job, data: Path | None) -> Outcome:
 
 def tracked(clip: Clip, folder: Path, setting: str) -> Tracked:
     """Track the person of a clip as `workbench track` does, from files in an empty folder; InputError likewise."""
-    config = experiment(setting).copy()
-    for key, value in fault_clips.write(clip, folder, setting).items():
-        OmegaConf.update(config, key, value, merge=False)
-    OmegaConf.resolve(config)
+    config = configured(clip, folder, setting)
     with single_blas_thread():
         components = assemble(config)
         collector = MeasurementCollector(components.body, components.clip.info.scale)
@@ -203,8 +200,17 @@ def tracked(clip: Clip, folder: Path, setting: str) -> Tracked:
     return Tracked(collector.measurements(), inputs, np.array(rows), np.array(places), camera)
 
 
+def configured(clip: Clip, folder: Path, setting: str) -> DictConfig:
+    """Return the resolved configuration that tracks a clip, whose files are written into an empty folder."""
+    config = _experiment(setting).copy()
+    for key, value in fault_clips.write(clip, folder, setting).items():
+        OmegaConf.update(config, key, value, merge=False)
+    OmegaConf.resolve(config)
+    return config
+
+
 @cache
-def experiment(setting: str) -> DictConfig:
+def _experiment(setting: str) -> DictConfig:
     """Return the configuration of a setting without its files; composing it takes as long as a fit."""
     return composed(["experiment=video", "paths.data=null", *(["dataset=multi_view"] if setting == SEVERAL else [])])
 

@@ -13,12 +13,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from omegaconf import OmegaConf
 from tqdm import tqdm
 
-from analysis.tables import fault_clips
 from analysis.tables.fault_clips import NO_CALIBRATION, ONE, RATE_HZ, SIZE, Clip, generated, turned
-from analysis.tables.faults import experiment, one_thread
+from analysis.tables.faults import configured, one_thread
 from analysis.tables.table import NONE, markdown
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
@@ -129,10 +127,7 @@ def _camera(rng: np.random.Generator, places: FloatArray) -> Camera:
 def motions_of(clip: Clip, folder: Path, setting: str) -> tuple[Skeleton, FloatArray, FloatArray]:
     """Return the skeleton, the frames' numbers (F,) and the motions (1 + S, F, P) of a tracked clip: the expected one
     and samples of the posterior."""
-    config = experiment(setting).copy()
-    for key, value in fault_clips.write(clip, folder, setting).items():
-        OmegaConf.update(config, key, value, merge=False)
-    OmegaConf.resolve(config)
+    config = configured(clip, folder, setting)
     with single_blas_thread():
         components = assemble(config)
         steps = [step for step, _ in track(components, int(config.seed))]

@@ -10,14 +10,14 @@ import numpy as np
 import typer
 
 from workbench.body.kinematics import joints, undetermined
-from workbench.body.shape import read_shape
-from workbench.body.skeleton import Skeleton, feet_skeleton, person_skeleton
+from workbench.body.skeleton import Skeleton
 from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.experiment.config.options import options
 from workbench.motion.formats.motion_export import Track, check_output, export, with_missing_frames
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.keypoints import keypoint_weights
+from workbench.recording.read.person import recorded_poses, recorded_skeleton
 from workbench.recording.read.reader import Run
 from workbench.recording.read.states import joints_below
 from workbench.results.overlay import SUFFIX, write_overlay
@@ -96,9 +96,7 @@ def estimated_track(run: Run) -> Track:
     Raises InputError if there is none, or for another body.
     """
     skeleton = _skeleton(run, "with poses")
-    frames, times_s, poses = timed(run.path, "poses")
-    if poses.shape[1:] != (len(skeleton.dof_names),) or not np.isfinite(poses).all():
-        raise InputError(f"{run.path}: expected poses of {len(skeleton.dof_names)} finite numbers, found other values")
+    frames, times_s, poses = recorded_poses(run, skeleton)
     positions = joints(skeleton, poses)
     free_joints, free = _never_shown(run, skeleton)
     positions[:, free_joints] = np.nan
@@ -161,10 +159,4 @@ def _skeleton(run: Run, kind: str) -> Skeleton:
     """Return the tracked person's skeleton, from the properties `body` and `shape`."""
     if "estimate/pose" not in run.scalars:
         raise InputError(f"{run.path}: expected a recording {kind} (estimate/pose), found none")
-    body = run.properties.get("body", {})
-    shape = read_shape(str(run.path), run.properties.get("shape", {}))
-    names = tuple(body.get("joints", ())), tuple(body.get("pose", ()))
-    for skeleton in (person_skeleton(shape), feet_skeleton(shape)):
-        if names == (skeleton.names, skeleton.dof_names):
-            return skeleton
-    raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")
+    return recorded_skeleton(run)

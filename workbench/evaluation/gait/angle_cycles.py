@@ -36,7 +36,8 @@ def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int | None)
     curves, total, ranges, maxima = [], None, [], []
     for stretch, strides in parts:
         for k in range(len(strides)):
-            cycle = _cycle(stretch, strides.starts_s[:, k], strides.ends_s[:, k])
+            starts_s, ends_s = strides.starts_s[:, k, None], strides.ends_s[:, k, None]
+            cycle = stretch.at(stretch.angles, starts_s + np.linspace(0.0, 1.0, N_POINTS) * (ends_s - starts_s))
             if rotation is not None:
                 cycle[..., rotation] = wrapped(cycle[..., rotation] - strides.directions_rad[:, k, None])
             curves.append(cycle[0])
@@ -46,14 +47,3 @@ def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int | None)
     if total is None:
         return None
     return AngleCycles(np.stack(curves), total / len(curves), np.mean(ranges, axis=0), np.mean(maxima, axis=0))
-
-
-def _cycle(stretch: Stretch, starts_s: FloatArray, ends_s: FloatArray) -> FloatArray:
-    """Return the angles (M, N_POINTS, A) between times (M,), s, of each motion, by linear interpolation."""
-    times_s = starts_s[:, None] + np.linspace(0.0, 1.0, N_POINTS) * (ends_s - starts_s)[:, None]
-    last = len(stretch.times_s) - 1
-    places = np.clip((times_s - stretch.times_s[0]) / stretch.step_s, 0.0, last)
-    before = np.minimum(places.astype(np.int64), last - 1)
-    share = (places - before)[..., None]
-    motions = np.arange(len(places))[:, None]
-    return np.asarray((1.0 - share) * stretch.angles[motions, before] + share * stretch.angles[motions, before + 1])

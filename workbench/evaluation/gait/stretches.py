@@ -49,6 +49,15 @@ class Stretch:
         """Interval between two frames, s."""
         return float(self.times_s[1] - self.times_s[0])
 
+    def at(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
+        """Return values (M, F, ...) at n times of each motion (M, n), s, by linear interpolation: (M, n, ...)."""
+        last = len(self.times_s) - 1
+        place = np.clip((times_s - self.times_s[0]) / self.step_s, 0.0, last)
+        before = np.minimum(place.astype(np.int64), last - 1)
+        share = (place - before).reshape(*place.shape, *([1] * (values.ndim - 2)))
+        motions = np.arange(len(values))[:, None]
+        return np.asarray((1.0 - share) * values[motions, before] + share * values[motions, before + 1])
+
 
 def rows_of_stretches(times_s: FloatArray, valid: BoolArray, max_gap_s: float = MAX_GAP_S) -> list[IntArray]:
     """Return the valid frames (F,) of each stretch of two frames or more, at times (F,), s, at most max_gap_s apart."""

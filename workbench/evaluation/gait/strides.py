@@ -108,12 +108,13 @@ def strides_of(
         columns: list[list[FloatArray]] = []
         for k, other in _pairs(events[foot], events[1 - foot]):
             starts, ends = events[foot].strikes_s[:, k], events[foot].strikes_s[:, k + 1]
+            loaded = starts + _LOADED * (ends - starts)
             if _turn(stretch, float(starts[0]), float(ends[0])) > MAX_TURN_RAD:
                 n_turning += 1
                 continue
             stride = places[foot][k + 1] - places[foot][k]
             step = places[1 - foot][other] - places[foot][k]
-            moved = _at(pelvis, ends, stretch) - _at(pelvis, starts, stretch)
+            moved = np.diff(stretch.at(pelvis, np.stack([starts, ends], axis=1)), axis=1)[:, 0]
             along = np.where(np.isfinite(stride).all(axis=1, keepdims=True), stride, moved)
             length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
             left_of = (along[:, 0] * step[:, 1] - along[:, 1] * step[:, 0]) / length
@@ -122,7 +123,7 @@ def strides_of(
                 events[1 - foot].toe_offs_s[:, other], np.linalg.norm(stride, axis=1),
                 (step * along).sum(axis=1) / length, left_of if foot == 1 else -left_of,
                 np.linalg.norm(moved, axis=1), np.arctan2(along[:, 1], along[:, 0]),
-                _at(height, starts + _LOADED * (ends - starts), stretch) - _at(height, starts, stretch),
+                np.diff(stretch.at(height, np.stack([starts, loaded], axis=1)), axis=1)[:, 0],
             ])  # fmt: skip
         empty = [np.empty((len(pelvis), 0))] * len(fields(Strides))
         found.append(Strides(*(np.stack(each, axis=1) for each in zip(*columns, strict=True)) if columns else empty))
@@ -213,12 +214,3 @@ def _turn(stretch: Stretch, start_s: float, end_s: float) -> float:
         for each in (start_s, end_s)
     )
     return float(np.arccos(np.clip(first @ last, -1.0, 1.0)))
-
-
-def _at(values: FloatArray, times_s: FloatArray, stretch: Stretch) -> FloatArray:
-    """Return values (M, F, ...) at a time of each motion (M,), s, by linear interpolation: (M, ...)."""
-    place = np.clip((times_s - stretch.times_s[0]) / stretch.step_s, 0.0, len(stretch.times_s) - 1.0)
-    before = np.minimum(place.astype(np.int64), len(stretch.times_s) - 2)
-    share = (place - before).reshape(-1, *([1] * (values.ndim - 2)))
-    motions = np.arange(len(values))
-    return np.asarray((1.0 - share) * values[motions, before] + share * values[motions, before + 1])

@@ -1,4 +1,4 @@
-"""Findings on detections that repeat although time goes on: frozen stretches, and duplicated frames."""
+"""Findings on detections that repeat from frame to frame: frozen stretches, and duplicated frames."""
 
 from collections.abc import Iterator
 

@@ -41,10 +41,10 @@ def another_person(measured: RunMeasurements) -> BoolArray:
     """Return in which frames (F,) the keypoints are of another person than in the first ones: from a change of the size
     to the next one in the opposite direction."""
     another: BoolArray = np.zeros(len(measured.times_s), dtype=bool)
-    signs = 0.0
+    sign = 0.0  # of the change from the first person to the one who is shown, 0 for the first one
     for change, t in _changes(measured):
-        signs = 0.0 if signs * change < 0.0 else change
-        another[t:] = signs != 0.0
+        sign = 0.0 if sign * change < 0.0 else float(np.sign(change))
+        another[t:] = sign != 0.0
     return another
 
 

@@ -1,4 +1,4 @@
-"""Frames whose detections repeat those of the frame before although time goes on."""
+"""Frames whose detections repeat those of the frame before."""
 
 import numpy as np
 from scipy.ndimage import find_objects, label

@@ -120,8 +120,6 @@ def _columns(walk: Walk, angles: JointAngles) -> Iterator[tuple[int, str, AngleC
 
 
 _UNITS = {"_m_s": "m/s", "_steps_min": "steps/min", "_fraction": "%", "_m": "m", "_s": "s"}
-
-
 _SIGNED = ("step_width", "double_support")
 """Measures that may be negative, besides largest angles and differences."""
 

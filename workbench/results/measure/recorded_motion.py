@@ -5,27 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.kinematics import joints
-from workbench.body.shape import read_shape
-from workbench.body.skeleton import (
-    JOINT_NAMES,
-    JOINT_NAMES_WITH_FEET,
-    POSE_NAMES,
-    POSE_NAMES_WITH_FEET,
-    Skeleton,
-    feet_skeleton,
-    person_skeleton,
-)
+from workbench.body.skeleton import Skeleton
 from workbench.evaluation.verdict.joint_states import JOINT_GROUPS, LOST, NOT_SEEN
-from workbench.recording.read.chunks import timed
+from workbench.recording.read.person import recorded_poses, recorded_skeleton
 from workbench.recording.read.reader import Run
 from workbench.recording.read.states import lane
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
-
-_BODIES = {
-    (JOINT_NAMES, POSE_NAMES): person_skeleton,
-    (JOINT_NAMES_WITH_FEET, POSE_NAMES_WITH_FEET): feet_skeleton,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +39,12 @@ def recorded_motion(run: Run) -> RecordedMotion:
     """Return the motion of a recording; raises InputError if there is none, or for another body."""
     if run.is_study:
         raise InputError(f"{run.path}: expected a run that tracks a person, found a study")
-    body = run.properties["body"]
-    make = _BODIES.get((tuple(body.get("joints", ())), tuple(body["pose"])))
-    if make is None:
-        raise InputError(f"{run.path}: expected the joints and pose parameters of this version's body, found others")
-    frames, times_s, poses = timed(run.path, "poses")
-    if not len(frames):
-        raise InputError(f"{run.path}: expected the poses of a person (estimate/pose), found none")
-    if poses.shape[1:] != (len(body["pose"]),) or not np.isfinite(poses).all():
-        raise InputError(f"{run.path}: expected poses of {len(body['pose'])} finite numbers, found other values")
+    skeleton = recorded_skeleton(run)
+    frames, times_s, poses = recorded_poses(run, skeleton)
     if not (np.diff(times_s) > 0.0).all():
         raise InputError(f"{run.path}: expected times that increase from frame to frame, found others")
     samples = run.draws
     motions = poses[None] if samples is None else np.concatenate([poses[None], samples])
-    skeleton = make(read_shape(str(run.path), run.properties.get("shape", {})))
     states = {name: np.array(lane(run.path, name, frames.tolist())) for name in ("tracking", *JOINT_GROUPS)}
     seen = {name: ~np.isin(states[name], (LOST, NOT_SEEN)) for name in JOINT_GROUPS}
     return RecordedMotion(skeleton, frames, times_s, motions, states["tracking"] != LOST, seen)
