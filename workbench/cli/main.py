@@ -23,6 +23,7 @@ COMMANDS = {
     "measure": ("measure:measure", "Inspect", "Measure steps, speed and joint angles of a recorded motion."),
     "report": ("report:report", "Compare", "Summarize many runs in tables and plots."),
     "check": ("check:check", "Compare", "Run recorded configurations again and compare the numbers."),
+    "evaluate": ("evaluate:evaluate", "Compare", "Score motions that any program made against true ones."),
     "detect": ("detect:detect", "Data", "Detect people's joints in videos."),
     "import": ("import_motions:import_motions", "Data", "Import motion files into a motion library."),
     "export": (

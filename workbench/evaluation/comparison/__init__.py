@@ -1,0 +1,1 @@
+"""Comparison of two motions of named joints, whoever made them: common times, alignment, errors."""

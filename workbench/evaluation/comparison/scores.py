@@ -1,0 +1,127 @@
+"""Errors of joints and of the angles between limbs, frame by frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from workbench.evaluation.errors.pose_errors import acceleration_error, procrustes
+from workbench.evaluation.uncertainty.posterior_calibration import crps
+from workbench.utils.arrays import FloatArray
+
+PCK_M = 0.15
+"""Threshold of correct joints (Mehta et al., 3DV 2017), and the last one of the area under the curve."""
+LEVELS = (0.05, 0.95)
+
+
+class Score(NamedTuple):
+    """A score of the table: its title, unit, and number of decimals."""
+
+    title: str
+    unit: str
+    decimals: int
+
+
+SCORES: Mapping[str, Score] = MappingProxyType({
+    "mpjpe": Score("mean joint error", "mm", 1), "mpjpe_root": Score("the same, pelvis aligned", "mm", 1),
+    "pa_mpjpe": Score("the same, Procrustes", "mm", 1), "pck_150": Score("joints within 150 mm", "%", 1),
+    "auc_150": Score("area under the curve up to 150 mm", "%", 1),
+    "acceleration": Score("acceleration error", "m/s²", 2), "missing": Score("joints missing", "%", 1),
+    "coverage_90": Score("coordinates in the 90 % intervals", "%", 1), "crps": Score("CRPS of coordinates", "mm", 1),
+})  # fmt: skip
+"""Scores in the order of the table. Means are over the joints without the pelvis, as of `pose_errors.step_errors`."""
+_ANGLES = MappingProxyType({
+    f"{side}_{name}": tuple(part if part in ("neck", "pelvis") else f"{side}_{part}" for part in parts)
+    for side in ("left", "right")
+    for name, parts in {
+        "knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist"),
+    }.items()
+})  # fmt: skip
+"""Angles of flexion, 0 where the limb is straight, by the three joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameScores:
+    """Scores of F frames. scores: (F,) by name of SCORES, NaN where unknown. distances_mm: (F, J). angles_deg: by name,
+    the estimated and true angles (F,)."""
+
+    scores: Mapping[str, FloatArray]
+    distances_mm: FloatArray
+    angles_deg: Mapping[str, tuple[FloatArray, FloatArray]]
+
+
+def frame_scores(
+    names: Sequence[str], times_s: FloatArray, estimate: FloatArray, truth: FloatArray, samples: FloatArray
+) -> FrameScores:
+    """Return the scores of J named joints.
+
+    Parameters
+    ----------
+    times_s : (F,), s, increasing.
+    estimate, truth : (F, J, 3), m, aligned; NaN where missing.
+    samples : (S, F, J, 3), m, of the estimate's posterior; S = 0 without one.
+    """
+    root = list(names).index("pelvis") if "pelvis" in names else None
+    rows = [k for k in range(len(names)) if k != root]
+    own, true = estimate[:, rows], truth[:, rows]
+    distances = np.linalg.norm(own - true, axis=-1)
+    is_true, known = np.isfinite(true).all(axis=-1), np.isfinite(distances)
+    scores = {
+        "mpjpe": 1e3 * _mean(distances),
+        "pck_150": 100.0 * _mean(np.where(known, distances < PCK_M, np.nan)),
+        "auc_150": 100.0 * _mean((1.0 - distances / PCK_M).clip(min=0.0)),
+        "acceleration": np.pad(acceleration_error(own, true, times_s), 1, constant_values=np.nan)
+        if len(times_s) > 2
+        else np.full(len(times_s), np.nan),
+        "missing": 100.0 * _mean(np.where(is_true, ~known, np.nan)),
+        "pa_mpjpe": 1e3 * np.array([_procrustes(*pair) for pair in zip(own, true, strict=True)]),
+    }  # fmt: skip
+    if root is not None:
+        relative = (own - estimate[:, root, None]) - (true - truth[:, root, None])
+        scores["mpjpe_root"] = 1e3 * _mean(np.linalg.norm(relative, axis=-1))
+    if len(samples):
+        scores |= _calibration(samples[:, :, rows], true)
+    everywhere = 1e3 * np.linalg.norm(estimate - truth, axis=-1)
+    return FrameScores(scores, everywhere, _angles(names, estimate, truth))
+
+
+def _procrustes(estimate: FloatArray, truth: FloatArray) -> float:
+    return procrustes(estimate, np.where(np.isfinite(estimate), truth, np.nan))
+
+
+def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray]:
+    """Return coverage and continuous ranked probability score (F,) of samples (S, F, J, 3) for the truth (F, J, 3)."""
+    known = np.isfinite(truth) & np.isfinite(samples).all(axis=0)
+    low, high = np.quantile(np.where(known, samples, 0.0), LEVELS, axis=0)
+    score = np.full(truth.shape, np.nan)
+    weights = np.full(len(samples), 1.0 / len(samples))
+    score[known] = crps(np.ascontiguousarray(samples[:, known]), weights, truth[known])
+    inside = np.where(known, (low <= truth) & (truth <= high), np.nan)
+    return {"coverage_90": 100.0 * _mean(inside.reshape(len(truth), -1)),
+            "crps": 1e3 * _mean(score.reshape(len(truth), -1))}  # fmt: skip
+
+
+def _angles(names: Sequence[str], estimate: FloatArray, truth: FloatArray) -> dict[str, tuple[FloatArray, FloatArray]]:
+    index = {name: k for k, name in enumerate(names)}
+    return {
+        angle: (_flexion_deg(estimate[:, rows]), _flexion_deg(truth[:, rows]))
+        for angle, joints in _ANGLES.items()
+        if (rows := [index[joint] for joint in joints if joint in index]) and len(rows) == len(joints)
+    }
+
+
+def _flexion_deg(joints: FloatArray) -> FloatArray:
+    """Return the angle (F,), degrees, between the limbs from the first to the second and to the third joint of (F, 3,
+    3)."""
+    upper, lower = joints[:, 1] - joints[:, 0], joints[:, 2] - joints[:, 1]
+    across = np.linalg.norm(np.cross(upper, lower), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(across, (upper * lower).sum(axis=-1))))
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Return the means (F,) of known values (F, K), NaN where none is known."""
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

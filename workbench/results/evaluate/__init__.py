@@ -1,0 +1,1 @@
+"""Evaluation of motions that any program made against true ones: files, scores, intervals, tables."""

@@ -1,0 +1,195 @@
+"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPZ and recordings."""
+
+import csv
+import re
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.detections.readers.formats import LAYOUTS
+from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
+from workbench.motion.formats.joint_names import skeleton_joints
+from workbench.motion.formats.markers import Markers, in_world, joint_centres, joints_of, read_markers
+from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
+from workbench.motion.formats.trc import RawMarkers
+from workbench.motion.sources import Reading, read_clip
+from workbench.recording.read.chunks import timed
+from workbench.recording.read.crash_probe import read_sound_run
+from workbench.recording.read.person import recorded_poses, recorded_skeleton
+from workbench.recording.read.reader import recording_at
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number, check_rate
+from workbench.utils.run_files import RECORDING_SUFFIXES
+
+_MARKERS, _SKELETONS, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npz")
+SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, *RECORDING_SUFFIXES)
+_SMPL = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
+    "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
+    "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+)  # fmt: skip
+_UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
+    22: _SMPL, 24: (*_SMPL, "left_hand", "right_hand"), 33: LAYOUTS["BLAZEPOSE_33"], 133: LAYOUTS["COCO_133"],
+})  # fmt: skip
+"""Names of the joints of arrays without names, by their number: of SMPL, BlazePose and COCO-WholeBody."""
+_COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.IGNORECASE)
+_TIMES = ("time_s", "time", "timestamp", "times_s", "t")
+_RATES = ("rate_hz", "fps", "frame_rate", "framerate")
+_NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
+_TWO_NAMED_UNITS = 2
+
+
+class Given(NamedTuple):
+    """What the user says of a file; None: by the file. unit: of length. up: the vertical axis. rate_hz: of files
+    without times."""
+
+    unit: str | None = None
+    up: str | None = None
+    rate_hz: float | None = None
+
+
+BY_FILE = Given()
+
+
+def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> JointMotion:
+    """Return the motion of the person's joints in a file or a run's folder.
+
+    truth: of a recording the true joints, if it has them, instead of the estimate. Raises InputError if the file cannot
+    be read, has no joint by name, or no times and no rate is given.
+    """
+    path = recording_at(path.expanduser())
+    suffix = path.suffix.lower()
+    if path.name.lower().endswith(RECORDING_SUFFIXES):
+        return _of_recording(path, truth)
+    if suffix in _SKELETONS:
+        return _of_skeleton(path, given)
+    if suffix in _MARKERS or (suffix == ".csv" and _is_own(path)):
+        return _of_markers(read_markers(path, given.unit, given.up), None)
+    if suffix in _ARRAYS:
+        raw, times_s = (_csv if suffix == ".csv" else _npz)(path, given.rate_hz)
+        return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
+    if suffix == ".mot":
+        raise InputError(f"{path}: has joint angles without the lengths of limbs; export it as TRC, BVH or C3D")
+    raise InputError(f"{path}: expected a motion, {', '.join(SUFFIXES)}, or a run's folder")
+
+
+def _motion(
+    source: Path | str, names: tuple[str, ...], times_s: FloatArray, positions: FloatArray,
+    samples: FloatArray | None = None,
+) -> JointMotion:  # fmt: skip
+    ordered, places = with_pelvis(names, positions)
+    if samples is None:
+        samples = np.empty((0, *places.shape))
+    return JointMotion(str(source), ordered, times_s, places, samples)
+
+
+def _of_recording(path: Path, truth: bool) -> JointMotion:
+    run = read_sound_run(path)
+    skeleton = recorded_skeleton(run)
+    chosen = [skeleton.joint(name) for name in JOINT_NAMES]
+    if truth and len(run.true_joints.frames):
+        _, times_s, positions = timed(path, "true_joints")
+        return _motion(path, JOINT_NAMES, times_s, positions.astype(float)[:, chosen])
+    _, times_s, poses = recorded_poses(run, skeleton)
+    draws = run.draws
+    samples = None if draws is None else np.stack([joints(skeleton, each)[:, chosen] for each in draws])
+    return _motion(path, JOINT_NAMES, times_s, joints(skeleton, poses)[:, chosen], samples)
+
+
+def _of_skeleton(path: Path, given: Given) -> JointMotion:
+    clip = read_clip(path, Reading(unit=given.unit, up=given.up, rate_hz=given.rate_hz))
+    found = skeleton_joints(clip.joints, clip.parents.tolist(), place=path)
+    if not found:
+        raise InputError(f"{path}: no joint has a known name, found {', '.join(clip.joints[:60])}")
+    places = clip.positions[:, [clip.joint(name) for name in found.values()]]
+    return _motion(path, tuple(found), np.arange(len(clip)) / clip.rate_hz, places)
+
+
+def _of_markers(markers: Markers, times_s: FloatArray | None) -> JointMotion:
+    """Return the joints of markers, at times (F,), s, or else at the markers' rate from 0."""
+    names = tuple(name for name, _ in joints_of(markers))
+    centres = joint_centres(markers, markers.positions)[:, [JOINT_NAMES.index(name) for name in names]]
+    times = np.arange(len(centres)) / markers.rate_hz if times_s is None else times_s
+    return _motion(markers.source, names, times, centres)
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether a table is one of `motion_export.csv_text`."""
+    columns = read_lines(path)[0].split(",")
+    return {"frame", "time_s"} <= set(columns) and any(column.endswith("_x_m") for column in columns)
+
+
+def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
+    """Return the joints of a table with the columns x, y and z of each joint, such as left_knee_x, and its times."""
+    lines = read_lines(path)
+    rows = list(csv.reader(lines, delimiter=max(",;\t", key=lines[0].count)))
+    header, table = [cell.strip() for cell in rows[0]], [row for row in rows[1:] if any(row)]
+    found: dict[str, dict[str, int]] = {}
+    units = set()
+    for k, column in enumerate(header):
+        if match := _COLUMN.fullmatch(column):
+            found.setdefault(match[1], {})[match[2].lower()] = k
+            units.add((match[3] or "").lower())
+    names = [name for name, axes in found.items() if len(axes) == len("xyz")]
+    if not names or not table:
+        fail(path, 1, "expected the columns x, y and z of each joint, such as left_knee_x, and a row for each frame")
+    check_number(path, "numbers", len(table) * len(header), MAX_NUMBERS)
+    columns = [found[name][axis] for name in names for axis in "xyz"]
+    time = next((k for k, column in enumerate(header) if column.lower() in _TIMES), None)
+    wanted = columns if time is None else [*columns, time]
+    cells = [[row[k].strip() if k < len(row) else "" for k in wanted] for row in table]
+    values = np.array([gap_numbers(path, k, points(row), len(wanted), "a frame") for k, row in enumerate(cells, 2)])
+    times_s = _times(path, None if time is None else values[:, -1], None, len(table), rate_hz)
+    unit = units.pop() if len(units) < _TWO_NAMED_UNITS and units else ""
+    return RawMarkers(names, 1.0, values[:, : len(columns)].reshape(len(table), -1, 3), unit), times_s
+
+
+def _npz(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
+    """Return the joints of an NPZ file, its only array (F, J, 3), and its times."""
+    check_file(path)
+    try:
+        with zipfile.ZipFile(path) as packed:
+            check_number(path, "bytes of arrays", sum(each.file_size for each in packed.infolist()), 8 * MAX_NUMBERS)
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except InputError:
+        raise
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as error:
+        raise InputError(f"{path}: expected a complete NPZ file of numbers and names: {error}") from None
+    places = [
+        name for name, each in arrays.items() if each.ndim == 3 and each.shape[2] == 3 and each.dtype.kind in "fi"
+    ]
+    if len(places) != 1:
+        listed = ", ".join(f"{name} {each.shape}" for name, each in arrays.items())
+        raise InputError(f"{path}: expected one array of joints (frames, joints, 3), found {listed or 'none'}")
+    positions = arrays[places[0]].astype(float)
+    names = next((arrays[key].astype(str).ravel().tolist() for key in _NAMES if key in arrays), None)
+    names = names or list(_UNNAMED.get(positions.shape[1], ()))
+    if len(names) != positions.shape[1]:
+        raise InputError(
+            f"{path}: expected the names of {positions.shape[1]} joints in an array 'names', found {len(names)}; "
+            f"without names, only {', '.join(map(str, _UNNAMED))} joints are known"
+        )
+    times, rate = (next((arrays[key] for key in keys if key in arrays), None) for keys in (_TIMES, _RATES))
+    times_s = _times(path, times, None if rate is None else float(np.ravel(rate)[0]), len(positions), rate_hz)
+    return RawMarkers(names, 1.0, positions, ""), times_s
+
+
+def _times(path: Path, times_s: FloatArray | None, rate_hz: float | None, n: int, given_hz: float | None) -> FloatArray:
+    """Return the times (n,), s, by the user's rate, the file's times or the file's rate."""
+    if given_hz is None and times_s is not None:
+        times = np.asarray(times_s, dtype=float).ravel()
+        if len(times) != n or not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
+            raise InputError(f"{path}: expected {n} times, s, that increase, or give the rate: --rate HZ")
+        return times
+    rate = given_hz or rate_hz
+    if rate is None:
+        raise InputError(f"{path}: has no times; give its rate: --rate HZ")
+    return np.arange(n) / check_rate(f"{path}: the rate", rate)
