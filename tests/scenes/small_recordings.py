@@ -1,5 +1,7 @@
 """Runs with a small recording of an image and a curve; the texts may be untrusted."""
 
+import json
+
 import cv2
 import numpy as np
 import rerun as rr
@@ -15,7 +17,7 @@ def record(path, run_id="a run", experiment="walk_straight", **fields):
     """Write a recording with the contents of `summary` and return its path."""
     contents = summary(**fields)
     origin = {**contents["provenance"], "experiment": experiment, "seed": contents["seed"], **fields.get("origin", {})}
-    labels = {"config_yaml": "{}", "settings": contents["settings"], "provenance": origin}
+    labels = {"config_yaml": json.dumps(contents["settings"]), "settings": contents["settings"], "provenance": origin}
     with RecordingFile(path, run_id=run_id, **labels) as file:
         file.stream.send_blueprint(rrb.Blueprint(rrb.Spatial2DView(origin="world/camera/image"), auto_views=False))
         for frame in range(3):

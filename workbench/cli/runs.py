@@ -107,6 +107,41 @@ def diff(first: Run, second: Run) -> None:
 
 
 @app.command()
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="A folder of runs, or conditions as of runs list.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="The same of the other configuration.")],
+    query: _Query = None,
+    latex: Annotated[bool, typer.Option("--latex", help="Print the table as LaTeX.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print the table as CSV.")] = False,
+) -> None:
+    """Compare the results of two configurations in pairs of equal people, clips and seeds.
+
+    Each metric has the mean difference with a 90 % interval over people and their runs, the number of pairs in which
+    B is better, the effect size, and whether the difference is significant (Holm).
+
+    Examples:
+      workbench runs compare recordings/sweeps/before recordings/sweeps/after
+      workbench runs compare prior=walking prior=smooth recordings/sweeps/priors inference.n_particles=5000
+    """
+    from workbench.recording.read.crash_probe import open_sound_runs
+    from workbench.results.report.pairs import paired_table
+
+    (a, unreadable_a), (b, unreadable_b) = (
+        open_sound_runs(
+            *_recordings(_select([*([words] if os.path.exists(words) else words.split()), *(query or [])])[0])
+        )
+        for words in (first, second)
+    )
+    table = paired_table(a, b, [*unreadable_a, *unreadable_b])
+    if as_csv:
+        table.to_csv(sys.stdout, index=False)
+    elif latex:
+        print(table.to_latex(index=False, escape=True, float_format="%.4g"), end="")
+    else:
+        print(f"A: {first}\nB: {second}\n{text(table.astype(object))}")
+
+
+@app.command()
 def restore(
     run: Run,
     changes: Annotated[

@@ -129,3 +129,22 @@ def test_a_list_imports_no_rerun_and_no_hydra(root):
     code = f"import sys; from workbench.cli.main import main; {command}; print({{'rerun', 'hydra'}} & {{*sys.modules}})"
     process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert process.stdout.endswith("\nset()\n")
+
+
+def test_two_configurations_are_compared_in_pairs(tmp_path, capsys):
+    for prior, error in (("walking", 40.0), ("smooth", 50.0)):
+        for seed in range(3):
+            write_recorded_run(
+                tmp_path / prior / str(seed), f"{prior}-{seed}", prior=prior, seed=seed, error=error + seed
+            )
+    for words in (
+        [str(tmp_path / "walking"), str(tmp_path / "smooth")],
+        ["prior=walking", "prior=smooth", str(tmp_path)],
+    ):
+        assert main(["runs", "compare", *words, "--csv"]) == 0
+        rows = {row["metric"]: row for row in csv.DictReader(StringIO(capsys.readouterr().out))}
+        assert float(rows["mpjpe_abs_mm"]["B − A"]) == pytest.approx(10.0)
+        assert rows["mpjpe_abs_mm"]["B better"] == "0 of 3"
+    assert main(["runs", "compare", str(tmp_path / "walking"), str(tmp_path / "smooth"), "--latex"]) == 0
+    assert "\\begin{tabular}" in capsys.readouterr().out
+    assert main(["runs", "compare", str(tmp_path), str(tmp_path / "smooth")]) == 2

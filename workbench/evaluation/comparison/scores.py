@@ -29,7 +29,8 @@ SCORES: Mapping[str, Score] = MappingProxyType({
     "mpjpe": Score("mean joint error", "mm", 1), "mpjpe_root": Score("the same, pelvis aligned", "mm", 1),
     "pa_mpjpe": Score("the same, Procrustes", "mm", 1), "pck_150": Score("joints within 150 mm", "%", 1),
     "auc_150": Score("area under the curve up to 150 mm", "%", 1),
-    "acceleration": Score(row_of("acceleration_error_m_s2").title, "m/s²", 2), "missing": Score("joints missing", "%", 1),
+    "acceleration": Score(row_of("acceleration_error_m_s2").title, "m/s²", 2),
+    "missing": Score("joints missing", "%", 1),
     "coverage_90": Score("coordinates in the 90 % intervals", "%", 1), "crps": Score("CRPS of coordinates", "mm", 1),
 })  # fmt: skip
 """Scores in the order of the table. Means are over the joints without the pelvis, as of `pose_errors.step_errors`."""

@@ -1,11 +1,9 @@
 """Groups of runs by their varied keys, statistics over seeds and people, and runs that are not counted."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import yaml
+from fake_runs import fake_run
 
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.reader import Run, Unreadable
@@ -13,42 +11,6 @@ from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
 from workbench.results.report.people import person_of
 from workbench.results.report.variation import flat, label, seeds_of_parts, what_varied
-
-
-def fake_run(
-    prior: str = "walking",
-    n: int = 500,
-    seed: Any = 0,
-    status: str = "complete",
-    cost: dict[str, float] | None = None,
-    study: bool = False,
-    run_id: str = "",
-    version: str = "1",
-    motion: Any = None,
-    **metrics: float,
-) -> Run:
-    """Return a run with these settings and metrics; its prior excludes the person of `motion`."""
-    config: dict[str, Any] = {
-        "prior": {"_target_": f"workbench.priors.{prior}"},
-        "inference": {"n_particles": n},
-        "seed": seed,
-    }
-    if motion is not None:
-        config["dataset"] = {"motion": motion, "seed": seed}
-        config["prior"]["exclude"] = [str(motion)[:2]]
-    properties: dict[str, dict[str, Any]] = {
-        "run": {"status": status, "id": run_id},
-        "config": {"TextDocument:text": yaml.safe_dump(config)},
-        "provenance": {"experiment": "custom", "workbench": version},
-        "metrics": metrics,
-        "cost": cost or {},
-    }
-    if not study:
-        properties["body"] = {"joints": ["pelvis"], "pose": ["root_x"]}
-    return Run(
-        Path(f"{prior}_{n}_{seed}_{status}.rrd" if motion is None else f"{prior}_{motion}_{seed}.rrd"), properties, {}
-    )
-
 
 ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
 
