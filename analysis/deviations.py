@@ -105,8 +105,9 @@ DEVIATIONS = tuple(
         ("B", "section 2.2", "q is 8. A fifth of the samples is removed in blocks.", _UNSTATED),
         ("B", "fig. 1", "The axis of the signal-to-noise ratio is logarithmic.", "Angles differ by powers of ten."),
         (
-            "B", "section 3", "The noise is ours; that of the root's position is a walker's displacement per frame. σ "
-            "and p_occluded were chosen on other walkers.", "The paper gives no values; nothing else moves the root.",
+            "B", "section 3", "The noise is ours; along the walk, that of the root's position is a walker's "
+            "displacement per frame. σ and p_occluded were chosen on other walkers.",
+            "The paper gives no values; nothing else moves the root.",
         ),
         ("B", "eq. 5", "Sampled points as for A, section 5.", "As for A."),
         # C
@@ -134,7 +135,11 @@ DEVIATIONS = tuple(
         ("C", "section 4", "Samples are not re-weighted (footnote 3); `importance_correction` does.",
          "The paper does not state that it does."),
         ("C", "section 6", "Initial windows are sampled at temperature 0.05.", _UNSTATED),
-        ("C", "section 5", "The likelihood is A's on truncated cones, with A's differences.", "As for A."),
+        (
+            "C", "section 3", "The likelihood is A's motion on truncated cones, for the arm as a ratio of foreground "
+            "to a static background, with points inside the limbs; without edges and ridges, and with A's differences.",
+            "C refers to two papers, most likely A and Sidenbladh & Black 2001, whose cues are such ratios.",
+        ),
         # D
         (
             "D", "eq. 4", "All ellipsoids share one width of their field.", _UNSTATED,
