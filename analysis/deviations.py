@@ -124,8 +124,8 @@ DEVIATIONS = tuple(
             "variance (the paper: 89 %); with velocities per second 77 %.", "The unit is not stated; A uses m/frame.",
         ),
         (
-            "C", "section 4.2", "β for tracking and synthesis, the noise of a copied pose, σ and p_occluded; β of the "
-            "arm is that of fig. 4, the others were chosen on other people.", "The paper gives β only for fig. 4.",
+            "C", "section 4.2", "β for tracking and synthesis, the noise of a copied pose, σ and p_occluded were "
+            "chosen on other clips.", "The paper gives β only for fig. 4.",
         ),
         (
             "C", "section 4.2", "In a leaf, windows are sampled by p(c_i | c_t) raised to 1/β.",
