@@ -10,7 +10,7 @@ from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, perso
 from workbench.motion.pose_sequence import Motion
 
 STRAIGHT_S, BEND_S, CYCLE_S = 0.7, 0.6, 1.2
-BEND_RAD = 0.8
+BEND_RAD = 0.5
 """The arm of the figure "bends slightly" around frame 20."""
 HEIGHT_M, ANKLE_M = 1.75, 0.07
 
