@@ -6,7 +6,14 @@ from functools import partial
 import numpy as np
 
 from analysis.claims.claim import Claim, SeedResults, Setup, both, mean, ratio, tracked, within
-from analysis.claims.measures import activities_apart, gait_within_recorded, gaps_filled, jacobian_cost, search_time
+from analysis.claims.measures import (
+    activities_apart,
+    arms_poorest,
+    gait_within_recorded,
+    gaps_filled,
+    jacobian_cost,
+    search_time,
+)
 from analysis.figures.replicates import PAPERS
 from workbench.motion.synthetic.arm import BEND_S, STRAIGHT_S
 
@@ -85,8 +92,8 @@ CLAIMS = (
     Claim("A4a", "tracked in 8 of 10", (Setup("arm_twist"),), tracked(MOST)),
     Claim("A4b", "the twist's 90 % interval concentrates about the truth in 8 of 10", (Setup("arm_twist"),),
           within("fraction", share_concentrating, MOST)),
-    Claim("A5", "tracked in 8 of 10; arms' error above legs'", (Setup("walk_straight"),),
-          both(tracked(MOST), within("arms over legs", ratio("mpjpe_arms_mm", "mpjpe_legs_mm"), 1.0))),
+    Claim("A5", "tracked in 8 of 10; arms' error above legs', each over its own motion, as arms move a third as far",
+          (Setup("walk_straight"),), both(tracked(MOST), arms_poorest)),
     Claim("A6", "tracked to frame 40 in 8 of 10; rotation error grows", (Setup("walk_circle"),),
           both(tracked(MOST, last_frame=40), within("last over first rotation error", rotation_growth, 1.0))),
     Claim("A7", "0 of 10 tracked; error at least twice A6's",

@@ -9,17 +9,19 @@ from scipy.optimize import linprog
 
 from analysis.benchmarks import draws
 from analysis.benchmarks.measuring import fastest_s
-from analysis.claims.claim import SeedResults, Verdict
+from analysis.claims.claim import SeedResults, Verdict, mean
 from analysis.figures.recordings import Source
 from analysis.figures.unrecorded import composed
-from workbench.body.kinematics import forward
-from workbench.body.skeleton import POSE_NAMES
+from workbench.body.kinematics import forward, joints
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
+from workbench.evaluation.uncertainty.step_calibration import GROUPS
 from workbench.experiment.config.instantiate import build
 from workbench.motion.formats.names import style
 from workbench.motion.models.activities import learn_activities, min_components
 from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.models.training import database_motions
+from workbench.motion.sources import find_motion
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree
 from workbench.studies.gap_errors import ImputeGaps, gappy_sequences
@@ -28,8 +30,29 @@ from workbench.utils.arrays import BoolArray, FloatArray
 
 SIZES = (12_500, 25_000, 50_000, 100_000)
 """Entries of a database; that of paper C has 50 000."""
+LIMB_GROUPS = ("arms", "legs")
+FRAMES_HZ, N_FRAMES = 30.0, 50  # of experiment=walk_straight
 SYNTHESIS_HZ, SYNTHESIS_FRAMES = 30.0, 60
 CACHE = os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
+
+
+@cache
+def own_motions_mm(motion: str, data: str | None) -> dict[str, float]:
+    """Return the root mean square distances of a motion's joints from their means, relative to the root, by group."""
+    clip = find_motion(motion, data=data, rate_hz=FRAMES_HZ)
+    places = joints(person_skeleton(clip.shape), clip.resampled(FRAMES_HZ).poses[:N_FRAMES])
+    relative = places - places[:, :1]
+    squares = ((relative - relative.mean(axis=0)) ** 2).sum(axis=2).mean(axis=0)
+    inside = {group: [any(word in name for word in GROUPS[group]) for name in JOINT_NAMES] for group in LIMB_GROUPS}
+    return {group: 1e3 * float(np.sqrt(squares[chosen].mean())) for group, chosen in inside.items()}
+
+
+def arms_poorest(source: Source, results: SeedResults) -> Verdict:
+    """Return whether the arms' error, divided by their own motion, exceeds the legs' in a walk seen from its side."""
+    motion = "builtin" if source.data is None else "35_02"
+    motions = own_motions_mm(motion, source.data)
+    arms, legs = (mean(results, f"mpjpe_{group}_mm") / motions[group] for group in LIMB_GROUPS)
+    return Verdict(arms > legs, f"error over own motion: arms {arms:.2f}, legs {legs:.2f}")
 
 
 def gaps_filled(method: str, source: Source, results: SeedResults) -> Verdict:

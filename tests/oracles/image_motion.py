@@ -210,7 +210,8 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
     "sample": a point is occluded by a patch (a disc for a sphere) that covers it and whose axis is nearer by more than
     half the sum of the two limbs' mean radii. This is half the distance between the axes of two touching limbs, because
     limbs that overlap at a joint must not occlude each other. "limb" (A, section 5): all points of a limb are occluded
-    if any of them is covered by a limb whose nearest surface is nearer than its own. "none": nothing is occluded.
+    if any of them is covered by a limb that does not continue it and whose nearest surface is nearer than its own.
+    "none": nothing is occluded.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
             covered, depth = cover(patches, k, bool(limbs.spheres[k]), points[:, j])
             if occlusion == "sample":
                 hidden[:, j] |= covered & (depth + (thickness[j] + thickness[k]) / 2.0 < depths[:, j])
-            else:
+            elif not limbs.connected[j, k]:
                 behind = nearest[:, k] < nearest[:, j]
                 hidden[:, j] |= (covered & behind[:, None]).any(axis=1)[:, None]
     return hidden

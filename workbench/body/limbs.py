@@ -29,6 +29,14 @@ the head."""
 _CHIN = 0.65
 """Depth of the neck's upper end below the head's centre, in the head's radii."""
 
+CONTINUED = (
+    ("torso", "head"), ("torso", "neck"), ("neck", "head"),
+    *((f"{side}_{limb}", f"{side}_{next_limb}") for side in ("left", "right") for limb, next_limb in (
+        ("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "calf"), ("calf", "foot"))),
+    ("torso", "left_thigh"), ("torso", "right_thigh"),
+)  # fmt: skip
+"""Limbs of a person that continue each other from one joint on. An arm beside the torso does not continue it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
@@ -56,6 +64,11 @@ class Limbs:
     def mean_radii(self) -> FloatArray:
         """(L, 2), m, at start and end: the means of the sections' semi-axes."""
         return np.asarray(self.radii.mean(axis=2))
+
+    @cached_property
+    def connected(self) -> BoolArray:
+        """(L, L), whether two limbs continue each other, by their names in CONTINUED."""
+        return np.array([[(a, b) in CONTINUED or (b, a) in CONTINUED for b in self.names] for a in self.names])
 
     @cached_property
     def axes(self) -> FloatArray:

@@ -11,7 +11,7 @@ from recording_steps import BODY, steps
 from analysis.claims import __main__ as command
 from analysis.claims.claim import Claim, Setup, Verdict, both, lost, ratio, tracked, within
 from analysis.claims.listed import CLAIMS, raised_knee_deg, rotation_growth, share_concentrating, spread_growth
-from analysis.claims.measures import gait, separated
+from analysis.claims.measures import arms_poorest, gait, own_motions_mm, separated
 from analysis.command import chosen
 from analysis.figures.recordings import Source
 from analysis.figures.step_values import step_values, wrong_signs
@@ -67,6 +67,16 @@ def test_the_concentrating_fraction_counts_narrow_and_covering_twists():
     wide = run(twist_width_deg=np.full(50, 150.0), twist_covered=np.ones(50))
     narrow = run(twist_width_deg=0.5 * width, twist_covered=np.ones(50))
     assert share_concentrating([concentrated, biased, wide, narrow]) == 0.25
+
+
+def test_arms_are_poorest_by_their_error_over_their_own_motion():
+    """Relative to the pelvis, ankles move by tens of centimetres in a walk and wrists by fewer."""
+    motions = own_motions_mm("builtin", None)
+    assert 20.0 < motions["arms"] < 0.8 * motions["legs"] < 200.0
+    equal = motions["arms"] / motions["legs"]
+    for factor, holds in ((0.99, False), (1.01, True)):
+        walk = run(mpjpe_legs_mm=np.full(50, 30.0), mpjpe_arms_mm=np.full(50, 30.0 * equal * factor))
+        assert arms_poorest(SOURCE, [walk]).holds == holds
 
 
 def test_growth_of_rotation_error_and_error_of_the_raised_knee():

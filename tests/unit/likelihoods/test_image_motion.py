@@ -221,6 +221,21 @@ def test_occlusion_by_limb_orders_limbs_by_their_nearest_surface():
     assert not hidden[0].any()
 
 
+def test_limbs_that_continue_each_other_do_not_occlude_each_other_as_a_whole():
+    """In a walk seen from its right side, the hidden limbs are those behind another one. The right arm hangs beside
+    the torso; its forearm and its hand are a little nearer, as the arm is abducted and the elbow flexed."""
+    body, poses = scenes.PERSON, scenes.root(heading=np.pi / 2)
+    for name, angle in {"left_hip_flexion": 0.3, "right_hip_flexion": -0.3, "right_shoulder_abduction": 0.1}.items():
+        poses[0, body.skeleton.dof(name)] = angle
+    poses[0, [body.skeleton.dof(f"{side}_elbow_flexion") for side in ("left", "right")]] = 0.4
+    samples = random_samples(200, np.random.default_rng(0))
+    hidden = hidden_samples(body.limbs, patches(body, poses), samples, "limb")[0]
+    np.testing.assert_array_equal(hidden.all(axis=1), hidden.any(axis=1))
+    shown = {name for name, each in zip(body.limbs.names, hidden, strict=True) if not each.any()}
+    assert {"right_upper_arm", "right_forearm", "right_hand", "right_calf"} <= shown
+    assert {"left_upper_arm", "left_forearm", "left_thigh", "torso"}.isdisjoint(shown)
+
+
 def test_a_sphere_occludes_a_disc():
     body = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.2), ((0.5, 0.05, 0.02), (0.5, 0.05, 0.02), 0.12))
     samples = regular_samples(300, np.random.default_rng(0))

@@ -8,7 +8,7 @@ from workbench.body.skeleton import PARTS, POSE_NAMES, parameters, person_skelet
 from workbench.datasets.synthetic import Synthetic
 from workbench.motion.library import write_library
 from workbench.motion.sources import find_motion
-from workbench.motion.synthetic.arm import STRAIGHT_S, bending_arm
+from workbench.motion.synthetic.arm import BEND_RAD, STRAIGHT_S, bending_arm
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.utils.errors import InputError
 
@@ -23,7 +23,7 @@ def test_the_elbow_flexes_after_a_pause_and_only_the_arm_moves():
     assert (np.ptp(still, axis=0) == 0.0).all()
     straight = np.arange(len(motion)) / 30.0 <= STRAIGHT_S
     assert (motion.poses[straight, ELBOW] == 0.0).all()
-    assert motion.poses[-1, ELBOW] == pytest.approx(1.5)
+    assert motion.poses[-1, ELBOW] == pytest.approx(BEND_RAD)
 
 
 def test_with_a_straight_elbow_the_twist_moves_no_joint():

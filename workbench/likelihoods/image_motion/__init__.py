@@ -50,7 +50,8 @@ class ImageMotion:
     reduction : "mean" (B eq. 5) or "sum" (A eq. 10, for which limbs saturate at ε/256).
     effective_pixels : k, which multiplies either; 1 in both papers.
     occlusion : "sample" tests every point against the other limbs' patches; "limb" is A's rule, which excludes a limb
-        that a nearer one covers in part; "none" ignores occlusion.
+        that a nearer one covers in part, except one that continues it: at their joint one always covers the other;
+        "none" ignores occlusion.
     background : "none", as in the paper, for which a limb at rest on a static background explains the images as well as
         the true moving limb; "static", for static cameras.
     sampling : "regular": evenly spaced over the patch except its rim, where background is visible; "random": from the

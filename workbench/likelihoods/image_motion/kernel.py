@@ -148,9 +148,10 @@ def sample_rows(samples: FloatArray) -> FloatArray:
 
 
 def limb_table(limbs: Limbs) -> FloatArray:
-    """Return the limbs' table (L, 12) of the kernel; `patches` names its columns."""
+    """Return the limbs' table (L, 12 + L) of the kernel; `patches` names its columns."""
     radii, thickness = limbs.radii.reshape(-1, 4), limbs.radii.mean(axis=(1, 2))
-    return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
+    spheres, connected = limbs.spheres.astype(np.float64), limbs.connected.astype(np.float64)
+    return np.column_stack([limbs.starts, limbs.ends, radii, spheres, thickness, connected])
 
 
 @kernel()

@@ -16,8 +16,9 @@ MIN_AREA = 1e-6  # minimum projected area, about, px², of a patch that covers o
 
 OUTSIDE, HIDDEN = 1, 2
 
-# Columns of the limbs' table: ends of the axis, semi-axes of the section at both ends, whether a sphere, mean radius.
-START, END, START_RADII, END_RADII, SPHERE, THICKNESS = 0, 3, 6, 8, 10, 11
+# Columns of the limbs' table: ends of the axis, semi-axes of the section at both ends, whether a sphere, mean radius;
+# and of every limb whether it is connected.
+START, END, START_RADII, END_RADII, SPHERE, THICKNESS, CONNECTED = 0, 3, 6, 8, 10, 11, 12
 # A camera: its rotation row by row, translation, fx, fy, cx, cy, k1, k2, p1, p2, k3.
 TRANSLATION, FOCAL, CENTRE, DISTORTION = 9, 12, 14, 16
 # Rows of a patch: (AX + u DX) + v (WX + u EX) in x, the same in y, and Z + u DZ in depth; u = 0..1 along, v = −1..1
@@ -150,7 +151,7 @@ def flag_hidden(
     any_near, span = False, _span(samples)
     for k in range(covers.shape[0]):
         margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
-        ahead = whole_limb or boxes[k, 4] + margin < boxes[limb, 5]
+        ahead = table[limb, CONNECTED + k] == 0.0 if whole_limb else boxes[k, 4] + margin < boxes[limb, 5]
         across = boxes[k, 0] <= boxes[limb, 1] and boxes[k, 1] >= boxes[limb, 0]
         if k != limb and ahead and across and boxes[k, 2] <= boxes[limb, 3] and boxes[k, 3] >= boxes[limb, 2]:
             _pair(patches[limb], patches[k], covers[k], margin, sphere, pair)

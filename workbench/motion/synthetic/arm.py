@@ -10,6 +10,8 @@ from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, perso
 from workbench.motion.pose_sequence import Motion
 
 STRAIGHT_S, BEND_S, CYCLE_S = 0.7, 0.6, 1.2
+BEND_RAD = 0.5
+"""The arm of the figure "bends slightly" around frame 20."""
 HEIGHT_M, ANKLE_M = 1.75, 0.07
 
 
@@ -29,7 +31,7 @@ def bending_arm(seconds: float, rate_hz: float) -> Motion:
     smooth_step = bend_fraction * bend_fraction * (3.0 - 2.0 * bend_fraction)
     for name, angles in {
         "shoulder_flexion": 0.7 + 0.35 * swing, "shoulder_abduction": 0.25 + 0.10 * swing,
-        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": 1.5 * smooth_step,
+        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": BEND_RAD * smooth_step,
     }.items():  # fmt: skip
         poses[:, POSE_NAMES.index(f"right_{name}")] = angles
     return Motion(
