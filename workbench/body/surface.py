@@ -6,7 +6,7 @@ the skin of a part with one ellipsoid is that ellipsoid. D has an a_i and b_i fo
 
 **Chains.** A limb is a row of two or more ellipsoids at equal spaces Δ of half length Δ √(a/π): the Gaussians
 exp(−a (z/half)²) then add up to 1 within 9 % along the limb, so the skin has the radius of the ellipsoids within 2 %
-(for a = 2).
+(for a = 2; 9 % for a = 0.5).
 
 **Residuals** of a point X attached to a part:
 - "field": f − C (D eq. 6), dimensionless, negative outside. It saturates beyond a fraction of the limb's radius.

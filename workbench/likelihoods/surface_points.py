@@ -59,9 +59,8 @@ class SurfacePoints:
 
     def __post_init__(self) -> None:
         check("surface points", self, sigma=POSITIVE, outlier_fraction=INSIDE_UNIT, likelihood_power=UP_TO_1)
-        check("surface points", self, sharpness=POSITIVE)
         check("surface points", self, residual=one_of(*KINDS), loss=one_of(*LOSSES), loss_scale=POSITIVE)
-        check("surface points", self, common_bias_std_m=at_least(0))
+        check("surface points", self, sharpness=POSITIVE, common_bias_std_m=at_least(0))
 
     @property
     def observables(self) -> Observables:
