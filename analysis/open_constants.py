@@ -82,11 +82,12 @@ OPEN_CONSTANTS = tuple(
         (
             "D", "sharpness a of the surface", "a_i, eq. 2", ("points_walk_steady", "likelihood.sharpness"),
             "0.125, 0.25, 0.5, 1, 2, 4: hips 6.4, 5.7, 5.2, 4.9, 8.2, 16.3°, knees 7.7, 6.6, 6.5, 6.8, 12.8, 25.2°, "
-            "tracked 8, 8, 8, 8, 7, 0 of 8", _VALIDATION,
+            "tracked 8, 8, 8, 8, 7, 0 of 8 (10 components)", _VALIDATION,
         ),
         (
             "D", "overhang of the limbs", "“ellipsoidal primitives”", f"{OVERHANG:g} of a limb's thickness",
-            "0, 0.15, 0.3, 0.6: hips 5.5, 5.2, 5.1, 5.0°, knees 6.4, 6.4, 6.4, 6.5°", "`clips.validation`, seed 100",
+            "0, 0.15, 0.3, 0.6: hips 5.5, 5.2, 5.1, 5.0°, knees 6.4, 6.4, 6.4, 6.5° (10 components)",
+            "`clips.validation`, seed 100",
         ),
         ("D", "points of a frame", "a picture", ("points_walk_steady", "dataset.n_points"), _NOT_VARIED, _NOBODY),
         (
