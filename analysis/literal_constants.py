@@ -16,7 +16,9 @@ import numpy as np
 
 from analysis.figures.cached_runs import Numbers, Run, numbers_of, people
 
-MEASURED = ("mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "tracked")
+MEASURED = (
+    "mpjpe_abs_mm", "mpjpe_mm", "mpjpe_px", "hip_flexion_rmse_deg", "knee_flexion_rmse_deg", "tracked",
+)  # fmt: skip
 SAME = ("paper=literal", "dataset.perturb=false")
 
 

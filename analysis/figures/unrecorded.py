@@ -19,6 +19,7 @@ from workbench.utils.rng import rng_streams
 
 SERIES = (
     "mpjpe_px", "forearm_width_px", "mpjpe_mm", "mpjpe_abs_mm", "knee_flexion_rmse_deg", "hip_flexion_rmse_deg",
+    "activity_accuracy",
 )  # fmt: skip
 """Errors of every frame that a result contains."""
 

@@ -87,7 +87,7 @@ background effective_pixels=0 outlier_fraction=0 n_frames=2 n_samples=0 | edges 
 appearance effective_pixels=0 sigma=0 outlier_fraction=1 learning_rate=1.5 n_samples=0
 silhouette effective_pixels=0 outlier_fraction=1 n_frames=2 dilation_px=-1
 keypoints sigma_px=0 likelihood_power=1.5 loss=cauchy loss_scale=0
-surface_points sigma=0 outlier_fraction=0 likelihood_power=1.5 loss=cauchy loss_scale=0 residual=depth
+surface_points sigma=0 sharpness=0 outlier_fraction=0 likelihood_power=1.5 loss=cauchy loss_scale=0 residual=depth
 """
 RANGES = [
     (name, *text.split("="))

@@ -6,7 +6,7 @@ the skin of a part with one ellipsoid is that ellipsoid. D has an a_i and b_i fo
 
 **Chains.** A limb is a row of two or more ellipsoids at equal spaces Δ of half length Δ √(a/π): the Gaussians
 exp(−a (z/half)²) then add up to 1 within 9 % along the limb, so the skin has the radius of the ellipsoids within 2 %
-(for a = 2).
+(for a = 2; 9 % for a = 0.5).
 
 **Residuals** of a point X attached to a part:
 - "field": f − C (D eq. 6), dimensionless, negative outside. It saturates beyond a fraction of the limb's radius.
@@ -43,7 +43,8 @@ from workbench.utils.parallel import parallel_for
 Kind = Literal["field", "distance"]
 KINDS: tuple[Kind, ...] = ("field", "distance")  # in the order of the kernel's codes
 SHARPNESS = 2.0
-"""a: larger values blend ellipsoids less, and narrow the band in which the field discriminates distances."""
+"""a: larger values blend ellipsoids less, and narrow the band in which the field discriminates distances. Paper D gives
+no value; distances depend little on it."""
 OVERHANG = 0.3
 """Extension of chains of ellipsoids beyond their limb's ends, as a fraction of its thickness, so that joints are not
 thinner."""
@@ -168,15 +169,15 @@ def _arguments(
     )
 
 
-def person_surface(body: Body) -> Surface:
+def person_surface(body: Body, sharpness: float = SHARPNESS) -> Surface:
     """Return the skin of a body, see `limbs_surface`."""
-    return limbs_surface(body.limbs)
+    return limbs_surface(body.limbs, sharpness)
 
 
-def limbs_surface(limbs: Limbs) -> Surface:
-    """Return the skin of limbs: a part for each limb; cones are chains of ellipsoids."""
+def limbs_surface(limbs: Limbs, sharpness: float = SHARPNESS) -> Surface:
+    """Return the skin of limbs: a part for each limb; cones are chains of ellipsoids. sharpness: a."""
     ellipsoids = [
-        (start[None], np.full((1, 3), radii[0, 0])) if sphere else _chain(start, end, radii)
+        (start[None], np.full((1, 3), radii[0, 0])) if sphere else _chain(start, end, radii, sharpness)
         for start, end, radii, sphere in zip(limbs.starts, limbs.ends, limbs.radii, limbs.spheres, strict=True)
     ]
     sizes = [len(centers) for centers, _ in ellipsoids]
@@ -186,11 +187,11 @@ def limbs_surface(limbs: Limbs) -> Surface:
         joints=np.repeat(limbs.joints, sizes), centers=np.concatenate([centers for centers, _ in ellipsoids]),
         half_sizes=np.concatenate([half_sizes for _, half_sizes in ellipsoids]),
         axes=np.repeat(limbs.axes, sizes, axis=0), parts=np.repeat(np.arange(len(sizes)), sizes),
-        part_names=limbs.names,
+        part_names=limbs.names, sharpness=sharpness,
     )  # fmt: skip
 
 
-def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _chain(start: FloatArray, end: FloatArray, radii: FloatArray, sharpness: float) -> tuple[FloatArray, FloatArray]:
     """Return centres and half sizes (n, 3) of ellipsoids along a truncated cone of radii (2, 2), as in `Limbs`, m. They
     are about as long as thick; the module's docstring defines their spacing and half lengths."""
     length, thickness = float(np.linalg.norm(end - start)), float(radii.mean(axis=0).min())
@@ -200,5 +201,5 @@ def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> tuple[Float
     along = ((np.arange(n) + 0.5) * spacing - OVERHANG * thickness) / length
     centers = start + along[:, None] * (end - start)
     across = radii[0] + along[:, None] * (radii[1] - radii[0])
-    half_length = spacing * np.sqrt(SHARPNESS / np.pi)
+    half_length = spacing * np.sqrt(sharpness / np.pi)
     return centers, np.column_stack([across, np.full(n, half_length)])

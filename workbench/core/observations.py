@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES, Skeleton
-from workbench.body.surface import Kind
+from workbench.body.surface import SHARPNESS, Kind
 from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
 from workbench.core.frame import Frame
@@ -37,14 +37,15 @@ class Observed:
 @dataclass(frozen=True)
 class Observables:
     """The observations that a likelihood uses, and their standard deviations. sigma: of a point's residual, m for
-    "distance"; None if points are not used. residual: of points. sigma_px: of a keypoint, px of the image used; None if
-    keypoints are not used. cameras: names of the cameras whose keypoints are used; None for all. common_bias_std_m:
-    standard deviation of the bias shared by all points, and by the points of one body part, m. systematic_errors:
-    whether the errors of keypoints are those of a detector, which do not average out. depth_sigma_m: of the depth of a
-    bone by a single camera's world landmarks, m; None if they are not used."""
+    "distance"; None if points are not used. residual, sharpness: of points and of their surface. sigma_px: of a
+    keypoint, px of the image used; None if keypoints are not used. cameras: names of the cameras whose keypoints are
+    used; None for all. common_bias_std_m: standard deviation of the bias shared by all points, and by the points of one
+    body part, m. systematic_errors: whether the errors of keypoints are those of a detector, which do not average out.
+    depth_sigma_m: of the depth of a bone by a single camera's world landmarks, m; None if they are not used."""
 
     sigma: float | None = None
     residual: Kind = "distance"
+    sharpness: float = SHARPNESS
     sigma_px: float | None = None
     cameras: tuple[str, ...] | None = None
     common_bias_std_m: float = 0.0

@@ -43,8 +43,8 @@ class Points(Scene):
     occluder_width_m : width of an upright bar half-way between camera and person, which reduces the number of points.
     images : whether to render the camera's images, for the viewer; otherwise there are no views.
     initialization : "auto" provides neither initial_pose nor phase_ends; the inference finds both. "perturbed_truth"
-        provides what paper D sets by hand: the first true pose with Gaussian errors of 3 cm and 0.05 rad in every
-        number, and the true phases of the first and last frame. Frames contain the truth in both cases, for evaluation.
+        provides what paper D sets by hand: the first true pose with the errors of `perturbations`, and the true phases
+        of the first and last frame. Frames contain the truth in both cases, for evaluation.
     skeleton : "person", or "full" for the motion file's own with every joint, which is then also the tracked body.
     """
 
@@ -77,7 +77,7 @@ class Points(Scene):
     def info(self) -> SequenceInfo:
         """The person's measurements, the full body where it is tracked, and the initial pose and phases."""
         initial_pose, phase_ends = sequence.perturbed_initialization(
-            "points", self.initialization, self.sequence, self.seed
+            "points", self.initialization, self.sequence, self.seed, self.perturbation_sizes
         )
         cameras = self.true_camera, self.calibrated_camera
         return SequenceInfo(

@@ -75,7 +75,7 @@ class Stereo(Scene):
     def info(self) -> SequenceInfo:
         """The person's measurements, both cameras, and the initial pose and phases."""
         initial_pose, phase_ends = sequence.perturbed_initialization(
-            "stereo", self.initialization, self.sequence, self.seed
+            "stereo", self.initialization, self.sequence, self.seed, self.perturbation_sizes
         )
         if self.n_disparities >= self.width // 2:
             range_px = f"disparities up to {self.n_disparities} px in images {self.width} px wide"

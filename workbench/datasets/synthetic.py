@@ -146,10 +146,8 @@ class Synthetic(Scene):
     @cached_property
     def _initial_pose(self) -> FloatArray:
         """The initial pose (P,) with its errors."""
-        pose, sizes = self._used_motion.poses[0], self.perturbation_sizes
-        if sizes["start_m"] == sizes["start_rad"] == 0.0:
-            return pose
-        return sequence.perturbed_pose(self.body.skeleton, pose, self.seed, sizes["start_m"], sizes["start_rad"])
+        pose = self._used_motion.poses[0]
+        return sequence.perturbed_pose(self.body.skeleton, pose, self.seed, self.perturbation_sizes)
 
     def _automatic_camera(self, places: FloatArray) -> Camera:
         tall = sequence.standing_height(self._used_motion, places)

@@ -80,7 +80,7 @@ class Product:
         if keypoints and all(each.cameras is not None for each in keypoints):
             cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.cameras or ()))
         sigma_px = keypoints[0].sigma_px if keypoints else None
-        return Observables(points.sigma, points.residual, sigma_px, cameras, points.common_bias_std_m)
+        return replace(points, sigma_px=sigma_px, cameras=cameras)
 
     @property
     def _common_loss(self) -> Loss | None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.body.limbs import Body
-from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
+from workbench.body.surface import KINDS, SHARPNESS, Kind, Surface, nearest_distances, person_surface
 from workbench.core.capabilities import POINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
@@ -38,6 +38,7 @@ class SurfacePoints:
     outlier_fraction : ε.
     likelihood_power : below 1 it flattens the posterior, since the errors of points of one stereo pair are correlated.
     residual : of least squares: "distance", m, or paper D's "field".
+    sharpness : of the surface's field, a of `body.surface`.
     loss : of least squares: "squared", "huber" or "geman_mcclure".
     loss_scale : residual at which the loss bends, in the unit of `residual`.
     common_bias_std_m : standard deviation, m, along each axis, of the bias shared by the points of one body part, and
@@ -51,6 +52,7 @@ class SurfacePoints:
     outlier_fraction: float = 0.15
     likelihood_power: float = 0.03
     residual: Kind = "distance"
+    sharpness: float = SHARPNESS
     loss: str = POINT_LOSS.name
     loss_scale: float = POINT_LOSS.scale * SIGMA_M
     common_bias_std_m: float = 0.012
@@ -58,12 +60,14 @@ class SurfacePoints:
     def __post_init__(self) -> None:
         check("surface points", self, sigma=POSITIVE, outlier_fraction=INSIDE_UNIT, likelihood_power=UP_TO_1)
         check("surface points", self, residual=one_of(*KINDS), loss=one_of(*LOSSES), loss_scale=POSITIVE)
-        check("surface points", self, common_bias_std_m=at_least(0))
+        check("surface points", self, sharpness=POSITIVE, common_bias_std_m=at_least(0))
 
     @property
     def observables(self) -> Observables:
         """Points, with standard deviation sigma."""
-        return Observables(sigma=self.sigma, residual=self.residual, common_bias_std_m=self.common_bias_std_m)
+        return Observables(
+            sigma=self.sigma, residual=self.residual, sharpness=self.sharpness, common_bias_std_m=self.common_bias_std_m
+        )
 
     @property
     def residual_loss(self) -> Loss:
@@ -77,7 +81,7 @@ class SurfacePoints:
     @cached_property
     def surface(self) -> Surface:
         """The body's implicit surface."""
-        return person_surface(self.body)
+        return person_surface(self.body, self.sharpness)
 
     def prepare(self, previous: Frame | None, frame: Frame) -> PoseFrameLikelihood:
         """Return the likelihood of the frame's finite points; constant if there are none."""

@@ -10,13 +10,21 @@ from recording_steps import BODY, steps
 
 from analysis.claims import __main__ as command
 from analysis.claims.claim import Claim, Setup, Verdict, both, lost, ratio, tracked, within
-from analysis.claims.listed import CLAIMS, raised_knee_deg, rotation_growth, share_concentrating, spread_growth
-from analysis.claims.measures import arms_poorest, gait, own_motions_mm, separated
+from analysis.claims.listed import (
+    CLAIMS,
+    activity_right,
+    raised_knee_deg,
+    rotation_growth,
+    share_concentrating,
+    spread_growth,
+)
+from analysis.claims.measures import arms_poorest, at_most, gait, own_motions_mm, separated
 from analysis.command import chosen
 from analysis.figures.recordings import Source
 from analysis.figures.step_values import step_values, wrong_signs
 from analysis.figures.unrecorded import Result
 from workbench.body.kinematics import joints
+from workbench.motion.models.activity_cycles import ActivityCycles
 from workbench.utils.errors import InputError
 
 SOURCE = Source(None, None, quick=True)
@@ -88,6 +96,19 @@ def test_growth_of_rotation_error_and_error_of_the_raised_knee():
     assert raised_knee_deg([knee]) == pytest.approx(7.0)
     by_beta = [[Result({"distance_search": value}, {}, 1.0)] for value in (1.0, 2.0, 3.0, 3.3)]
     assert spread_growth("search", *by_beta) == pytest.approx(0.1)
+
+
+def test_the_activity_counts_outside_the_three_frames_of_the_transition():
+    first_of_the_run = 6  # in the series, which begins with frame 1: of 14 frames the eighth
+    for k, right in ((first_of_the_run - 2, 0.9), (first_of_the_run - 1, 1.0), (first_of_the_run + 1, 1.0)):
+        assert activity_right([run(n=13, activity_accuracy=np.arange(13) != k)]) == right
+
+
+def test_no_person_has_more_cycles_than_the_limit_of_an_activity():
+    activities = ("walk",) * 7 + ("run",) * 3
+    cycles = ActivityCycles(("a",), np.arange(10.0)[:, None, None], np.ones(10), activities, tuple("xxxxxyyxxx"))
+    chosen = at_most(cycles, {"x": "first", "y": "second"}, {"walk": 2, "run": 3})
+    assert chosen.curves.ravel().tolist() == [1.0, 3.0, 5.0, 6.0, 7.0, 8.0, 9.0]
 
 
 @given(st.floats(1.5, 4.0), st.floats(0.0, 1.0))

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from analysis import deviations, literal_constants
+from analysis import deviations, literal_constants, open_constants
 from analysis.figures import cached_runs
 from analysis.figures.unrecorded import Result
 
@@ -33,8 +33,19 @@ def test_the_curve_has_one_row_per_value(tmp_path, monkeypatch, capsys):
         assert config.dataset.seed == config.seed
 
 
+@pytest.fixture(scope="module")
+def page():
+    return deviations.page().splitlines()
+
+
 @pytest.mark.parametrize("entry", deviations.DEVIATIONS, ids=lambda entry: f"{entry.paper} {entry.place}")
-def test_a_deviation_is_one_row_of_the_page(entry):
+def test_a_deviation_is_one_row_of_the_page(entry, page):
     assert all(entry)
     assert not any("|" in cell for cell in entry)
-    assert f"| {' | '.join(entry)} |" in deviations.page().splitlines()
+    assert f"| {' | '.join(entry)} |" in page
+
+
+@pytest.mark.parametrize("entry", open_constants.OPEN_CONSTANTS, ids=lambda entry: f"{entry.paper} {entry.name}")
+def test_an_open_constant_has_its_value_in_the_published_experiment(entry):
+    assert all(entry)
+    assert entry.value.split()[0] not in ("None", "null")

@@ -7,7 +7,8 @@ import pytest
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.datasets.rendering.concatenation import concatenate, gait_phases
-from workbench.datasets.rendering.sequence import Scene, find_sequence
+from workbench.datasets.rendering.perturbations import DEFAULT_SIZES
+from workbench.datasets.rendering.sequence import Scene, find_sequence, perturbed_pose
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
 
@@ -130,8 +131,9 @@ def test_a_sequence_of_two_motions_has_the_activity_of_each():
 
 def test_the_perturbed_initial_pose_has_its_standard_deviations_and_is_reproducible():
     sequence = find_sequence(Scene(motion="builtin", n_frames=4))
-    assert np.array_equal(sequence.perturbed_initial_pose(3), sequence.perturbed_initial_pose(3))
-    errors = np.stack([sequence.perturbed_initial_pose(seed) for seed in range(400)]) - sequence.motion.poses[0]
+    skeleton, pose = sequence.body.skeleton, sequence.motion.poses[0]
+    assert np.array_equal(*(perturbed_pose(skeleton, pose, 3, DEFAULT_SIZES) for _ in range(2)))
+    errors = np.stack([perturbed_pose(skeleton, pose, seed, DEFAULT_SIZES) for seed in range(400)]) - pose
     # 4 standard errors of a σ from 1200 numbers; the other angles are clipped at their limits
     assert errors[:, :3].std() == pytest.approx(0.03, rel=4 / np.sqrt(2400))
     assert errors[:, 3:6].std() == pytest.approx(0.05, rel=4 / np.sqrt(2400))

@@ -20,7 +20,9 @@ SMALL = {"n_frames": 3, "width": 160, "height": 120, "focal_px": 175.0}
 DATASETS = {
     "synthetic": lambda **more: Synthetic(**SMALL, person_px=70.0, **more),
     "points": lambda **more: Points(**SMALL, n_points=100, images=True, initialization="perturbed_truth", **more),
-    "stereo": lambda **more: Stereo(**{**SMALL, "n_frames": 2}, baseline_m=0.4, **more),
+    "stereo": lambda **more: Stereo(
+        **{**SMALL, "n_frames": 2}, baseline_m=0.4, initialization="perturbed_truth", **more
+    ),
 }
 
 NONE = dict.fromkeys(DEFAULT_SIZES, 0.0)
@@ -54,6 +56,7 @@ def test_an_exact_dataset_has_no_perturbations(create):
     assert np.array_equal(frame.truth.joints, joints(person_skeleton(info.shape), frame.truth.pose[None])[0])
     assert frame.truth.cameras == ()
     assert not info.perturbations
+    assert np.array_equal(info.initial_pose, frame.truth.pose)
 
 
 def test_every_perturbation_changes_only_its_quantity():

@@ -9,6 +9,9 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import attach, person_surface, residuals
 from workbench.core.frame import Frame
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 
 BODY = person(from_height(1.75))
@@ -29,16 +32,23 @@ def points_on(pose, n=50, seed=1):
     return frames.positions[0][rng.integers(15, size=n)] + 0.08 * rng.standard_normal((n, 3))
 
 
-def test_the_log_likelihood_is_the_sum_of_mixture_log_densities():
+@pytest.mark.parametrize("sharpness", [2.0, 0.5])
+def test_the_log_likelihood_is_the_sum_of_mixture_log_densities(sharpness):
     candidates, points = poses(4), points_on(poses(1)[0])
-    likelihood = SurfacePoints(BODY, sigma=0.03, outlier_fraction=0.2, likelihood_power=0.4)
+    likelihood = SurfacePoints(BODY, sigma=0.03, outlier_fraction=0.2, likelihood_power=0.4, sharpness=sharpness)
     log_probs = log_prob(likelihood, frame(None), frame(points), candidates, candidates)
-    surface = person_surface(BODY)
+    surface = person_surface(BODY, sharpness)
     for pose, value in zip(candidates, log_probs, strict=True):
         parts = attach(surface, forward(BODY.skeleton, pose[None]), points)
         distances = residuals(BODY.skeleton, surface, pose, points, "distance", parts)
         density = 0.8 * np.exp(-(distances**2) / (2 * 0.03**2)) / (np.sqrt(2 * np.pi) * 0.03) + 0.2 / 2.0
         assert value == pytest.approx(0.4 * np.log(density).sum(), rel=1e-12)
+
+
+def test_least_squares_fits_the_surface_of_the_likelihood():
+    points = SurfacePoints(BODY, sharpness=0.5)
+    both = Product({"points": points, "keypoints": KeypointLikelihood(BODY)}, {"points": 1.0, "keypoints": 1.0})
+    assert [LeastSquares(BODY, likelihood).surface.sharpness for likelihood in (points, both)] == [0.5, 0.5]
 
 
 def test_the_maximum_is_the_true_pose():

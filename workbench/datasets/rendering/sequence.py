@@ -15,7 +15,13 @@ from workbench.core.checks import FINITE, RATE, Range, at_least, check
 from workbench.core.frame import Truth
 from workbench.core.side_information import INITIAL_POSE, PHASE_ENDS
 from workbench.datasets.rendering.concatenation import concatenate
-from workbench.datasets.rendering.perturbations import SIZES_RANGE, calibration_error, miscalibrated, perturbation_sizes
+from workbench.datasets.rendering.perturbations import (
+    DEFAULT_SIZES,
+    SIZES_RANGE,
+    calibration_error,
+    miscalibrated,
+    perturbation_sizes,
+)
 from workbench.datasets.rendering.subject import SceneSubject, draw_subject
 from workbench.motion.full_skeleton import full_body, full_poses
 from workbench.motion.pose_sequence import Motion
@@ -26,8 +32,6 @@ from workbench.utils.rng import stream
 
 _INITIALIZATIONS = ("auto", "perturbed_truth")
 _SKELETONS = ("person", "full")  # the 25-parameter person, or the motion file's own skeleton with every joint
-SIGMA_M, _SIGMA_RAD = 0.03, 0.05
-"""Standard deviations of a perturbed initial pose, as of one set by hand."""
 _MARGIN = 0.05  # fraction of the image's width and height that the automatic camera leaves free on every side
 _OVERSAMPLING = 4  # motions are concatenated, and their cycles detected, at this multiple of the dataset's rate
 _RANGES = {
@@ -134,17 +138,14 @@ class RenderedSequence:
         errors = {**self.subject.factors, **calibration_error(camera, estimate)}
         return errors | initial_pose_error(pose, self.motion.poses[0]) if errors else {}
 
-    def perturbed_initial_pose(self, seed: int) -> FloatArray:
-        """Return the first pose (P,) with Gaussian errors of 3 cm in position and 0.05 rad in every angle."""
-        return perturbed_pose(self.body.skeleton, self.motion.poses[0], seed)
 
-
-def perturbed_pose(
-    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = SIGMA_M, sigma_rad: float = _SIGMA_RAD
-) -> FloatArray:
-    """Return a pose (P,) with Gaussian errors in position and in every angle, clipped to the skeleton's limits."""
-    sigma = np.full(len(pose), sigma_rad)
-    sigma[:3] = sigma_m
+def perturbed_pose(skeleton: Skeleton, pose: FloatArray, seed: int, sizes: Mapping[str, float]) -> FloatArray:
+    """Return a pose (P,) with Gaussian errors of `start_m` in position and `start_rad` in every angle, clipped to the
+    skeleton's limits; the pose itself where both sizes are zero."""
+    if sizes["start_m"] == sizes["start_rad"] == 0.0:
+        return pose
+    sigma = np.full(len(pose), sizes["start_rad"])
+    sigma[:3] = sizes["start_m"]
     error = sigma * stream(seed, "rough start").standard_normal(len(pose))
     return np.clip(pose + error, *skeleton.limits.T)
 
@@ -197,11 +198,13 @@ def provided_assumptions(keys: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def perturbed_initialization(
-    dataset: str, initialization: str, sequence: RenderedSequence | None, seed: int
-) -> tuple[FloatArray | None, tuple[float, float] | None]:
+    dataset: str, initialization: str, sequence: RenderedSequence | None, seed: int,
+    sizes: Mapping[str, float] = DEFAULT_SIZES,
+) -> tuple[FloatArray | None, tuple[float, float] | None]:  # fmt: skip
     """Return the perturbed first pose (P,) and the phases of both ends for "perturbed_truth"; None, None for "auto".
 
-    dataset: its name for messages. sequence: the ground truth, None where it is unknown. Raises InputError for another
+    dataset: its name for messages. sequence: the ground truth, None where it is unknown. sizes: as for
+    `perturbed_pose`. Raises InputError for another
     `initialization`, and for "perturbed_truth" without ground truth or without a gait cycle.
     """
     if initialization not in _INITIALIZATIONS:
@@ -214,7 +217,8 @@ def perturbed_initialization(
         raise InputError(f"{problem} the ground truth, which is unknown")
     if sequence.phase_ends is None:
         raise InputError(f"{problem} phases, but {sequence.motion.name!r} has no gait cycle")
-    return sequence.perturbed_initial_pose(seed), sequence.phase_ends
+    pose = perturbed_pose(sequence.body.skeleton, sequence.motion.poses[0], seed, sizes)
+    return pose, sequence.phase_ends
 
 
 def automatic_camera(

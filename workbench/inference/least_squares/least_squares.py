@@ -67,7 +67,7 @@ class LeastSquares:
     ) -> None:  # fmt: skip
         capabilities = PriorCapabilities() if prior is None else prior.capabilities
         self.likelihood, self.observables = likelihood, likelihood.observables
-        self.skeleton, self.surface = body.skeleton, person_surface(body)
+        self.skeleton, self.surface = body.skeleton, person_surface(body, self.observables.sharpness)
         self.length_uncertainty = (
             default_length_uncertainty(body.skeleton) if body.limb_length_std is None else body.limb_length_std
         )
