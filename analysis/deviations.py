@@ -53,7 +53,7 @@ DEVIATIONS = tuple(
         ),
         (
             "A", "figs. 6 and 7", "The walker on a circle and the training cycles are generated, by one generator with "
-            "different walkers. The cycles have more components than the 5 of the paper's dancers.",
+            "different walkers. d is 7 there and 12 of CMU's walkers in fig. 5, where the paper's dancers have 5.",
             "No recorded walk on a circle is available.",
         ),
         (
