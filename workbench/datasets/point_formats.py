@@ -25,7 +25,6 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number
 from workbench.utils.text import natural_order
 
-_NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
 AXES = ("x", "y", "z")
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -187,7 +186,7 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
     places = [place for place in (*file.attributes, *file.arrays) if place.startswith("/frames/")]
     if not places:
         raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-    for place in natural_order(places):
+    for place, _ in natural_order(places):
         if place not in file.arrays:
             raise InputError(f"{path}: {place}: expected an array (K, 3), found a group")
         yield _table(f"{path}: {place}", file.arrays[place])
@@ -196,25 +195,6 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
 READERS = {
     ".ply": read_ply, ".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".csv": read_csv, ".xyz": read_csv,
 }  # fmt: skip  # by file extension: one frame per file
-
-
-def in_order(names: Sequence[str]) -> list[tuple[str, float | None]]:
-    """Return names of files in the order of their numbers, each with its last number, None without one.
-
-    A decimal point is part of a number (12.5 is after 12.0625), unless numbers of different lengths end in 0, as those
-    of versions do (1.10 is after 1.9).
-    """
-    stems = [Path(name).stem for name in names]
-    fractions = [fraction for stem in stems for fraction in re.findall(r"\d\.(\d+)", stem)]
-    versions = len({len(fraction) for fraction in fractions}) > 1 and any(re.fullmatch(r"\d+0", f) for f in fractions)
-    number = re.compile(r"(\d+)") if versions else _NUMBER
-
-    def key(stem: str) -> list[tuple[float, str]]:
-        return [(float(part), "") if number.fullmatch(part) else (-1.0, part) for part in number.split(stem)]
-
-    order = sorted(range(len(names)), key=lambda k: (key(stems[k]), names[k]))
-    found = [number.findall(stem) for stem in stems]
-    return [(names[k], float(found[k][-1]) if found[k] else None) for k in order]
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:

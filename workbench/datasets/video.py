@@ -42,9 +42,9 @@ from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
 from workbench.detections.readers.people import People, SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
-from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
+from workbench.utils.decode import declared_frames, decode, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
-from workbench.utils.frame_times import FrameTimes, frame_times, given_times
+from workbench.utils.frame_times import FrameTimes, frame_times, given_times, rate_in_file
 from workbench.utils.input_path import InputPath
 
 log = logging.getLogger(__name__)
@@ -158,7 +158,7 @@ class Video:
         repetitions = {} if self._people is None else self.repetitions(self._used)
         return SequenceInfo(
             name=self.path.name, n_frames=len(self._used), rate_hz=self.times.rate_hz, scale=self.scale,
-            source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
+            source_rate_hz=self._rate_in_file,
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
             input_counts={**input_counts, **repetitions},
@@ -221,6 +221,11 @@ class Video:
         if self.rate_hz is not None:
             return given_times(self.rate_hz)
         return frame_times(self.path, self._timestamps_s)
+
+    @cached_property
+    def _rate_in_file(self) -> float | None:
+        """Rate of the source's frames by its timestamps, where rate_hz is set."""
+        return None if self.rate_hz is None else rate_in_file(self.path, self._timestamps_s, self.rate_hz)
 
     @cached_property
     def _timestamps_s(self) -> FloatArray:

@@ -12,7 +12,6 @@ from hypothesis.extra import numpy as numbers
 from workbench.datasets.point_files import PointFiles
 from workbench.datasets.point_formats import (
     READERS,
-    in_order,
     read_csv,
     read_hdf5,
     read_npy,
@@ -23,6 +22,7 @@ from workbench.datasets.point_formats import (
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.utils.errors import InputError
+from workbench.utils.text import natural_order
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
 clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)
@@ -332,13 +332,13 @@ def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
 def test_files_are_ordered_by_time(times):
     """Times are multiples of 1/16 s, written without trailing zeros."""
     names = [f"cloud_{time / 16}.ply" for time in times]
-    assert in_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
+    assert natural_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
 
 
 def test_decimals_of_constant_length_are_counters():
     names = [f"scan 1.{k}.ply" for k in range(1, 31)]
-    assert [name for name, _ in in_order(names[::-1])] == names
-    assert in_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
+    assert [name for name, _ in natural_order(names[::-1])] == names
+    assert natural_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
 
 
 def test_empty_and_missing_frames_are_gaps(tmp_path, caplog):
