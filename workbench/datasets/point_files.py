@@ -24,7 +24,7 @@ from workbench.motion.formats.units_axes import AXES, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 from workbench.utils.rng import stream
 from workbench.utils.text import natural_order
 
@@ -107,7 +107,7 @@ class PointFiles:
 
     @cached_property
     def _path(self) -> Path:
-        return Path(self.source).expanduser()
+        return expanded(self.source)
 
     @cached_property
     def _sequence(self) -> RenderedSequence | None:

@@ -45,7 +45,7 @@ from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.decode import declared_frames, decode, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, frame_times, given_times, rate_in_file
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 
 log = logging.getLogger(__name__)
 
@@ -264,7 +264,7 @@ class Video:
     @cached_property
     def path(self) -> Path:
         """The file or folder of the source."""
-        return Path(self.source).expanduser()
+        return expanded(self.source)
 
     @cached_property
     def source_camera(self) -> Camera:
@@ -277,7 +277,7 @@ class Video:
         """The camera of the calibration file, of which only the lens is valid if the file has no poses."""
         if self.calibration_file is None:
             return None
-        cameras = load_lenses(Path(self.calibration_file).expanduser())
+        cameras = load_lenses(expanded(self.calibration_file))
         cameras = cameras or read_calibration(self.calibration_file, self.unit, self.up)
         return fitted(camera_named(cameras, self.camera_name, self.calibration_file), self.image_size, self.source)
 
@@ -481,7 +481,7 @@ def _is_placed(calibration_file: str | None) -> bool:
     if calibration_file is None:
         return False
     try:
-        return not load_lenses(Path(calibration_file).expanduser())
+        return not load_lenses(expanded(calibration_file))
     except InputError:
         return True
 

@@ -6,7 +6,7 @@ OpenCV uses for videos, would interpret a name such as `http:/…` as an address
 
 import os
 import warnings
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -93,13 +93,19 @@ def timestamps(
             f"{source}: expected frames, found none that OpenCV can decode (codec {name}); convert it: "
             f"ffmpeg -i {source.name} -c:v libx264 -fps_mode passthrough {source.stem}_h264.mp4"
         )
-    if len(times_s) < declared and (at_most is None or len(times_s) < at_most):
-        interval_s = (times_s[-1] - times_s[0]) / (len(times_s) - 1) if times_s[-1] > times_s[0] else 1.0 / header_hz
-        n_lost = round((declared / header_hz - start_s - times_s[-1]) / interval_s) - 1
-        if n_lost > 0:
-            message = f"{source}: declares {len(times_s) + n_lost} frames, but only {len(times_s)} can be decoded"
-            warnings.warn(message, stacklevel=2)
+    is_whole = at_most is None or len(times_s) < at_most
+    n_lost = frames_lost(declared / header_hz - start_s, times_s, header_hz) if is_whole and header_hz > 0.0 else 0
+    if n_lost:
+        message = f"{source}: declares {len(times_s) + n_lost} frames, but only {len(times_s)} can be decoded"
+        warnings.warn(message, stacklevel=2)
     return np.array(times_s)
+
+
+def frames_lost(duration_s: float, times_s: Sequence[float], header_hz: float) -> int:
+    """Return how many frames at the mean interval a declared duration has after the last of `times_s`, s."""
+    span_s = times_s[-1] - times_s[0]
+    interval_s = span_s / (len(times_s) - 1) if span_s > 0.0 else 1.0 / header_hz
+    return max(0, round((duration_s - times_s[-1]) / interval_s) - 1)
 
 
 def frame_rate(source: Path) -> float | None:

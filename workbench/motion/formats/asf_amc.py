@@ -98,7 +98,9 @@ def _read_asf(path: str | Path) -> _AsfSkeleton:
     check_number(path, "bones", len(bones), MAX_JOINTS)
     joints, parents = _tree(path, sections.get(":hierarchy", ()), bones, len(lines))
     end = _Bone(np.zeros(3), np.eye(3))
-    return _AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), unit, degrees, position)
+    return _AsfSkeleton(
+        joints, np.array(parents), tuple(bones.get(name, end) for name in joints), unit, degrees, position
+    )
 
 
 def read_amc(

@@ -10,7 +10,7 @@ from workbench.body.stature import stature
 from workbench.motion.clip import MotionClip, joint_positions, world_rotations
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
-from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.input_limits import check_places, check_rate
 
 log = logging.getLogger(__name__)
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 _FASTEST_M_S = 40.0
 """Of a person's joints: the hand of a pitcher throws a ball at 37 m/s (Fleisig et al. 1999, J. Biomech. 32)."""
 _JUMP = 2.0
-"""Ratio of the speed from the rest pose to the fastest one after it, by which the rest pose is no part of the motion."""
+"""Ratio of the speed from the rest pose to the fastest one after it, from which the rest pose is no motion."""
 _ROUNDING = 1e-6
 _POSTURES = 200  # frames whose postures determine the unit and the vertical axis
 
@@ -58,12 +58,13 @@ def _rest_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: Flo
     a first row from which alone it moves faster than _FASTEST_M_S.
     """
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1, initial=0.0) * rate_hz
-    at_rest = (np.abs(rotations - np.eye(3)) < _ROUNDING).all(axis=(1, 2, 3))
+    at_rest: BoolArray = (np.abs(rotations - np.eye(3)) < _ROUNDING).reshape(len(rotations), -1).all(axis=1)
     n = len(at_rest) if at_rest.all() else int(np.argmin(at_rest))
     if not 0 < n < len(speeds):
         n = 1
     first, later = speeds[n - 1 : n].max(initial=0.0), speeds[n:].max(initial=0.0)
-    if len(speeds) < 2 or not (at_rest[0] and first > _JUMP * later) and not first > _FASTEST_M_S >= later:
+    is_jump = at_rest[0] and first > _JUMP * later
+    if len(speeds) < 2 or not (is_jump or first > _FASTEST_M_S >= later):
         return 0
     what = f"the first {n} rows are no motion" if n > 1 else "the first row is no motion"
     message = "%s: %s: after it joints move at %.0f m/s, later at %.1f m/s at most; left out"
