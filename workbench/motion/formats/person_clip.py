@@ -10,7 +10,7 @@ from workbench.body.stature import stature
 from workbench.motion.clip import MotionClip, joint_positions, world_rotations
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
-from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.input_limits import check_places, check_rate
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,8 @@ def _rest_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: Flo
     a first row from which alone it moves faster than _FASTEST_M_S.
     """
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1, initial=0.0) * rate_hz
-    at_rest: BoolArray = (np.abs(rotations - np.eye(3)) < _ROUNDING).reshape(len(rotations), -1).all(axis=1)
+    deviations = np.abs(rotations - np.eye(3)).reshape(len(rotations), -1).max(axis=1)
+    at_rest = deviations < _ROUNDING
     n = len(at_rest) if at_rest.all() else int(np.argmin(at_rest))
     if not 0 < n < len(speeds):
         n = 1
