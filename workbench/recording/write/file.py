@@ -47,6 +47,8 @@ _MIN_FREE_BYTES, _MAX_FREE_BYTES = 2_000_000, 100_000_000
 """Bounds of the free space that is required for writing between two flushes and closing the file."""
 _MAX_WRITE_S = 120.0
 _FLUSH_TIMEOUT_S = 1.0
+_KEEPS_OPEN_NAMES = os.name == "nt"
+"""Whether the system renames no open files."""
 _abandoned: list[rr.RecordingStream] = []
 
 
@@ -95,8 +97,9 @@ class RecordingFile:
 
     def _open(self) -> None:
         self.part.parent.mkdir(parents=True, exist_ok=True)
+        begun = self.part if _KEEPS_OPEN_NAMES else self.part.with_name(f"{self.part.name}.begun")
         try:
-            self.stream.set_sinks(rr.FileSink(self.part))
+            self.stream.set_sinks(rr.FileSink(begun))
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
         self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT})
@@ -107,6 +110,7 @@ class RecordingFile:
         self.send_property(SETTINGS, numbers)
         self.send_property(CHOICES, texts)
         self.flush()
+        os.replace(begun, self.part)  # which has its properties from the beginning
         if self.is_streaming and viewer_listens():
             url = f"rerun+http://{HOST}:{PORT}/proxy"
             self._sender = viewer.start_sender(self.part, url, self._application, self._run_id)

@@ -167,4 +167,4 @@ def test_images_are_not_kept():
     inference = LeastSquares(BODY, KeypointLikelihood(BODY), n_particles=20)
     steps = inference.run(Decoded(), poses[0], streams())
     assert [step.frame.views[0].image.shape for step in steps] == [(4, 4)] * 6
-    assert 0 < most <= 2
+    assert 0 < most <= 3
