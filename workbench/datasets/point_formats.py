@@ -37,6 +37,8 @@ _COLUMN = re.compile(
 )
 _COMMENT = re.compile(r"\s*(?:#|//)\s*")
 _HEADER_BYTES = 1 << 16
+_MAX_TEXT = 40_000_000
+"""Bytes of a text file, which takes 50 times as much memory: 0.7 million points with seven digits a coordinate."""
 _MAX_COORDINATE = 1e12  # larger ones are errors in any unit
 _DAMAGE_ERRORS = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
@@ -54,6 +56,7 @@ def read_ply(path: Path) -> FloatArray:
     if missing:
         raise InputError(f"{path}: expected vertices with x, y and z, found {', '.join(columns) or 'no property'}")
     if order == "":
+        _check_text(path)
         first_line = content[:begin].count(b"\n") + 1
         lines = _text(path, content[begin:]).split("\n")
         return _rows(path, lines if has_more else _stripped(lines), first_line, list(columns), None, n, has_more)
@@ -73,6 +76,7 @@ def read_csv(path: Path) -> FloatArray:
     The number of points and comments (# or //) may precede them. An empty file is a frame without points. Raises
     InputError, with the line, for other content.
     """
+    _check_text(path)
     lines = _stripped(read_lines(path))
     first = _preamble(lines) + 1
     lines = lines[first - 1 :]
@@ -130,6 +134,7 @@ def read_pcd(path: Path) -> FloatArray:
         raise InputError(f"{path}: expected the fields x, y and z with their types and sizes, found {', '.join(names)}")
     check_number(path, "points", n, MAX_NUMBERS)
     if end[1] == b"ascii":
+        _check_text(path)
         lines = _stripped(_text(path, content[end.end() :]).split("\n"))
         return _rows(path, lines, content[: end.end()].count(b"\n") + 1, names, None, n, False)
     try:
@@ -287,6 +292,15 @@ def _table(place: str, values: AnyArray) -> FloatArray:
     return checked(place, values[:, :3].astype(np.float64))
 
 
+def _check_text(path: Path) -> None:
+    """Raise InputError, with a remedy, for a text file of more than _MAX_TEXT bytes."""
+    if path.is_file() and (size := path.stat().st_size) > _MAX_TEXT:
+        raise InputError(
+            f"{path}: expected at most {_MAX_TEXT / 1e6:g} MB of text, found {size / 1e6:.0f} MB; write a binary file, "
+            ".ply or .npy, or fewer points"
+        )
+
+
 def _bytes(path: Path, max_bytes: int = -1) -> bytes:
     check_file(path)
     try:
@@ -305,9 +319,8 @@ def _text(path: Path, content: bytes) -> str:
 
 def _stripped(lines: list[str]) -> list[str]:
     """Return the lines without trailing blank ones."""
-    while lines and not lines[-1].strip():
-        lines = lines[:-1]
-    return lines
+    end = next((k for k in range(len(lines), 0, -1) if lines[k - 1].strip()), 0)
+    return lines[:end]
 
 
 def _message(error: BaseException) -> str:

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
+from workbench.datasets import point_formats
 from workbench.datasets.point_files import PointFiles
 from workbench.datasets.point_formats import (
     READERS,
@@ -365,3 +366,19 @@ def test_the_unit_is_inferred_from_the_size_of_a_person_or_chosen(tmp_path, fact
     np.testing.assert_allclose(frame.points, points)
     with pytest.raises(InputError, match="unit must be one of"):
         PointFiles(str(tmp_path), unit="ell")
+
+
+@pytest.mark.parametrize("more", [0, 1])
+@pytest.mark.parametrize("name", ["a.xyz", "a.ply", "a.pcd"])
+def test_large_text_files_are_rejected_with_a_remedy(tmp_path, monkeypatch, name, more):
+    head = {"a.xyz": "", "a.ply": PLY_HEAD, "a.pcd": PCD_HEAD}[name]
+    (tmp_path / name).write_text(f"{head}1 2 3\n")
+    monkeypatch.setattr(point_formats, "_MAX_TEXT", (tmp_path / name).stat().st_size - more)
+    if more:
+        assert "write a binary file" in error_message(READERS[name[1:]], tmp_path / name)
+    else:
+        assert READERS[name[1:]](tmp_path / name).tolist() == [[1.0, 2.0, 3.0]]
+
+
+PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+PCD_HEAD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n"

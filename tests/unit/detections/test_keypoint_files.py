@@ -13,7 +13,7 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import is_detections, read_points
 from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
 from workbench.detections.readers.named_points import named_points
-from workbench.detections.readers.people import people_of_points
+from workbench.detections.readers.people import MAX_PEOPLE, people_of_points
 from workbench.utils.errors import InputError
 
 PIXELS = standing(300.0, 100.0)
@@ -246,3 +246,17 @@ def test_text_of_ultralytics_is_read(tmp_path, layout, width, after):
     (tmp_path / "cam1_10.txt").write_text("0 0.5 0.5\n")
     with pytest.raises(InputError, match=r"cam1_10\.txt, line 1: expected Ultralytics'"):
         read_points(tmp_path)
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_of_a_crowd_the_likeliest_people_are_used(tmp_path, caplog, more):
+    person = points("COCO_17", PIXELS)
+    rows = []
+    for k in range(MAX_PEOPLE + more):
+        person[:, 2] = (k + 1) / 100.0
+        rows.append({"image_id": 3, "keypoints": person.ravel().tolist()})
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    (joints,) = read(tmp_path / "a.json").joints
+    assert len(joints) == MAX_PEOPLE
+    assert joints[0, KNEE, 2] == pytest.approx((1 + more) / 100.0)
+    assert ("the likeliest are used" in caplog.text) == bool(more)
