@@ -45,6 +45,8 @@ def run(
     ------
     InputError : bad input. Exceptions of the components pass through. A note on the error names the run's folder.
     """
+    if hydras := [text for text in overrides if text.lstrip("+~").startswith("hydra")]:
+        raise InputError(f"{hydras[0]}: Hydra's settings have no effect in Python; set the folder by folder=…")
     nodes = {group: _node(component, group) for group, component in components.items()}
     config, choices = _composed(experiment, overrides)
     for group, node in nodes.items():

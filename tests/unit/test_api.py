@@ -144,3 +144,8 @@ def test_a_run_from_python_is_identical_to_that_of_the_command(tmp_path):
     assert expected.provenance["choices"] == run.provenance["choices"]
     np.testing.assert_array_equal(expected.poses[1], run.poses[1])
     assert expected.result == run.result
+
+
+def test_settings_of_hydra_are_rejected_with_the_parameter(tmp_path):
+    with pytest.raises(InputError, match=r"hydra\.run\.dir=x: .*set the folder by folder="):
+        wb.run("walk_straight", "hydra.run.dir=x", folder=tmp_path)

@@ -7,8 +7,8 @@ import numpy as np
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 """Metres per unit. "cmu" is the unit of the CMU database, 1/0.45 inch, also in its conversions to BVH."""
 UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres"}
-PERSON_M = (0.7, 2.4)
-"""Plausible heights of a person: from small children to the tallest adults, with a margin for inaccurate joints."""
+PERSON_M = (0.45, 2.4)
+"""Plausible heights of a person: from newborns of 0.5 m to the tallest adults, with a margin for inaccurate joints."""
 TYPICAL_M = 1.7
 _SMALL_M = 0.85
 """Height below which a stated unit is doubted: an adult in inches, read in centimetres, is up to as tall."""

@@ -18,6 +18,7 @@ from workbench.cameras.camera_file import load_cameras, stated_unit
 from workbench.cameras.triangulation import triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ def read_calibration(path: str | Path, unit: str | float | None, up: str | None)
     InputError
         As `load_cameras`, for an unknown unit or axis, and for distances between cameras that are no metres.
     """
-    path = Path(path).expanduser()
+    path = expanded(path)
     cameras = load_cameras(path)
     if unit is None and (unit := stated_unit(path)) is not None:
         log.info("%s: lengths are in %s, as in every file of its kind (dataset.unit)", path, UNIT_NAMES.get(unit, unit))

@@ -11,6 +11,7 @@ import typer
 from workbench.detections.annotation.annotations import Annotations
 from workbench.detections.annotation.frames import Frames
 from workbench.detections.annotation.server import HOST, Server
+from workbench.utils.input_path import expanded
 
 
 def annotate(
@@ -29,7 +30,7 @@ def annotate(
       workbench annotate walk.mp4 -o annotations.csv
       workbench annotate frames/ -o annotations.csv --port 8000 --no-browser
     """
-    frames = Frames(video.expanduser())
+    frames = Frames(expanded(video))
     annotations = Annotations(output, frames.n_frames, frames.size)
     with Server(frames, annotations, port) as server:
         print(

@@ -13,6 +13,7 @@ from workbench.cameras.camera_file import check_name, write_cameras
 from workbench.detections.joint_annotations import read_annotations
 from workbench.utils.decode import count_frames, decode
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 
 _IMPRECISE = 0.02
 """Relative standard deviation of a focal length above which more images are requested."""
@@ -187,7 +188,7 @@ def _sources(words: Sequence[str]) -> dict[str, Path]:
             raise InputError(f"{word}: expected NAME=SOURCE, such as left=left.mp4")
         if check_name(name) in sources:
             raise InputError(f"{word}: camera {name} occurs twice")
-        sources[name] = Path(path).expanduser()
+        sources[name] = expanded(path)
     return sources
 
 

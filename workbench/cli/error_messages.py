@@ -12,9 +12,13 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.utils.errors import InputError, RunFailure, shortened
+from workbench.utils.process_limits import peak_bytes
 from workbench.utils.signals import Interrupted
 
 _BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
+_BAD_HEADER = "Expected header format: KEY VALUE"
+"""Hydra's ValueError for a configuration file whose first line is a header of another form."""
+_NO_MEMORY = re.compile("allocate memory|failed to map segment|out of memory|std::bad_alloc", re.IGNORECASE)
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
 _KEY = re.compile(r"Key '([^']+)' not in '")
@@ -30,17 +34,33 @@ _EXTRAS = {"joblib": "sweep", "submitit_local": "cluster", "submitit_slurm": "cl
 def report_error(error: BaseException) -> int | None:
     """Print an expected error and return the exit code; None for any other error.
 
-    Expected errors are bad input (2), a full disk and a failed run (1), and an interruption by signal n (128 + n).
+    Expected errors are bad input (2), a full disk, a lack of memory and a failed run (1), and an interruption by signal
+    n (128 + n).
     """
     if isinstance(error, KeyboardInterrupt):
         number = error.number if isinstance(error, Interrupted) else signal.SIGINT
         _print_error([f"interrupted by {signal.Signals(number).name}; the recording so far is saved"])
         return 128 + number
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
-    if not is_full and not isinstance(error, (*_BAD_INPUT, RunFailure)):
+    is_bad = isinstance(error, _BAD_INPUT) or str(error).startswith(_BAD_HEADER)
+    if (reason := _memory_reason(error)) is not None:
+        _print_error([f"not enough memory: {reason}, and this process has had {peak_bytes() / 1e6:.0f} MB"])
+        return 1
+    if not (is_full or is_bad or isinstance(error, RunFailure)):
         return None
     _print_error(message_of(error))
-    return 2 if isinstance(error, _BAD_INPUT) else 1
+    return 2 if is_bad else 1
+
+
+def _memory_reason(error: BaseException) -> str | None:
+    """Return what needed memory that the system did not give, if that is the error; libraries have errors of their
+    own, and an extension that cannot be loaded is an ImportError."""
+    text = " ".join(str(error).split())
+    is_limit = isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
+    if is_limit or (isinstance(error, (ImportError, RuntimeError, OSError)) and _NO_MEMORY.search(text)):
+        return text or "an array or object did not fit"
+    cause = error.__cause__ or error.__context__
+    return None if cause is None or isinstance(error, _BAD_INPUT) else _memory_reason(cause)
 
 
 def _print_error(message: Sequence[str]) -> None:

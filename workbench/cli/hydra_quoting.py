@@ -1,5 +1,6 @@
 """Quote `key=value` arguments for Hydra, whose grammar accepts only ASCII letters and few symbols."""
 
+import os
 import re
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -17,12 +18,15 @@ _NAME = re.compile(r"(?<![\w.:/'\"-])\d+(?:_\d+)+(?![\w.:/'\"-])")
 def quoted(argument: str) -> str:
     """Return an argument with its value quoted if Hydra cannot parse it, such as `n_track_losses>0` or a folder.
 
-    A value with symbols of Hydra's grammar is unchanged, except for folders, clip names such as 35_02, and nested
-    interpolations, which Hydra parses in quotes only. Raises InputError for a value on which Hydra's parser fails.
+    A value with symbols of Hydra's grammar is unchanged, except for existing files, folders, clip names such as 35_02,
+    and nested interpolations, which Hydra parses in quotes only. Raises InputError for a value on which Hydra's parser
+    fails, and as `literal` does.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"'):
         return argument
+    if _GRAMMAR.search(value) and key not in _FOLDERS and os.path.exists(value):
+        return f"{key}={literal(value)}"
     if "${" in value:
         return argument if "'" in value or _is_parsed(argument) else f"{key}='{value}'"
     value = _NAME.sub(r"'\g<0>'", value)
@@ -33,7 +37,12 @@ def quoted(argument: str) -> str:
 
 
 def literal(value: str) -> str:
-    """Return a value in quotes, which Hydra's grammar takes as it stands, with any symbols in it."""
+    """Return a value in quotes, which Hydra's grammar takes as it stands, with any symbols in it.
+
+    Raises InputError for the name of a file with ${, which OmegaConf interpolates however it is quoted.
+    """
+    if "${" in value and os.path.exists(value):
+        raise InputError(f"{value}: expected a name without ${{, which configurations interpolate; rename it")
     escaped = value.replace("'", r"\'").replace("${", r"\${")
     return f"'{escaped}'"
 

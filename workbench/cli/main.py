@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from workbench import __version__
+from workbench.utils.signals import ending_at_once
 
 COMMANDS = {
     "run": ("run:app", "Run", "Run an experiment, or a sweep with -m."),
@@ -131,7 +132,8 @@ def _unknown(words: Sequence[str]) -> str:
 def _loaded(name: str) -> Any:
     """Import a subcommand: a typer application, or a function with typer's annotations."""
     module, _, attribute = COMMANDS[name][0].partition(":")
-    application = getattr(import_module(f"workbench.cli.{module}"), attribute)
+    with ending_at_once():
+        application = getattr(import_module(f"workbench.cli.{module}"), attribute)
     if not isinstance(application, typer.Typer):
         function, application = application, typer.Typer(add_completion=False)
         application.command()(function)

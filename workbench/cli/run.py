@@ -22,7 +22,7 @@ from workbench.sweep.early_stop import parse_stop_condition
 from workbench.sweep.job import metric_of, run_job
 from workbench.sweep.table import Watch, close
 from workbench.utils.errors import InputError
-from workbench.utils.signals import interruptible
+from workbench.utils.signals import check_interrupted, interruptible
 
 if TYPE_CHECKING:
     from workbench.experiment.summary import Summary
@@ -74,6 +74,7 @@ def run(
             plain = _NOT_FOR_HYDRA if any(text.startswith("from=") for text in words) else ()
             arguments = sorted((text if text.startswith(plain) else quoted(text) for text in words), key=_is_override)
             _run(arguments)
+            check_interrupted()  # a launcher may have ignored it
         except (Exception, KeyboardInterrupt) as error:
             if (reported := report_error(error)) is None:
                 raise

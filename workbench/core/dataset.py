@@ -21,7 +21,7 @@ class SequenceInfo:
     name : short name for plots and tables.
     n_frames : number of frames that `frames` yields.
     rate_hz : frame rate; None for uneven spacing.
-    source_rate_hz : frame rate stated by the source's file, where another one is set.
+    source_rate_hz : frame rate by the source's file, of its frames' times, where a rate is set.
     cameras : cameras that see the person, in the order of the views; empty without images.
     scale : factor by which the source's images are resized.
     shape : body measurements of the person.

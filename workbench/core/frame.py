@@ -1,9 +1,14 @@
 """Frames of a dataset: the views of the cameras, and the ground truth where it is available."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from workbench.cameras.camera import Camera
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+
+_NO_IMAGE: ByteArray = np.empty((0, 0), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +64,16 @@ class Frame:
     views: tuple[View, ...]
     truth: Truth | None = None
     points: FloatArray | None = None
+
+    @property
+    def without_images(self) -> "Frame":
+        """The frame with empty images, for computations that keep all frames."""
+        return replace(self, views=tuple(replace(view, image=_NO_IMAGE) for view in self.views))
+
+
+def repeatable(frames: Iterable[Frame]) -> Iterable[Frame]:
+    """Return frames for several iterations: themselves, or those of an iterator as a list."""
+    return list(frames) if iter(frames) is frames else frames
 
 
 def true_cameras(frame: Frame) -> tuple[Camera, ...]:

@@ -9,7 +9,7 @@ from workbench.core.frame import Frame
 
 log = logging.getLogger(__name__)
 
-MAX_BYTES = 2_000_000_000
+MAX_BYTES = 500_000_000
 """Memory for cached images; later frames of a longer sequence are decoded again for every iteration."""
 
 

@@ -32,7 +32,7 @@ from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centre
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, is_equal
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 
 log = logging.getLogger(__name__)
 
@@ -218,7 +218,7 @@ class MultiView:
         """Cameras of the sources' images, in metres with z up."""
         file, unit, up = self._calibration
         sizes = {name: video.image_size for name, video in zip(self._names, self._sources, strict=True)}
-        if unit is None and stated_unit(Path(file).expanduser()) is None and len(self._folders) > 1:
+        if unit is None and stated_unit(expanded(file)) is None and len(self._folders) > 1:
             in_file = read_calibration(file, 1.0, "z")
             views = [in_units(camera_named(in_file, name, file), sizes[name]) for name in self._people]
             unit = unit_of_people(views, most_prominent(self._people.values()), file)

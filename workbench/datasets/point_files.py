@@ -17,15 +17,16 @@ from workbench.core.capabilities import POINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, at_least, check, one_of, optional
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame
-from workbench.datasets.point_formats import READERS, in_order, read_hdf5
+from workbench.datasets.point_formats import READERS, read_hdf5
 from workbench.datasets.rendering import sequence
 from workbench.datasets.rendering.sequence import RenderedSequence, Scene, find_sequence
 from workbench.motion.formats.units_axes import AXES, world_axes
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 from workbench.utils.rng import stream
+from workbench.utils.text import natural_order
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +107,7 @@ class PointFiles:
 
     @cached_property
     def _path(self) -> Path:
-        return Path(self.source).expanduser()
+        return expanded(self.source)
 
     @cached_property
     def _sequence(self) -> RenderedSequence | None:
@@ -171,7 +172,7 @@ class PointFiles:
         if len(kinds) != 1:
             present, formats = "several formats, " + ", ".join(kinds) if kinds else "none", ", ".join(READERS)
             raise InputError(f"{self._path}: expected files of points in one format of {formats}, found {present}")
-        names = self._with_gaps(in_order([file.name for file in files]))
+        names = self._with_gaps(natural_order([file.name for file in files]))
         for name in tqdm(names, desc=f"reading {self._path.name}", unit="frame", disable=None):
             yield name or "a missing file", READERS[kinds[0]](self._path / name) if name else np.empty((0, 3))
 

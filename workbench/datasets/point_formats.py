@@ -25,7 +25,6 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number
 from workbench.utils.text import natural_order
 
-_NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
 AXES = ("x", "y", "z")
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -38,6 +37,8 @@ _COLUMN = re.compile(
 )
 _COMMENT = re.compile(r"\s*(?:#|//)\s*")
 _HEADER_BYTES = 1 << 16
+_MAX_TEXT = 40_000_000
+"""Bytes of a text file, which takes 50 times as much memory: 0.7 million points with seven digits a coordinate."""
 _MAX_COORDINATE = 1e12  # larger ones are errors in any unit
 _DAMAGE_ERRORS = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
@@ -55,6 +56,7 @@ def read_ply(path: Path) -> FloatArray:
     if missing:
         raise InputError(f"{path}: expected vertices with x, y and z, found {', '.join(columns) or 'no property'}")
     if order == "":
+        _check_text(path)
         first_line = content[:begin].count(b"\n") + 1
         lines = _text(path, content[begin:]).split("\n")
         return _rows(path, lines if has_more else _stripped(lines), first_line, list(columns), None, n, has_more)
@@ -74,6 +76,7 @@ def read_csv(path: Path) -> FloatArray:
     The number of points and comments (# or //) may precede them. An empty file is a frame without points. Raises
     InputError, with the line, for other content.
     """
+    _check_text(path)
     lines = _stripped(read_lines(path))
     first = _preamble(lines) + 1
     lines = lines[first - 1 :]
@@ -131,6 +134,7 @@ def read_pcd(path: Path) -> FloatArray:
         raise InputError(f"{path}: expected the fields x, y and z with their types and sizes, found {', '.join(names)}")
     check_number(path, "points", n, MAX_NUMBERS)
     if end[1] == b"ascii":
+        _check_text(path)
         lines = _stripped(_text(path, content[end.end() :]).split("\n"))
         return _rows(path, lines, content[: end.end()].count(b"\n") + 1, names, None, n, False)
     try:
@@ -187,7 +191,7 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
     places = [place for place in (*file.attributes, *file.arrays) if place.startswith("/frames/")]
     if not places:
         raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-    for place in natural_order(places):
+    for place, _ in natural_order(places):
         if place not in file.arrays:
             raise InputError(f"{path}: {place}: expected an array (K, 3), found a group")
         yield _table(f"{path}: {place}", file.arrays[place])
@@ -196,25 +200,6 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
 READERS = {
     ".ply": read_ply, ".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".csv": read_csv, ".xyz": read_csv,
 }  # fmt: skip  # by file extension: one frame per file
-
-
-def in_order(names: Sequence[str]) -> list[tuple[str, float | None]]:
-    """Return names of files in the order of their numbers, each with its last number, None without one.
-
-    A decimal point is part of a number (12.5 is after 12.0625), unless numbers of different lengths end in 0, as those
-    of versions do (1.10 is after 1.9).
-    """
-    stems = [Path(name).stem for name in names]
-    fractions = [fraction for stem in stems for fraction in re.findall(r"\d\.(\d+)", stem)]
-    versions = len({len(fraction) for fraction in fractions}) > 1 and any(re.fullmatch(r"\d+0", f) for f in fractions)
-    number = re.compile(r"(\d+)") if versions else _NUMBER
-
-    def key(stem: str) -> list[tuple[float, str]]:
-        return [(float(part), "") if number.fullmatch(part) else (-1.0, part) for part in number.split(stem)]
-
-    order = sorted(range(len(names)), key=lambda k: (key(stems[k]), names[k]))
-    found = [number.findall(stem) for stem in stems]
-    return [(names[k], float(found[k][-1]) if found[k] else None) for k in order]
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
@@ -307,6 +292,15 @@ def _table(place: str, values: AnyArray) -> FloatArray:
     return checked(place, values[:, :3].astype(np.float64))
 
 
+def _check_text(path: Path) -> None:
+    """Raise InputError, with a remedy, for a text file of more than _MAX_TEXT bytes."""
+    if path.is_file() and (size := path.stat().st_size) > _MAX_TEXT:
+        raise InputError(
+            f"{path}: expected at most {_MAX_TEXT / 1e6:g} MB of text, found {size / 1e6:.0f} MB; write a binary file, "
+            ".ply or .npy, or fewer points"
+        )
+
+
 def _bytes(path: Path, max_bytes: int = -1) -> bytes:
     check_file(path)
     try:
@@ -325,9 +319,8 @@ def _text(path: Path, content: bytes) -> str:
 
 def _stripped(lines: list[str]) -> list[str]:
     """Return the lines without trailing blank ones."""
-    while lines and not lines[-1].strip():
-        lines = lines[:-1]
-    return lines
+    end = next((k for k in range(len(lines), 0, -1) if lines[k - 1].strip()), 0)
+    return lines[:end]
 
 
 def _message(error: BaseException) -> str:

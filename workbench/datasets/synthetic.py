@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import PATHS
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
@@ -127,7 +126,7 @@ class Synthetic(Scene):
         places = joints(self._subject.body.skeleton, self._used_motion.poses)
         if self.calibration_file is None:
             return self._automatic_camera(places)
-        camera = load_cameras(Path(self.calibration_file).expanduser())[0]
+        camera = load_cameras(expanded(self.calibration_file))[0]
         if not camera.width:
             raise InputError(
                 f"{self.calibration_file}: camera [{camera.name}] has no image size; add image_width, image_height, px"

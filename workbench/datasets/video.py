@@ -42,10 +42,10 @@ from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
 from workbench.detections.readers.people import People, SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
-from workbench.utils.decode import declared_frames, decode, frame_rate, image_files, rotation_deg, timestamps
+from workbench.utils.decode import declared_frames, decode, image_files, rotation_deg, timestamps
 from workbench.utils.errors import InputError
-from workbench.utils.frame_times import FrameTimes, frame_times, given_times
-from workbench.utils.input_path import InputPath
+from workbench.utils.frame_times import FrameTimes, frame_times, given_times, rate_in_file
+from workbench.utils.input_path import InputPath, expanded
 
 log = logging.getLogger(__name__)
 
@@ -158,7 +158,7 @@ class Video:
         repetitions = {} if self._people is None else self.repetitions(self._used)
         return SequenceInfo(
             name=self.path.name, n_frames=len(self._used), rate_hz=self.times.rate_hz, scale=self.scale,
-            source_rate_hz=None if self.rate_hz is None else frame_rate(self.path),
+            source_rate_hz=self._rate_in_file,
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
             has_keypoints=bool(np.isin(annotated, self._used).any()),
             input_counts={**input_counts, **repetitions},
@@ -223,6 +223,11 @@ class Video:
         return frame_times(self.path, self._timestamps_s)
 
     @cached_property
+    def _rate_in_file(self) -> float | None:
+        """Rate of the source's frames by its timestamps, where rate_hz is set."""
+        return None if self.rate_hz is None else rate_in_file(self.path, self._timestamps_s, self.rate_hz)
+
+    @cached_property
     def _timestamps_s(self) -> FloatArray:
         """Timestamps of the source's frames up to the last one set, s; of a folder the numbers of its images."""
         if self.path.is_dir():
@@ -259,7 +264,7 @@ class Video:
     @cached_property
     def path(self) -> Path:
         """The file or folder of the source."""
-        return Path(self.source).expanduser()
+        return expanded(self.source)
 
     @cached_property
     def source_camera(self) -> Camera:
@@ -272,7 +277,7 @@ class Video:
         """The camera of the calibration file, of which only the lens is valid if the file has no poses."""
         if self.calibration_file is None:
             return None
-        cameras = load_lenses(Path(self.calibration_file).expanduser())
+        cameras = load_lenses(expanded(self.calibration_file))
         cameras = cameras or read_calibration(self.calibration_file, self.unit, self.up)
         return fitted(camera_named(cameras, self.camera_name, self.calibration_file), self.image_size, self.source)
 
@@ -476,7 +481,7 @@ def _is_placed(calibration_file: str | None) -> bool:
     if calibration_file is None:
         return False
     try:
-        return not load_lenses(Path(calibration_file).expanduser())
+        return not load_lenses(expanded(calibration_file))
     except InputError:
         return True
 

@@ -16,6 +16,7 @@ from workbench.experiment.config.options import OURS, folder_of, packages
 from workbench.motion.formats.names import SUFFIXES
 from workbench.recording.settings import NO_EFFECT, leaves
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 from workbench.utils.processes import CAPTURED, run
 from workbench.utils.source_hash import digest_of, read_sources
 
@@ -147,7 +148,7 @@ def _relevant(config: DictConfig) -> dict[str, Any]:
 def _contents(config: DictConfig) -> dict[str, list[tuple[str, str]]]:
     """Return for every text that names a file, folder or database its files with their SHA-256."""
     data = OmegaConf.select(config, "paths.data")
-    folder = None if data is None else Path(data).expanduser()
+    folder = None if data is None else expanded(data)
     try:
         inputs = {
             name: sorted((below, _sha256(file, *_version(file))) for below, file in _files(name, folder).items())
@@ -162,7 +163,7 @@ def _contents(config: DictConfig) -> dict[str, list[tuple[str, str]]]:
 def _files(name: str, data: Path | None) -> dict[str, Path]:
     """Return the files that a text in a configuration names, by relative name; empty for any other text."""
     library = name.rpartition(":")[0]
-    path = Path(library if library.endswith((".h5", ".hdf5")) else name).expanduser()
+    path = expanded(library if library.endswith((".h5", ".hdf5")) else name)
     try:
         if path.is_file():
             return {path.name: path}

@@ -236,9 +236,12 @@ def record(
             if not np.isfinite(step.log_evidence):
                 summary.omitted_metrics.setdefault("log_evidence", "this inference does not estimate it")
             numbers = {} if "log_evidence" in summary.omitted_metrics else {"log_evidence": step.log_evidence}
-            with _timed(summary, "recording"):
-                recorder.log(step, {**numbers, **errors})
-            summary.add(step, errors)
+            with deferred():  # an interruption leaves the same frames in both
+                with _timed(summary, "recording"):
+                    recorder.log(step, {**numbers, **errors})
+                summary.add(step, errors)
+                if recorder.n_flushed == summary.frames:  # a kill does, too
+                    summary.write(summary.recording.parent / SUMMARY)
             if collector is not None:
                 collector.add(step, errors)
             for message in step.warnings:

@@ -27,7 +27,7 @@ from workbench.motion.synthetic.gait import subjects, walker
 from workbench.motion.synthetic.run_gait import runner, runners
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
-from workbench.utils.input_path import InputPath
+from workbench.utils.input_path import InputPath, expanded
 from workbench.utils.message_groups import grouped_messages
 
 CMU_LICENCE = (
@@ -90,7 +90,7 @@ def motion_file(name: str, data: str | None) -> Path:
     Raises InputError if there is no such file.
     """
     if name.lower().endswith(SUFFIXES):
-        return Path(name).expanduser()
+        return expanded(name)
     if data is None:
         raise InputError(
             "dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
@@ -232,9 +232,9 @@ def find_clip(data: str | Path, name: str) -> Path:
     """
     name = clip_name(name)
     if cmu := re.fullmatch(r"(\d+)_\d+", name):
-        file = Path(data).expanduser() / "cmu" / cmu[1] / f"{name}.amc"
+        file = expanded(data) / "cmu" / cmu[1] / f"{name}.amc"
     elif bandai := re.fullmatch(r"(dataset-\d+)_.+", name):
-        file = Path(data).expanduser() / "bandai" / bandai[1] / f"{name}.bvh"
+        file = expanded(data) / "bandai" / bandai[1] / f"{name}.bvh"
     else:
         raise InputError(f"expected a CMU clip such as 35_02 or a Bandai clip, found {name!r}")
     if not file.is_file():

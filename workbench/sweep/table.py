@@ -1,6 +1,7 @@
 """Table of a sweep: a line for every job that ends, then a list of the jobs that are not complete."""
 
 import multiprocessing
+import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.sweep.job import ASIDE, FAILED, metric_of
+from workbench.sweep.orphans import Guard
 from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import SUMMARY, read_summary
@@ -118,6 +120,8 @@ class Watch(Callback):
     """Progress of the sweep of this process."""
     lock: ClassVar[ExitStack] = ExitStack()
     """Lock of the sweep's folder, held while jobs may begin."""
+    guard: ClassVar[Guard | None] = None
+    """Ends joblib's workers if this process is killed."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Exit if another process uses the folder, before Hydra writes the configuration into it."""
@@ -135,7 +139,9 @@ class Watch(Callback):
         except (InputError, HydraException, OmegaConfBaseException) as error:
             _exit(error)
         (plan.folder / FAILED).unlink(missing_ok=True)
-        Watch.progress = Progress(plan, str(config.hydra.launcher._target_))
+        Watch.progress = Progress(plan, launcher := str(config.hydra.launcher._target_))
+        if launcher.endswith(_JOBLIB):
+            Watch.guard = Guard(os.getpid())
 
     @classmethod
     def end(cls) -> None:
@@ -160,6 +166,8 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     """Print every job that is not complete and how to repeat it; return the sweep's exit code, 0 or 1."""
     progress.stop()
     Watch.lock.close()
+    if Watch.guard is not None:
+        Watch.guard.release()
     folder = progress.plan.folder
     if left := len(list((folder / ASIDE).glob(f"*/{SUMMARY}"))):
         print(f"{left} complete runs of other configurations were moved to {folder / ASIDE}")

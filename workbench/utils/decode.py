@@ -6,7 +6,7 @@ OpenCV uses for videos, would interpret a name such as `http:/…` as an address
 
 import os
 import warnings
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,14 @@ from tqdm import tqdm
 
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_file
+from workbench.utils.input_limits import check_file, check_number
 from workbench.utils.text import natural_order
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 MAX_BYTES = 1 << 45
 """Size of a video or an image file, which is read in chunks."""
+_MAX_DECLARED = 100_000_000
+"""Frames of a day at 1000 Hz, which OpenCV reports as the rate of WebM files."""
 
 _OPTIONS, _LOG_LEVEL = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "OPENCV_FFMPEG_LOGLEVEL"
 _QUIET = "-8"
@@ -70,13 +72,17 @@ def timestamps(
 
     observe : called with every image (height, width, 3), BGR.
 
-    Warns where the file declares more frames than can be decoded. Raises InputError as `decode` does, and where no
-    frame can be decoded, with the codec.
+    Warns where the file declares more time than its frames last. Raises InputError as `decode` does, and where no frame
+    can be decoded, with the codec.
     """
     times_s: list[float] = []
+    start_s = 0.0
     with _opened(source) as video, tqdm(desc=f"counting frames of {source.name}", unit="frame", disable=None) as bar:
-        declared, codec = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), int(video.get(cv2.CAP_PROP_FOURCC))
+        declared, codec = _declared(source, video), int(video.get(cv2.CAP_PROP_FOURCC))
+        header_hz = float(video.get(cv2.CAP_PROP_FPS))
         while (at_most is None or len(times_s) < at_most) and video.grab():
+            if not times_s and header_hz > 0.0:  # of Matroska, whose duration begins at 0; the times at the first frame
+                start_s = max(0.0, float(video.get(cv2.CAP_PROP_PTS)) / header_hz)
             times_s.append(float(video.get(cv2.CAP_PROP_POS_MSEC)) / 1e3)
             if observe is not None:
                 observe(_retrieved(video, source, len(times_s) - 1))
@@ -87,9 +93,19 @@ def timestamps(
             f"{source}: expected frames, found none that OpenCV can decode (codec {name}); convert it: "
             f"ffmpeg -i {source.name} -c:v libx264 -fps_mode passthrough {source.stem}_h264.mp4"
         )
-    if len(times_s) < declared and (at_most is None or len(times_s) < at_most):
-        warnings.warn(f"{source}: declares {declared} frames, but only {len(times_s)} can be decoded", stacklevel=2)
+    is_whole = at_most is None or len(times_s) < at_most
+    n_lost = frames_lost(declared / header_hz - start_s, times_s, header_hz) if is_whole and header_hz > 0.0 else 0
+    if n_lost:
+        message = f"{source}: declares {len(times_s) + n_lost} frames, but only {len(times_s)} can be decoded"
+        warnings.warn(message, stacklevel=2)
     return np.array(times_s)
+
+
+def frames_lost(duration_s: float, times_s: Sequence[float], header_hz: float) -> int:
+    """Return how many frames at the mean interval a declared duration has after the last of `times_s`, s."""
+    span_s = times_s[-1] - times_s[0]
+    interval_s = span_s / (len(times_s) - 1) if span_s > 0.0 else 1.0 / header_hz
+    return max(0, round((duration_s - times_s[-1]) / interval_s) - 1)
 
 
 def frame_rate(source: Path) -> float | None:
@@ -110,12 +126,19 @@ def rotation_deg(source: Path) -> float:
 def declared_frames(source: Path) -> int:
     """Return the number of frames that a video file declares."""
     with _opened(source) as video:
-        return int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        return _declared(source, video)
+
+
+def _declared(source: Path, video: Any) -> int:
+    """Return the number of frames in an open video's header, or of its duration at the header's rate."""
+    declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+    check_number(source, "frames in its header", declared, _MAX_DECLARED)
+    return declared
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return the images of a folder in natural order, frame_9 before frame_10, or a single image; raises InputError for
-    none."""
+    """Return the images of a folder in the order of their numbers or times, see `natural_order`, or a single image;
+    raises InputError for none."""
     if folder.is_file():
         return [folder]
     files = [
@@ -125,7 +148,7 @@ def image_files(folder: Path) -> list[Path]:
     ]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(_IMAGE_SUFFIXES)}), found none")
-    return [folder / name for name in natural_order(files)]
+    return [folder / name for name, _ in natural_order(files)]
 
 
 def _has_images(source: Path) -> bool:

@@ -17,6 +17,8 @@ _ROUNDING_S = 1.01e-3
 """Largest rounding of a timestamp: Matroska, WebM and FLV count milliseconds."""
 _RATE_TOLERANCE = 0.02
 """Relative difference of two rates that is reported. 29.97 and 30 Hz differ by 0.001, 24 and 25 Hz by 0.04."""
+_MAX_UNEVEN = 0.5
+"""Largest deviation of even timestamps from a constant rate, in frames: a nearest frame is then the right one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,28 @@ def given_times(rate_hz: float) -> FrameTimes:
     if not 0.0 < rate_hz < np.inf:
         raise InputError(f"video: rate_hz must be positive, found {rate_hz}")
     return FrameTimes(check_rate("video: rate_hz", rate_hz))
+
+
+def rate_in_file(source: Path, times_s: FloatArray, rate_hz: float) -> float | None:
+    """Return the rate, Hz, of a source's frames by its timestamps (F,), s, where `rate_hz` is set; None for images.
+
+    It is `rate_hz` where that explains the timestamps to their rounding, else their mean rate; the header's where they
+    do not increase. Timestamps more than half a frame from a constant rate are logged as a warning.
+    """
+    if (header_hz := frame_rate(source)) is None or len(times_s) < 2 or not (np.diff(times_s) > 0.0).all():
+        return header_hz
+    times_s = times_s - times_s[0]
+    if (np.abs(times_s - np.arange(len(times_s)) / rate_hz) <= _ROUNDING_S).all():
+        return rate_hz
+    mean_hz = (len(times_s) - 1) / float(times_s[-1])
+    if np.ptp(times_s * mean_hz - np.arange(len(times_s))) > 2.0 * _MAX_UNEVEN:
+        intervals_ms = 1e3 * np.diff(times_s)
+        log.warning(
+            "%s: the file's times are uneven, %.1f to %.1f ms apart, %.4g Hz on average; rate_hz=%g assumes a constant "
+            "rate, without it they are used",
+            source, intervals_ms.min(), intervals_ms.max(), mean_hz, rate_hz,
+        )  # fmt: skip
+    return mean_hz
 
 
 def frame_times(source: Path, times_s: FloatArray) -> FrameTimes:

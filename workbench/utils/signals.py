@@ -4,6 +4,7 @@ Frames since the last flush of the recording may be lost. Blocks that must be co
 defer the exception to their end.
 """
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -61,6 +62,23 @@ def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
             signal.signal(number, handler)
         if before:
             _Request.received = _Request.pending = None
+
+
+@contextmanager
+def ending_at_once() -> Iterator[None]:
+    """End the process by SIGINT in the block, quietly, while modules are imported and nothing is to be saved.
+
+    Python would print tracebacks of half-imported modules. A handler of the caller is kept.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    usual = in_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if usual:
+        signal.signal(signal.SIGINT, lambda number, _: os._exit(128 + number))
+    try:
+        yield
+    finally:
+        if usual:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _ignored(*_: object) -> None:

@@ -1,7 +1,10 @@
 """Text for a terminal, and comparison of names."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
+
+_NUMBER, _WHOLE = re.compile(r"(\d+(?:\.\d+)?)"), re.compile(r"(\d+)")
+_EXTENSION = re.compile(r"\.[A-Za-z]\w*$")
 
 
 def printable(words: str) -> str:
@@ -9,11 +12,23 @@ def printable(words: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in words)
 
 
-def natural_order(names: Iterable[str]) -> list[str]:
-    """Return names in natural order: frame_9 before frame_10."""
-    return sorted(
-        names, key=lambda name: [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", name)]
-    )
+def natural_order(names: Sequence[str]) -> list[tuple[str, float | None]]:
+    """Return names of files in the order of their numbers, each with its last number, None without one.
+
+    A decimal point is part of a number (12.5 is after 12.0625), unless numbers of different lengths end in 0, as those
+    of versions do (1.10 is after 1.9).
+    """
+    stems = [_EXTENSION.sub("", name) for name in names]
+    fractions = [fraction for stem in stems for fraction in re.findall(r"\d\.(\d+)", stem)]
+    versions = len({len(fraction) for fraction in fractions}) > 1 and any(re.fullmatch(r"\d+0", f) for f in fractions)
+    number = _WHOLE if versions else _NUMBER
+
+    def key(stem: str) -> list[tuple[float, str]]:
+        return [(float(part), "") if number.fullmatch(part) else (-1.0, part) for part in number.split(stem)]
+
+    order = sorted(range(len(names)), key=lambda k: (key(stems[k]), names[k]))
+    found = [number.findall(stem) for stem in stems]
+    return [(names[k], float(found[k][-1]) if found[k] else None) for k in order]
 
 
 def plain_name(name: str) -> str:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workbench.cli import run_output
-from workbench.cli.error_messages import message_of
+from workbench.cli.error_messages import message_of, report_error
 from workbench.cli.hydra_quoting import quoted
 from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.experiment.config.schema import prepare_hydra
@@ -124,3 +124,20 @@ def test_unambiguous_texts_are_quoted(value):
 )  # fmt: skip
 def test_hydra_syntax_is_not_quoted(argument):
     assert quoted(argument) == argument
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (MemoryError(), 1), (MemoryError("Unable to allocate 16.0 GiB for an array"), 1),
+        (ImportError("libx.so: failed to map segment from shared object"), 1),
+        (OSError(12, "Cannot allocate memory"), 1), (RuntimeError("std::bad_alloc"), 1),
+        (ImportError("No module named x"), None), (RuntimeError("other"), None),
+        (ValueError("Expected header format: KEY VALUE, got '@package'"), 2), (ValueError("other"), None),
+    ],
+)  # fmt: skip
+def test_a_lack_of_memory_is_one_sentence(capsys, error, code):
+    assert report_error(error) == code
+    out = capsys.readouterr().err
+    assert ("not enough memory" in out) == (code == 1)
+    assert out.count("\n") == (code is not None)

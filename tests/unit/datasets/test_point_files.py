@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
+from workbench.datasets import point_formats
 from workbench.datasets.point_files import PointFiles
 from workbench.datasets.point_formats import (
     READERS,
-    in_order,
     read_csv,
     read_hdf5,
     read_npy,
@@ -23,6 +23,7 @@ from workbench.datasets.point_formats import (
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.utils.errors import InputError
+from workbench.utils.text import natural_order
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
 clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)
@@ -332,13 +333,13 @@ def test_arrays_with_more_columns_or_named_fields_are_points(tmp_path):
 def test_files_are_ordered_by_time(times):
     """Times are multiples of 1/16 s, written without trailing zeros."""
     names = [f"cloud_{time / 16}.ply" for time in times]
-    assert in_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
+    assert natural_order(names) == [(f"cloud_{time / 16}.ply", time / 16) for time in sorted(times)]
 
 
 def test_decimals_of_constant_length_are_counters():
     names = [f"scan 1.{k}.ply" for k in range(1, 31)]
-    assert [name for name, _ in in_order(names[::-1])] == names
-    assert in_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
+    assert [name for name, _ in natural_order(names[::-1])] == names
+    assert natural_order(["b.ply", "a2.ply", "a10.ply"]) == [("a2.ply", 2.0), ("a10.ply", 10.0), ("b.ply", None)]
 
 
 def test_empty_and_missing_frames_are_gaps(tmp_path, caplog):
@@ -365,3 +366,19 @@ def test_the_unit_is_inferred_from_the_size_of_a_person_or_chosen(tmp_path, fact
     np.testing.assert_allclose(frame.points, points)
     with pytest.raises(InputError, match="unit must be one of"):
         PointFiles(str(tmp_path), unit="ell")
+
+
+@pytest.mark.parametrize("more", [0, 1])
+@pytest.mark.parametrize("name", ["a.xyz", "a.ply", "a.pcd"])
+def test_large_text_files_are_rejected_with_a_remedy(tmp_path, monkeypatch, name, more):
+    head = {"a.xyz": "", "a.ply": PLY_HEAD, "a.pcd": PCD_HEAD}[name]
+    (tmp_path / name).write_text(f"{head}1 2 3\n")
+    monkeypatch.setattr(point_formats, "_MAX_TEXT", (tmp_path / name).stat().st_size - more)
+    if more:
+        assert "write a binary file" in error_message(READERS[name[1:]], tmp_path / name)
+    else:
+        assert READERS[name[1:]](tmp_path / name).tolist() == [[1.0, 2.0, 3.0]]
+
+
+PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+PCD_HEAD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n"

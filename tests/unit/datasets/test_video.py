@@ -369,3 +369,10 @@ def test_each_frame_of_a_camera_that_pans_has_its_camera(panned, calibration_fil
 
 def test_without_keypoints_the_motion_of_the_camera_is_not_measured(panned):
     assert Video(str(panned / "images"), str(panned / "camera.toml"), rate_hz=25.0).info.camera_motion is None
+
+
+def test_image_files_are_in_the_order_of_their_times(tmp_path):
+    names = [f"{7.0 + k / 32.0}.png" for k in range(32)]
+    for name in names:
+        (tmp_path / name).touch()
+    assert [file.name for file in image_files(tmp_path)] == names

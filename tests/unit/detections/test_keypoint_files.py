@@ -9,10 +9,11 @@ from openpose_scenes import people_in, points, standing
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.detected_points import keypoints_of, numbers_in_names
+from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import is_detections, read_points
 from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
 from workbench.detections.readers.named_points import named_points
-from workbench.detections.readers.people import people_of_points
+from workbench.detections.readers.people import MAX_PEOPLE, people_of_points
 from workbench.utils.errors import InputError
 
 PIXELS = standing(300.0, 100.0)
@@ -134,3 +135,128 @@ def test_the_layout_of_25_points_is_decided_by_anatomy(layout, n_people):
         best, evidence = matching_layout("", people)
         assert best == layout
         assert is_clear(evidence)
+
+
+COCO = points("COCO_17", PIXELS)
+
+
+def mmpose(k):
+    return {"keypoints": COCO[:, :2].tolist(), "keypoint_scores": COCO[:, 2].tolist(), "bbox_score": 0.9}
+
+
+FRAMES = [{"frame_id": k, "instances": [mmpose(k)] * (k != 5)} for k in (4, 5, 6)]
+FORMS = {
+    "MMPose's inferencer": FRAMES,
+    "MMPose's predictions": {"meta_info": {"num_keypoints": 17}, "instance_info": FRAMES},
+    "COCO's data set": {
+        "images": [{"id": 10 + k, "file_name": f"images/{k}.jpg"} for k in (6, 4, 5)],
+        "annotations": [{"image_id": 10 + k, "keypoints": COCO.ravel().tolist()} for k in (6, 4)]
+        + [{"image_id": 14, "bbox": [0, 0, 1, 1]}],
+    },
+    "COCO's results": [{"image_id": k, "keypoints": COCO.ravel().tolist()} for k in (4, 6)],
+    "MediaPipe's landmarks": [
+        {"frame": k, "landmarks": [{"x": u, "y": v, "z": 0.0, "visibility": c} for u, v, c in COCO]} for k in (4, 6)
+    ],
+    "Ultralytics' coordinates": [
+        {"frame": k, "keypoints": dict(zip(("x", "y", "visible"), COCO.T.tolist(), strict=True))} for k in (4, 6)
+    ],
+    "OpenPose by image": {f"{k}": {"people": [{"pose_keypoints_2d": COCO.ravel().tolist()}]} for k in (4, 6)},
+}
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("form", FORMS)
+def test_files_of_all_frames_are_read(tmp_path, form, folder):
+    (tmp_path / "results.JSON").write_text(json.dumps(FORMS[form]))
+    if form == "OpenPose by image" and folder:
+        return  # a folder's files with mappings are images
+    people = read(tmp_path if folder else tmp_path / "results.JSON")
+    there = [frame for frame, joints in zip(people.frames.tolist(), people.joints, strict=True) if len(joints)]
+    assert (people.layout, there) == ("COCO_17", [4, 6])
+    assert people.joints[0][0, KNEE, :2] == pytest.approx(PIXELS["left_knee"])
+
+
+def test_a_list_of_images_without_numbers_is_in_order(tmp_path):
+    person = {"pose_keypoints_2d": COCO.ravel().tolist()}
+    for content in ([{"people": []}, {"people": [person]}], [[], [person]]):
+        (tmp_path / "a.json").write_text(json.dumps(content))
+        people = read(tmp_path / "a.json")
+        assert (people.frames.tolist(), list(map(len, people.joints))) == ([0, 1], [0, 1])
+
+
+@pytest.mark.parametrize("layout", ["BODY_25", "COCO_17", "COCO_18", "HALPE_26", "BLAZEPOSE_33", "COCO_133", "MPII_16"])
+def test_points_without_confidences_have_the_confidence_1(layout):
+    keypoints = points(layout, PIXELS)
+    read_back = keypoints_of(keypoints[:, :2].ravel())
+    known = keypoints[:, 2] > 0.0
+    np.testing.assert_array_equal(read_back[known], np.column_stack([keypoints[known, :2], np.ones(known.sum())]))
+    np.testing.assert_array_equal(keypoints_of(keypoints.ravel())[known], keypoints[known])
+
+
+TABLES = {
+    "SLEAP": ("track,frame_idx,instance.score", "track_0,{},0.9", "{}.x,{}.y,{}.score"),
+    "MediaPipe": ("frame", "{}", "{}_x,{}_y,{}_visibility"),
+    "upper case": ("Frame", "{}.0", "{} X,{} Y,{} Confidence"),
+}
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_tables_with_named_points_are_read(tmp_path, form):
+    keys, values, columns = TABLES[form]
+    names = LAYOUTS["COCO_17"]
+    lines = [",".join([keys, *[columns.replace("{}", name) for name in names]])]
+    lines += [",".join([values.format(k), *[f"{u},{v},{c}" for u, v, c in COCO]]) for k in (9, 7, 7)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    people = read(tmp_path / "a.csv")
+    assert (people.frames.tolist(), list(map(len, people.joints))) == ([7, 9], [2, 1])
+    np.testing.assert_allclose(people.joints[0][0, KNEE], [*PIXELS["left_knee"], 0.8])
+    (tmp_path / "a.csv").write_text("\n".join([*lines, lines[-1].replace("0.8", "a")]))
+    with pytest.raises(InputError, match=r"a\.csv: expected numbers in the columns of points"):
+        read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("columns", ["x_{0},y_{0}", "x{0},y{0},v{0}", "landmark_{0}_x,landmark_{0}_y", "{0}_x,{0}_y"])
+def test_tables_with_numbered_points_have_a_layout(tmp_path, columns):
+    keypoints = points("BLAZEPOSE_33", PIXELS)
+    has_confidence = columns.count(",") == 2
+    lines = [",".join(columns.format(k) for k in reversed(range(33)))]
+    lines += [",".join(str(x) for point in keypoints[::-1] for x in point[: 2 + has_confidence])] * 2
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    people = read(tmp_path / "a.csv")
+    assert (people.layout, people.frames.tolist()) == ("BLAZEPOSE_33", [0, 1])
+    expected = [*PIXELS["left_knee"], 0.8 if has_confidence else 1.0]
+    np.testing.assert_allclose(people.joints[0][0, KNEE, :3], expected)
+
+
+@pytest.mark.parametrize(
+    ("layout", "width", "after"),
+    [(layout, 3, after) for layout in ("COCO_17", "HALPE_26") for after in ("", " 0.9", " 0.9 3")]
+    + [("COCO_17", 2, ""), ("COCO_17", 2, " 0.9")],
+)
+def test_text_of_ultralytics_is_read(tmp_path, layout, width, after):
+    keypoints = points(layout, PIXELS)[:, :width] / ([640.0, 480.0, 1.0][:width])
+    line = "0 0.5 0.5 0.2 0.5 " + " ".join(f"{x:.6f}" for x in keypoints.ravel()) + after
+    for k in (9, 10):
+        (tmp_path / f"cam1_{k}.txt").write_text(f"{line}\n{line}\n")
+    read_back = read_points(tmp_path)
+    scaled, _ = read_back.in_pixels((640, 480))
+    people = people_of_points({"": scaled})[0][""]
+    assert (people.layout, people.frames.tolist(), list(map(len, people.joints))) == (layout, [9, 10], [2, 2])
+    assert people.joints[0][0, KNEE, :2] == pytest.approx(PIXELS["left_knee"], abs=1e-3)
+    (tmp_path / "cam1_10.txt").write_text("0 0.5 0.5\n")
+    with pytest.raises(InputError, match=r"cam1_10\.txt, line 1: expected Ultralytics'"):
+        read_points(tmp_path)
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_of_a_crowd_the_likeliest_people_are_used(tmp_path, caplog, more):
+    person = points("COCO_17", PIXELS)
+    rows = []
+    for k in range(MAX_PEOPLE + more):
+        person[:, 2] = (k + 1) / 100.0
+        rows.append({"image_id": 3, "keypoints": person.ravel().tolist()})
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    (joints,) = read(tmp_path / "a.json").joints
+    assert len(joints) == MAX_PEOPLE
+    assert joints[0, KNEE, 2] == pytest.approx((1 + more) / 100.0)
+    assert ("the likeliest are used" in caplog.text) == bool(more)

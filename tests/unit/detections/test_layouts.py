@@ -151,7 +151,7 @@ def test_invalid_folders_are_rejected(tmp_path):
     assert "expected a folder of a detector's JSON files" in error_message(tmp_path)
     joints = standing(300.0, 100.0)
     good = write(tmp_path / "good", {0: [points("COCO_17", joints)]})
-    (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 30}]}))
+    (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 33}]}))
     assert "expected one of 25 (BODY_25)" in error_message(good)
     (good / "shot_1.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [1.0] * 54}]}))
     assert "the same number of points per person in every file, found [17, 18]" in error_message(good)

@@ -1,5 +1,7 @@
 """BVH and Acclaim files of random skeletons and movements, against 4×4 matrices."""
 
+import logging
+import re
 from itertools import permutations
 
 import numpy as np
@@ -265,3 +267,49 @@ def test_the_unit_and_the_vertical_axis_can_be_chosen(tmp_path):
     default, metres, z_up = read_amc(path), read_amc(path, unit="m"), read_amc(path, up="z")
     np.testing.assert_allclose(metres.offsets, default.offsets * 0.45 / 0.0254)
     np.testing.assert_allclose(z_up.positions[..., [2, 0, 1]], default.positions, atol=1e-15)
+
+
+LEG = "".join(
+    f"  begin\n    name {side}{bone}\n    direction 0 -1 0\n    length {length}\n    axis 0 0 0 XYZ\n  end\n"
+    for side in "lr"
+    for bone, length in (("hipjoint", 2.0), ("femur", 7.3), ("tibia", 7.3), ("foot", 2.0))
+)
+LEGS = f""":units
+UNITS
+:root
+  order TX TY TZ RX RY RZ
+:bonedata
+{LEG}:hierarchy
+  begin
+    root lhipjoint rhipjoint
+    lhipjoint lfemur
+    lfemur ltibia
+    ltibia lfoot
+    rhipjoint rfemur
+    rfemur rtibia
+    rtibia rfoot
+  end
+"""
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [("", "read in cmu"), ("length 0.45", "read in 0.05644 m"), ("length 1", "by the file it would")],
+)
+def test_the_unit_of_a_skeleton_is_checked_by_the_person(tmp_path, caplog, units, message):
+    """In inches the person is 0.75 m tall, in the unit of the CMU database 1.7 m; both are plausible."""
+    caplog.set_level(logging.INFO)
+    (tmp_path / "5.asf").write_text(LEGS.replace("UNITS", units))
+    (tmp_path / "5_01.amc").write_text(":DEGREES\n1\nroot 0 17 0 0 0 0\n2\nroot 0 17 0 0 0 0\n")
+    clip = read_amc(tmp_path / "5_01.amc")
+    knee, ankle = (clip.joints.index(name) for name in ("ltibia", "lfoot"))
+    assert np.linalg.norm(clip.positions[0, knee] - clip.positions[0, ankle]) == pytest.approx(7.3 * 0.0254 / 0.45)
+    assert message in caplog.text
+
+
+def test_the_position_of_the_root_and_constant_lengths_are_read(tmp_path):
+    path, asf = amc(tmp_path, valid_files.AMC), tmp_path / "5.asf"
+    expected = read_amc(path)
+    asf.write_text(re.sub(r"position 0 0 0", "position 1 2 3", valid_files.ASF))
+    shift = np.array([3.0, 1.0, 2.0]) * 0.0254 / 0.45
+    np.testing.assert_allclose(read_amc(path).positions, expected.positions + shift, atol=1e-12)

@@ -114,3 +114,24 @@ def test_repeated_names_and_a_late_first_frame_are_reported(tmp_path, caplog):
     assert len(raw.positions) == 2
     assert "several markers are called LKnee" in caplog.text
     assert "the first row is frame 12 at 0.4 s" in caplog.text
+
+
+def test_lines_may_be_separated_by_blanks_alone(tmp_path):
+    points = positions(4)
+    text = trc(points, range(1, 5), np.arange(4) / 30)
+    head, rows = text[: text.index("\n\n1\t")], text[text.index("\n\n1\t") :]
+    for other in (head + rows.replace("\t", "  "), text.replace("30\t30\t4\t2\tm", "30 30 4 2 m"),
+                  text.replace("30\t30\t4\t2\tm", "30\t\t30\t4\t\t2\tm")):  # fmt: skip
+        raw = read(tmp_path, other)
+        np.testing.assert_array_equal(raw.positions, points)
+        assert (raw.rate_hz, raw.unit) == (30.0, "m")
+    with pytest.raises(InputError, match=r"line 10: expected 6 coordinates, found 5; blanks leave no place for gaps"):
+        read(tmp_path, head + rows.replace("\t", " ").rstrip()[:-7])
+
+
+@pytest.mark.parametrize(("announced", "is_said"), [(4, False), (6, False), (5, True), (300, True)])
+def test_a_header_with_another_number_of_frames_is_reported(tmp_path, caplog, announced, is_said):
+    """Two of six frames are missing rows."""
+    text = trc(positions(4), [1, 2, 5, 6], np.array([0, 1, 4, 5]) / 30)
+    read(tmp_path, text.replace("30\t30\t4", f"30\t30\t{announced}"))
+    assert (f"the header has {announced} frames, the file 4" in caplog.text) == is_said

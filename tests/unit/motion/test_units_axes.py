@@ -71,7 +71,7 @@ def test_the_header_is_used_where_it_is_plausible(caplog, size, header, metres, 
 
 
 def test_an_implausible_size_and_an_unknown_unit_are_rejected():
-    with pytest.raises(InputError, match=r"file: expected a person of 0.7 to 2.4 m, found a body height of 1.7e\+05"):
+    with pytest.raises(InputError, match=r"file: expected a person of 0.45 to 2.4 m, found a body height of 1.7e\+05"):
         metres_per_unit("file", 170_000.0, "mm")
     with pytest.raises(InputError, match="the unit must be one of m, cm, mm, inch, cmu, found 'ell'"):
         metres_per_unit("file", 1.7, "m", "ell")

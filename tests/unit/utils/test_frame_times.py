@@ -1,13 +1,15 @@
 """Times of frames from the timestamps of a file."""
 
+import struct
+
 import numpy as np
 import pytest
 from video_files import video, with_durations
 
 from workbench.datasets.video import Video
-from workbench.utils.decode import declared_frames, timestamps
+from workbench.utils.decode import declared_frames, frames_lost, timestamps
 from workbench.utils.errors import InputError
-from workbench.utils.frame_times import FrameTimes, frame_times, given_times, is_equal
+from workbench.utils.frame_times import FrameTimes, frame_times, given_times, is_equal, rate_in_file
 
 N = 24
 DURATIONS = [1.0] * 14 + [2.0] * 10
@@ -88,3 +90,37 @@ def test_an_undecodable_video_is_an_error_with_its_codec_and_a_remedy(tmp_path):
     path.write_bytes((content[:start] + b"av01" + content[start + 4 :]).replace(b"esds", b"free"))
     with pytest.raises(InputError, match=r"codec .*ffmpeg -i a\.mp4 -c:v libx264"):
         timestamps(path)
+
+
+@pytest.mark.parametrize(("jitter", "is_said"), [(0.45, False), (0.55, True)])
+def test_a_rate_that_is_set_is_compared_with_the_timestamps(tmp_path, caplog, jitter, is_said):
+    """The header's rate of a browser's WebM file is 1000 Hz. Times half a frame from a constant rate are uneven."""
+    path = video(tmp_path / "a.mp4", N, 1000.0)
+    times_s = np.arange(N) / 30.0
+    assert rate_in_file(path, np.round(times_s, 3), 30.0) == 30.0
+    assert rate_in_file(path, times_s, 25.0) == pytest.approx(30.0)
+    assert not caplog.text
+    times_s[5] += jitter / 30.0
+    times_s[9] -= jitter / 30.0
+    assert rate_in_file(path, times_s, 30.0) == pytest.approx(30.0)
+    assert ("times are uneven" in caplog.text) == is_said
+    assert rate_in_file(path, np.zeros(N), 30.0) == 1000.0
+    assert rate_in_file(tmp_path, times_s, 30.0) is None
+
+
+@pytest.mark.parametrize(("duration_s", "n_lost"), [(2.0, 0), (2.049, 0), (2.051, 1), (3.0, 10)])
+def test_lost_frames_are_counted_by_the_declared_duration(duration_s, n_lost):
+    assert frames_lost(duration_s, (np.arange(20) / 10.0).tolist(), 1000.0) == n_lost
+
+
+def test_a_header_with_billions_of_frames_is_rejected(tmp_path):
+    path = video(tmp_path / "a.mp4", N, 30.0)
+    content = path.read_bytes()
+    place = content.index(b"stts") + 12
+    for count, is_valid in ((99_000_000, True), (2**31 - 1, False)):
+        path.write_bytes(content[:place] + struct.pack(">I", count) + content[place + 4 :])
+        if is_valid:
+            declared_frames(path)
+        else:
+            with pytest.raises(InputError, match=r"at most 100000000 frames in its header"):
+                declared_frames(path)

@@ -16,6 +16,7 @@ from workbench.datasets.rendering.sequence import Scene
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, ByteArray
 from workbench.utils.atomic_write import optional_cache, whole_file
+from workbench.utils.input_path import expanded
 
 
 def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *arrays: AnyArray) -> str:
@@ -38,7 +39,7 @@ def cached_images(
     them; None: no cache."""
     if cache is None:
         return render()
-    file = Path(cache).expanduser() / "scenes" / f"{key()[:32]}.npz"
+    file = expanded(cache) / "scenes" / f"{key()[:32]}.npz"
     images = _read(file, shape)
     if images is None:
         images = render()

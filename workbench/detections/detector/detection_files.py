@@ -19,6 +19,7 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.decode import decode, frame_rate, image_files
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_json
+from workbench.utils.input_path import expanded
 
 log = logging.getLogger(__name__)
 
@@ -149,7 +150,7 @@ def cached_detections(video: Path, model: str, cache: Path, within: tuple[int, i
     _, chunk = _rate_and_chunk(video)  # raises before anything is downloaded
     path, start = model_file(model, cache), within[0] // chunk * chunk
     name = f"{video.stem}_{_sha256(video)[:16]}_{_sha256(path)[:8]}" + (f"_from_{start}" if start else "")
-    folder = cache.expanduser() / "detections" / name
+    folder = expanded(cache) / "detections" / name
     n_frames = detect_video(video, folder, path, within)
     log.info("%s: detected people are in %s", video, folder)
     if not has_people(folder, within):

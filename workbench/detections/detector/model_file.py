@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 
 log = logging.getLogger(__name__)
 
@@ -70,13 +71,13 @@ def model_file(model: str, cache: Path) -> Path:
         For a path that is no file, and where the model can neither be found nor downloaded.
     """
     if model not in MODELS:
-        path = Path(model).expanduser()
+        path = expanded(model)
         if not path.is_file():
             names = ", ".join(MODELS)
             raise InputError(f"{model}: no such model; expected {names} or the path of a BlazePose landmark model")
         return path
     published = MODELS[model]
-    path = cache.expanduser() / "models" / published.file
+    path = expanded(cache) / "models" / published.file
     if not path.is_file():
         log.info(
             "downloading BlazePose's landmark model %s (Apache License 2.0) out of %s, %d MB",

@@ -3,10 +3,12 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from workbench.detections.readers.formats import SIZES
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX
@@ -88,9 +90,31 @@ def numbers_in_names(names: Iterable[str]) -> dict[str, int]:
     return {name: numbers[place] for name, numbers in digits.items()}
 
 
+def _is_without_confidence(size: int) -> bool:
+    return size % 2 == 0 and size // 2 in SIZES and not (size % 3 == 0 and size // 3 in SIZES)
+
+
+def ordered_points(
+    file: Path, names: Sequence[str], people: Sequence[list[FloatArray]], points: tuple[str, ...] = ()
+) -> DetectedPoints:
+    """Return the people of images by their names' numbers; InputError for a name without or with another's number."""
+    numbers = numbers_in_names(names)
+    if len(set(numbers.values())) < len(names):
+        raise InputError(f"{file}: expected a different number in the name of every image")
+    frames = np.array([numbers[name] for name in names], dtype=np.intp)
+    order = np.argsort(frames)
+    return DetectedPoints(str(file), frames[order], tuple(people[row] for row in order), points)
+
+
 def keypoints_of(coordinates: Any) -> FloatArray:
-    """Return points (K, 3) of flat coordinates u, v, confidence; NaN for missing ones."""
-    points = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
+    """Return points (K, 3) of coordinates u, v, confidence, flat or a row a point, or of u, v; NaN for missing ones.
+
+    Flat numbers are without confidences if only then a layout has their number.
+    """
+    points = np.array(coordinates, dtype=np.float64)
+    if (points.ndim == 2 and points.shape[1] == 2) or (points.ndim == 1 and _is_without_confidence(points.size)):
+        points = np.column_stack([points.reshape(-1, 2), np.ones(points.size // 2)])
+    points = points.reshape(-1, 3)
     if np.isinf(points).any():
         raise ValueError("numbers that are not finite")
     if (np.abs(points[:, :2]) > LARGEST_PX).any():

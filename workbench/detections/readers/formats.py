@@ -42,18 +42,37 @@ follows from the points head_top and neck, or from the ears, see `layout_joints`
 the shoulders, is below ours and is called "shoulders". The points of face and feet distinguish layouts with the same
 number of points, see `matching_layout`."""
 
-PEOPLE_KEYS = ("people", "bodies")
-"""Keys of the list of people of one image; the second one is AlphaPose's."""
-IMAGE_KEY = "image_id"
-"""Key of a person's image, in a file that is a list of people, of AlphaPose and COCO."""
-PERSON_KEYS: Mapping[str, str | None] = {
-    "pose_keypoints": None,  # OpenPose's first version
-    "pose_keypoints_2d": None,  # OpenPose
-    "joints": None,  # AlphaPose in the form of CMU
-    "keypoints": "keypoint_scores",  # AlphaPose and COCO, or MMPose with scores of their own
+SIZES = frozenset(map(len, LAYOUTS.values()))
+"""Numbers of points of all layouts."""
+
+PEOPLE_KEYS = ("people", "bodies", "instances")
+"""Keys of the list of people of one image, of OpenPose, AlphaPose and MMPose."""
+FRAME_KEYS = ("image_id", "frame_id", "frame_idx", "frame_index", "frame_number", "frame", "image_name", "image", "img")
+"""Keys of the image, by number or name, in a list of people (AlphaPose, COCO's results) or of images (MMPose's
+inferencer); and, in lower case, of the column of a table (SLEAP, MediaPipe)."""
+FRAMES_KEYS = ("instance_info", "frames", "predictions")
+"""Keys of such a list in a file with more than it, of MMPose's predictions."""
+DATASET_KEYS = ("images", "annotations")
+"""Keys of COCO's data sets: images with their id, and annotations of people with the id of their image."""
+PERSON_KEYS: Mapping[str, tuple[str, ...]] = {
+    "pose_keypoints": (),  # OpenPose's first version
+    "pose_keypoints_2d": (),  # OpenPose
+    "joints": (),  # AlphaPose in the form of CMU
+    "keypoints": ("keypoint_scores", "keypoints_scores", "scores"),  # AlphaPose and COCO, or MMPose with scores
+    "landmarks": (),  # MediaPipe
+    "pose_landmarks": (),
 }
-"""Keys of a person's coordinates, u, v, confidence of one point after the other; and the key of the confidences, if a
-person has it: then the coordinates are u, v."""
+"""Keys of a person's coordinates, u, v, confidence of one point after the other, or without confidence; and the keys of
+confidences of their own, with which the coordinates are u, v. Points may also be mappings, or lists by coordinate, see
+COORDINATES."""
+COORDINATES: Mapping[str, int] = {
+    "x": 0, "y": 1, "u": 0, "v": 1, "likelihood": 2, "score": 2, "visibility": 2, "visible": 2, "confidence": 2,
+    "conf": 2, "c": 2, "p": 2,
+}  # fmt: skip
+"""Names of the coordinates u, v and of the confidence, in tables (DeepLabCut, SLEAP, MediaPipe) and in JSON."""
+TEXT_COLUMNS = 5
+"""Numbers before the points in Ultralytics' text files, of a person a line: class and box. After the points there may
+be the box's confidence and the person's number."""
 WORLD_KEY = "world_landmarks"
 """Key of the points in space that the workbench's own detector adds, see `People`."""
 NUMBER_KEY, REGION_KEY = "person_id", "region"

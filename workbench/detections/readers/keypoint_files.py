@@ -1,33 +1,39 @@
-"""Files of detected people: JSON in the forms of `formats`, and DeepLabCut's CSV files."""
+"""Files of detected people in the forms of `formats`: JSON, text of Ultralytics, and tables, see `keypoint_tables`."""
 
-import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names
+from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names, ordered_points
 from workbench.detections.readers.formats import (
-    IMAGE_KEY,
+    COORDINATES,
+    DATASET_KEYS,
+    FRAME_KEYS,
+    FRAMES_KEYS,
     NUMBER_KEY,
     PEOPLE_KEYS,
     PERSON_KEYS,
     REGION_KEY,
+    SIZES,
+    TEXT_COLUMNS,
     WORLD_KEY,
 )
+from workbench.detections.readers.keypoint_tables import is_table, read_table
 from workbench.detections.readers.layout_by_anatomy import check_number_of_points
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file, parse_json
 
 _HDF5 = (".h5", ".hdf5")
+_SUFFIXES = (".json", ".txt")
+"""Of files in a folder, of which the first kind that is there is read."""
 _MAX_NUMBER = 10**9
-_DEEPLABCUT = ("scorer", "individuals", "bodyparts", "coords")
-"""First cells of the header's lines."""
-_COORDINATES = ("x", "y", "likelihood")
-_INVALID = (ValueError, KeyError, TypeError, OverflowError)
+_MAX_JSON = 150_000_000
+"""Bytes of a JSON file: its numbers take up to ten times as much memory."""
+_INVALID = (ValueError, KeyError, TypeError, OverflowError, AttributeError)
 """Errors by content of another form."""
 
 
@@ -36,14 +42,11 @@ def is_detections(path: str | Path) -> bool:
     path = Path(path)
     if path.is_dir() or path.suffix.lower() in (".json", *_HDF5):
         return True
-    if path.suffix.lower() != ".csv" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(16).decode("utf-8-sig", "replace").startswith("scorer,")
+    return path.suffix.lower() == ".csv" and path.is_file() and is_table(path)
 
 
 def read_points(path: str | Path) -> DetectedPoints:
-    """Return the points in a folder of JSON files, one per frame, a JSON file of all frames or DeepLabCut's CSV file.
+    """Return the points in a folder of JSON or text files, one per frame, or in a JSON or CSV file of all frames.
 
     Coordinates that are NaN, null or (0, 0), and points of confidence 0, are missing points. The order of people in a
     frame is arbitrary, see `detections.association`. Raises InputError for files of another format, and if no person is
@@ -55,18 +58,30 @@ def read_points(path: str | Path) -> DetectedPoints:
             f"{path}: expected DeepLabCut's CSV file, found HDF5; write it: analyze_videos_converth5_to_csv"
         )
     if not path.is_file():
-        detections = _json_folder(path)
+        detections = _folder(path)
     else:
-        detections = _deeplabcut(path) if path.suffix.lower() == ".csv" else _json_file(path)
+        detections = read_table(path) if path.suffix.lower() == ".csv" else _json_file(path, _parsed(path))
     detections.check()
     return detections
 
 
-def _json_folder(folder: Path) -> DetectedPoints:
-    """Return the points in a folder of JSON files with the people of one frame each."""
-    files = _numbered(folder)
+def _folder(folder: Path) -> DetectedPoints:
+    """Return the points in a folder of files with the people of one frame each, or of one JSON file of all frames."""
+    present = sorted(file for file in folder.iterdir() if file.name[0] != ".") if folder.is_dir() else []
+    suffix = next((each for each in _SUFFIXES if any(file.suffix.lower() == each for file in present)), "")
+    files_in_folder = [file for file in present if suffix and file.suffix.lower() == suffix]
+    if (
+        suffix == ".json"
+        and len(files_in_folder) == 1
+        and _frames_of(content := _parsed(files_in_folder[0])) is not None
+    ):
+        return _json_file(files_in_folder[0], content)
+    files = _numbered(folder, files_in_folder)
     people, identities = [], list[IntArray | None]()
     for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None):
+        if suffix == ".txt":
+            people.append(_text_people(files[frame]))
+            continue
         content = _parsed(files[frame])
         try:
             people.append(_people(content))
@@ -80,11 +95,8 @@ def _json_folder(folder: Path) -> DetectedPoints:
     return DetectedPoints(str(folder), np.array(sorted(files)), tuple(people), identities=by_frame)
 
 
-def _numbered(folder: Path) -> dict[int, Path]:
-    """Return the files of a folder by frame, the number in their names; files without a number and hidden files are
-    skipped."""
-    files_in_folder = sorted(folder.glob("*.json")) if folder.is_dir() else []
-    files_in_folder = [file for file in files_in_folder if not file.name.startswith(".")]
+def _numbered(folder: Path, files_in_folder: Sequence[Path]) -> dict[int, Path]:
+    """Return the files of a folder by frame, the number in their names; files without a number are skipped."""
     numbers = numbers_in_names(file.stem for file in files_in_folder)
     files: dict[int, Path] = {}
     for file in files_in_folder:
@@ -99,37 +111,66 @@ def _numbered(folder: Path) -> dict[int, Path]:
     if files_in_folder and not files:
         raise InputError(f"{files_in_folder[0]}: expected the frame's number in the file's name, found none")
     if not files:
-        raise InputError(f"{folder}: expected a folder of a detector's JSON files, found none")
+        raise InputError(f"{folder}: expected a folder of a detector's JSON files or Ultralytics' text, found none")
     return files
 
 
-def _json_file(file: Path) -> DetectedPoints:
-    """Return the points of a JSON file: a list of people with their image, or people by image."""
-    content = _parsed(file)
+def _json_file(file: Path, content: Any) -> DetectedPoints:
+    """Return the points of the content of a JSON file of all frames."""
     by_image: dict[str, list[FloatArray]] = {}
     try:
-        if isinstance(content, dict):
-            by_image = {image: _people(frame) for image, frame in content.items()}
-        else:
-            for person in content:
-                by_image.setdefault(str(person[IMAGE_KEY]), []).append(_points(person))
+        for image, people in _frames_of(content) or content.items():
+            by_image.setdefault(Path(str(image)).stem, []).extend(_people(people))
     except _INVALID as error:
         raise _unexpected(file, error) from None
-    return _ordered(file, [Path(image).stem for image in by_image], list(by_image.values()))
+    return ordered_points(file, list(by_image), list(by_image.values()))
+
+
+def _frames_of(content: Any) -> list[tuple[Any, Any]] | None:
+    """Return the images, by number or name, with their people, of a file of all frames; None for another one.
+
+    Elements of a list are people, or images with a list of them; without a key of their image they are images in order.
+    """
+    if isinstance(content, dict) and set(DATASET_KEYS) <= content.keys():
+        names = {image["id"]: image.get("file_name", image["id"]) for image in content["images"]}
+        annotated = [(names[each["image_id"]], [each]) for each in content["annotations"] if "keypoints" in each]
+        return [*((name, []) for name in names.values()), *annotated]
+    key = next((key for key in FRAMES_KEYS if isinstance(content, dict) and isinstance(content.get(key), list)), None)
+    elements = content if key is None else content[key]
+    if not isinstance(elements, list):
+        return None
+    image_key = next(
+        (key for key in FRAME_KEYS if elements and isinstance(elements[0], dict) and key in elements[0]), ""
+    )
+    if not image_key and not all(isinstance(each, list) or _has_people(each) for each in elements):
+        return None
+    return [
+        (
+            element[image_key] if image_key else k,
+            element if isinstance(element, list) or _has_people(element) else [element],
+        )
+        for k, element in enumerate(elements)
+    ]
+
+
+def _has_people(image: Any) -> bool:
+    return isinstance(image, dict) and any(key in image for key in PEOPLE_KEYS)
 
 
 def _parsed(file: Path) -> Any:
     """Return the content of a JSON file; raises InputError for one that cannot be read."""
     try:
-        check_file(file)
+        check_file(file, _MAX_JSON)
         return parse_json(file, file.read_bytes())
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def _unexpected(file: Path, error: Exception) -> InputError:
-    keys = f"{' or '.join(PEOPLE_KEYS)} with {', '.join(PERSON_KEYS)}"
-    return InputError(f"{file}: expected {keys}, or a list of people with {IMAGE_KEY}, found {error!r}")
+    keys = f"{', '.join(PEOPLE_KEYS)} with {', '.join(PERSON_KEYS)}"
+    return InputError(
+        f"{file}: expected {keys}, or a list of people with {' or '.join(FRAME_KEYS[:2])}, found {error!r}"
+    )
 
 
 def _people(image: Any) -> list[FloatArray]:
@@ -153,9 +194,13 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     """Return a person's points (K, 3), NaN without detection, or (K, 6) with world landmarks; K is 0 for an empty
     person."""
     key = next((key for key in PERSON_KEYS if key in person), "keypoints")
-    coordinates, confidence_key = person[key], PERSON_KEYS[key]
-    if confidence_key is not None and confidence_key in person:
-        coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), person[confidence_key]])
+    coordinates = person[key]
+    if isinstance(coordinates, dict):  # a list by coordinate, of Ultralytics
+        coordinates = [dict(zip(coordinates, point, strict=True)) for point in zip(*coordinates.values(), strict=True)]
+    if len(coordinates) and isinstance(coordinates[0], dict):
+        coordinates = [_coordinates(point) for point in coordinates]
+    if confidences := next((person[name] for name in PERSON_KEYS[key] if name in person), None):
+        coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), confidences])
     points = keypoints_of(coordinates)
     if not len(person.get(WORLD_KEY, ())):
         return points
@@ -166,39 +211,30 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     return np.hstack([points, world])
 
 
-def _deeplabcut(file: Path) -> DetectedPoints:
-    """Return the points of DeepLabCut's file, of one individual or several: columns by body part and coordinate."""
+def _coordinates(point: Mapping[str, Any]) -> list[Any]:
+    """Return u, v and confidence of a point by the names in COORDINATES; a confidence of 1 without one."""
+    found = {COORDINATES[name]: value for name, value in point.items() if name in COORDINATES}
+    return [found[0], found[1], found.get(2, 1.0)]
+
+
+def _text_people(file: Path) -> list[FloatArray]:
+    """Return the points of the people of one image, of Ultralytics' text with fractions of the image's size."""
     check_file(file)
-    try:
-        rows = [row for row in csv.reader(file.read_text(encoding="utf-8-sig").splitlines()) if any(row)]
-        header = {row[0]: row for row in rows[: len(_DEEPLABCUT)] if row[0] in _DEEPLABCUT}
-        body, coordinates = rows[len(header) :], header["coords"]
-        first = coordinates.index("x")
-        individuals = header.get("individuals", [""] * len(coordinates))
-        columns = list(zip(individuals, header["bodyparts"], coordinates, strict=True))[first:]
-        values = np.array([[float(cell or "nan") for cell in row[first:]] for row in body]).reshape(-1, len(columns))
-        parts = tuple(dict.fromkeys(part for _, part, _ in columns))
-        people = []
-        for individual in dict.fromkeys(name for name, _, _ in columns):
-            points = np.full((len(body), len(parts), 3), np.nan)
-            points[..., 2] = 1.0 if "likelihood" not in coordinates else np.nan
-            for k, (name, part, coordinate) in enumerate(columns):
-                if name == individual:
-                    points[:, parts.index(part), _COORDINATES.index(coordinate)] = values[:, k]
-            people.append([keypoints_of(each) for each in points])
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError, IndexError) as error:
-        raise InputError(f"{file}: expected DeepLabCut's CSV file with bodyparts and coords, found {error!r}") from None
-    names = [Path("_".join(row[:first])).stem for row in body]  # a number, or an image's folders and name
-    return _ordered(file, names, [list(frame) for frame in zip(*people, strict=True)], parts)
-
-
-def _ordered(
-    file: Path, names: list[str], people: list[list[FloatArray]], points: tuple[str, ...] = ()
-) -> DetectedPoints:
-    """Return the people of images by their names' numbers; InputError for a name without or with another's number."""
-    numbers = numbers_in_names(names)
-    if len(set(numbers.values())) < len(names):
-        raise InputError(f"{file}: expected a different number in the name of every image")
-    frames = np.array([numbers[name] for name in names], dtype=np.intp)
-    order = np.argsort(frames)
-    return DetectedPoints(str(file), frames[order], tuple(people[row] for row in order), points)
+    people = []
+    for line, words in enumerate(
+        map(str.split, file.read_text(encoding="utf-8-sig", errors="replace").splitlines()), 1
+    ):
+        n = len(words) - TEXT_COLUMNS
+        forms = ((width, n - more) for width in (3, 2) for more in (0, 1, 2))
+        width, size = next(((w, m) for w, m in forms if m % w == 0 and m // w in SIZES), (0, 0))
+        if not words:
+            continue
+        try:
+            if not width:
+                raise ValueError(f"{len(words)} numbers")
+            people.append(keypoints_of(np.array(words[TEXT_COLUMNS : TEXT_COLUMNS + size], float).reshape(-1, width)))
+        except ValueError as error:
+            raise InputError(
+                f"{file}, line {line}: expected Ultralytics' class, box and points of a person, found {error}"
+            ) from None
+    return people

@@ -20,6 +20,9 @@ from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 
+MAX_PEOPLE = 40
+"""People in a frame, since the association over time considers all pairs of frames' people and several hypotheses:
+100 who overlap take 12 s a frame."""
 _NAMED = "named points"
 """Layout of points whose names are in their file."""
 
@@ -146,7 +149,28 @@ def people_of_points(
     }, decisions
 
 
+def _likeliest(points: DetectedPoints) -> DetectedPoints:
+    """Return the points of at most MAX_PEOPLE people a frame, those with the largest sums of confidences; logged."""
+    crowded = [row for row, people in enumerate(points.points) if len(people) > MAX_PEOPLE]
+    if not crowded:
+        return points
+    message = "%s: %d frames have more than %d people, of which the likeliest are used, frame %d has %d"
+    first = crowded[0]
+    log.warning(
+        message, points.source, len(crowded), MAX_PEOPLE, points.frames[first], len(points.points[first])
+    )  # fmt: skip
+    chosen, identities = list(points.points), None if points.identities is None else list(points.identities)
+    for row in crowded:
+        scores = [float(np.nansum(person[:, 2])) for person in points.points[row]]
+        rows = np.sort(np.argsort(scores)[-MAX_PEOPLE:])
+        chosen[row] = [points.points[row][k] for k in rows]
+        if identities is not None:
+            identities[row] = identities[row][rows]
+    return replace(points, points=tuple(chosen), identities=None if identities is None else tuple(identities))
+
+
 def _people_of(points: DetectedPoints, name: str) -> People:
+    points = _likeliest(points)
     numbers = named_points(points.names) if points.names else layout_joints(LAYOUTS[name])
     if not numbers:
         raise InputError(

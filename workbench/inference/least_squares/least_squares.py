@@ -11,7 +11,7 @@ from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
 from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import POSITIVE, check
-from workbench.core.frame import Frame
+from workbench.core.frame import Frame, repeatable
 from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
@@ -83,15 +83,16 @@ class LeastSquares:
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
         """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to search for the
-        person.
+        person. Images are not kept: the frames are iterated over again for the steps.
 
         rng_streams: generators named "start", which thins points, "prior", which draws the particles, and "draws",
         which draws the motions of a fit of smooth poses; none are drawn without it. A frame without observations is
         interpolated by the smoothness, or keeps the previous pose frame by frame, with a warning. Raises InputError
         without observations.
         """
-        frames = list(frames)
-        fit, observations, warnings = self.fit_frames(frames, start, rng_streams["start"])
+        frames = repeatable(frames)
+        without_images = [frame.without_images for frame in frames]
+        fit, observations, warnings = self.fit_frames(without_images, start, rng_streams["start"])
         draws = None
         if fit.posterior is not None and "draws" in rng_streams:
             draws = fit.posterior.draws(N_DRAWS, rng_streams["draws"])
@@ -173,7 +174,7 @@ class LeastSquares:
 
 
 def steps(
-    fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator, draws: FloatArray | None = None
+    fit: Fit, frames: Iterable[Frame], n_particles: int, rng: np.random.Generator, draws: FloatArray | None = None
 ) -> Iterator[Step]:
     """Yield one step per frame: particles sampled from the Gaussian posterior of its state, with uniform weights.
 
@@ -198,7 +199,7 @@ def steps(
             poses=poses, log_weights=log_weights, ancestors=ancestors,
             expected_pose=pose, map_pose=pose, ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
-            timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+            timing_s={stage: s / len(fit.poses) for stage, s in fit.timing_s.items()},
             draws=None if draws is None else draws[:, t],
         )  # fmt: skip
 

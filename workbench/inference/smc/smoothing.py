@@ -12,7 +12,7 @@ from tqdm import tqdm
 from workbench.body.angles import unwrap_near
 from workbench.core.capabilities import DENSITY, Traits, combined_requirements, component_traits
 from workbench.core.checks import at_least, check
-from workbench.core.frame import Frame
+from workbench.core.frame import Frame, repeatable
 from workbench.core.likelihood import FrameLikelihood
 from workbench.core.step import Step
 from workbench.inference.smc.move import Kind, Move, Streams, WrappedMove, Wrapper
@@ -148,9 +148,12 @@ class BackwardSimulation(Wrapper):
             return move(target, rng_streams)
 
         recording = self.filter.rebuilt(algorithm=WrappedMove(self.algorithm, record_likelihood))
-        forward = recording.run(frames, start, rng_streams)
-        steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
-        yield from reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
+        frames = repeatable(frames)
+        forward = tqdm(recording.run(frames, start, rng_streams), "filter", unit="frame", disable=None, leave=False)
+        steps = [replace(step, frame=step.frame.without_images) for step in forward]
+        smoothed = reversed(list(self._backwards(steps, frame_likelihoods, rng_streams["resampling"])))
+        for frame, step in zip(frames, smoothed, strict=True):
+            yield replace(step, frame=frame)
 
     def _backwards(
         self, steps: list[Step], frame_likelihoods: list[FrameLikelihood], rng: np.random.Generator

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
@@ -31,6 +30,7 @@ from workbench.likelihoods.cues.limb_points import (
 from workbench.motion.models.store import Provenance, cache_model, load
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.source_hash import code_digest
 
@@ -78,7 +78,7 @@ def _edge_model(cache: str) -> EdgeModel:
     """Return the model of rendered people, from the folder `cache` or learned, which takes half a minute."""
     code = code_digest(sys.modules[__name__])
     provenance = Provenance({}, {"scenes": N_SCENES, "frames": N_FRAMES, "bins": BINS, "seed": _FIRST_SEED}, (), code)
-    path = Path(cache).expanduser() / "models" / f"edges-{provenance.key[:16]}.h5"
+    path = expanded(cache) / "models" / f"edges-{provenance.key[:16]}.h5"
     if path.is_file():
         return load(EdgeModel, path)
     log.info("learning edges and ridges from rendered people")

@@ -23,7 +23,6 @@ from workbench.motion.formats.text import (
     read_lines,
     statements,
 )  # fmt: skip
-from workbench.motion.formats.units_axes import metres_per_unit
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, check_rate
@@ -42,10 +41,10 @@ _Properties = dict[str, tuple[int, list[str]]]
 
 @dataclass(frozen=True, eq=False)
 class _Bone:
-    """A bone from its joint to `end` (3,), m.
+    """A bone from its joint to `end` (3,), in the file's unit.
 
     axis : rotation (3, 3) from the frame of its angles. order : of the rotations, e.g. "XYZ". channels : the values in
-    an AMC line, of "tx".."rz"; none if the joint is rigid.
+    an AMC line, of "tx".."rz" and "l"; none if the joint is rigid.
     """
 
     end: FloatArray
@@ -59,22 +58,24 @@ class _AsfSkeleton:
     """The skeleton of an ASF file, in the file's axes (y up). A joint is the proximal end of its bone.
 
     joints : K names, parents before children: the root, the bones, and <bone>_end for every bone without children.
-    parents : (K,), -1 for the root. bones : K. metres_per_unit : m. degrees : whether angles are in degrees.
+    parents : (K,), -1 for the root. bones : K. unit : in metres; "" if the file has none. degrees : whether angles are
+    in degrees. position : of the root (3,) in every frame, to which its translation is added.
     """
 
     joints: tuple[str, ...]
     parents: IntArray
     bones: tuple[_Bone, ...]
-    metres_per_unit: float
+    unit: float | str
     degrees: bool
+    position: FloatArray
 
 
-def _read_asf(path: str | Path, unit: str | None = None) -> _AsfSkeleton:
+def _read_asf(path: str | Path) -> _AsfSkeleton:
     """Return the skeleton of an ASF file.
 
-    Lengths are in `unit`, by default 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad.
-    Raises InputError, with the file and the line, if the file is missing, malformed or truncated, or uses features that
-    the CMU database does not: a root with an initial displacement or rotation, bones that stretch or translate.
+    The unit is 1/`length` inch (the CMU database: 1/0.45 inch), angles are in `angle`, deg or rad. Raises InputError,
+    with the file and the line, if the file is missing, malformed or truncated, or uses features that the CMU database
+    does not: a root with an initial rotation, bones that translate.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -86,18 +87,20 @@ def _read_asf(path: str | Path, unit: str | None = None) -> _AsfSkeleton:
         else:
             section.append((line, words))
     blocks = _blocks(path, sections.get(":bonedata", ()), len(lines))
-    metres, degrees = _units(path, _properties(sections.get(":units", ())))
-    metres = metres if unit is None else metres_per_unit(path, None, "", unit)
-    bones = {"root": _root(path, _properties(sections.get(":root", ())), len(lines))}
+    unit, degrees = _units(path, _properties(sections.get(":units", ())))
+    root, position = _root(path, _properties(sections.get(":root", ())), len(lines))
+    bones = {"root": root}
     for block in blocks:
         line, name = block["end"][0], " ".join(block.get("name", (0, []))[1])
         if not name or name in bones:
             fail(path, line, f"expected a bone with a unique name, found {name!r}")
-        bones[name] = _bone(path, name, block, metres, degrees)
+        bones[name] = _bone(path, name, block, degrees)
     check_number(path, "bones", len(bones), MAX_JOINTS)
     joints, parents = _tree(path, sections.get(":hierarchy", ()), bones, len(lines))
     end = _Bone(np.zeros(3), np.eye(3))
-    return _AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), metres, degrees)
+    return _AsfSkeleton(
+        joints, np.array(parents), tuple(bones.get(name, end) for name in joints), unit, degrees, position
+    )
 
 
 def read_amc(
@@ -112,7 +115,7 @@ def read_amc(
     asf : the skeleton's file, by default one in the same folder: with the longest name with which the motion's begins
         (35.asf for 35_02.amc), or the only one.
     rate_hz : Hz, of the frame numbers; None: the file's :SAMPLES-PER-SECOND, else 120 Hz as in the CMU database.
-    unit : of length, one of `units.UNITS`; None: the ASF's.
+    unit : of length, one of `units.UNITS`; None: the ASF's, if the person then has a plausible size.
     up : the vertical axis; None: y, unless the person then is not upright, see `units_axes.vertical_axis`.
 
     Raises
@@ -122,7 +125,7 @@ def read_amc(
     """
     path = Path(path)
     lines = read_lines(path)
-    skeleton = _read_asf(_skeleton_file(path) if asf is None else asf, unit)
+    skeleton = _read_asf(_skeleton_file(path) if asf is None else asf)
     channels = {joint: bone.channels for joint, bone in zip(skeleton.joints, skeleton.bones, strict=True)}
     rows, degrees = list(statements(lines)), skeleton.degrees
     n_keywords = next((k for k, (_, words) in enumerate(rows) if not words[0].startswith(":")), len(rows))
@@ -143,11 +146,12 @@ def read_amc(
     first, step, frames = _regular(path, _frames(path, rows[n_keywords:], sizes))
     rate_hz = check_rate(f"{path}: the rate", CMU_HZ if rate_hz is None else rate_hz) / step
     values = np.array([[value for bone in sizes for value in frame[bone]] for frame in frames])
-    return _clip(path, skeleton, rate_hz, first, last_values(path, values), degrees, up)
+    return _clip(path, skeleton, rate_hz, first, last_values(path, values), degrees, unit, up)
 
 
 def _clip(
-    path: Path, skeleton: _AsfSkeleton, rate_hz: float, first: int, values: FloatArray, degrees: bool, up: str | None,
+    path: Path, skeleton: _AsfSkeleton, rate_hz: float, first: int, values: FloatArray, degrees: bool,
+    unit: str | None, up: str | None,
 ) -> MotionClip:  # fmt: skip
     """Return the clip of the channels' values (F, C), bone after bone."""
     n, column = len(values), 0
@@ -158,15 +162,17 @@ def _clip(
         if bone.channels:
             channels = dict(zip(bone.channels, values[:, column : column + len(bone.channels)].T, strict=True))
             column += len(bone.channels)
+            if "l" in channels and (channels["l"] != 0.0).any():
+                raise InputError(f"{path}: expected bones of constant length, found {skeleton.joints[k]} stretched")
             angles = np.stack([channels.get(f"r{axis}", np.zeros(n)) for axis in bone.order.lower()], axis=-1)
             rotations[:, k] = bone.axis @ _rotation_matrices(bone.order, angles, degrees) @ bone.axis.T
             if k == 0:
-                translations[:, 0] = (
-                    np.stack([channels[channel] for channel in _TRANSLATIONS], axis=-1) * skeleton.metres_per_unit
-                )
+                displaced = np.stack([channels[channel] for channel in _TRANSLATIONS], axis=-1)
+                translations[:, 0] = skeleton.position + displaced
     return person_clip(
-        path, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations, "m", "m", up
-    )
+        path, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations, skeleton.unit, unit,
+        up,
+    )  # fmt: skip
 
 
 def _skeleton_file(path: Path) -> Path:
@@ -245,8 +251,8 @@ def _blocks(path: Path, section: Iterable[Statement], last_line: int) -> list[_P
     return blocks
 
 
-def _units(path: Path, units: _Properties) -> tuple[float, bool]:
-    """Return the unit of length in metres, and whether angles are in degrees."""
+def _units(path: Path, units: _Properties) -> tuple[float | str, bool]:
+    """Return the unit of length in metres, "" for none, and whether angles are in degrees."""
     line, words = units.get("length", (0, ["1"]))
     (length,) = numbers(path, line, words, 1, "the unit of length")
     if length <= 0.0:
@@ -254,15 +260,15 @@ def _units(path: Path, units: _Properties) -> tuple[float, bool]:
     line, words = units.get("angle", (0, ["deg"]))
     if words not in (["deg"], ["rad"]):
         fail(path, line, f"expected the unit of angles, deg or rad, found {' '.join(words)!r}")
-    return UNITS["inch"] / length, words == ["deg"]
+    return UNITS["inch"] / length if "length" in units else "", words == ["deg"]
 
 
-def _root(path: Path, root: _Properties, last_line: int) -> _Bone:
-    """Return the root: a bone of zero length, whose joint translates and rotates."""
-    for key in ("position", "orientation"):
-        line, words = root.get(key, (0, ["0"] * 3))
-        if any(numbers(path, line, words, 3, f"the root's {key}")):
-            fail(path, line, f"expected the root's initial {key} 0 0 0, found {' '.join(words)!r}")
+def _root(path: Path, root: _Properties, last_line: int) -> tuple[_Bone, FloatArray]:
+    """Return the root, a bone of zero length whose joint translates and rotates, and its initial position (3,)."""
+    line, words = root.get("orientation", (0, ["0"] * 3))
+    if any(numbers(path, line, words, 3, "the root's orientation")):
+        fail(path, line, f"expected the root's initial orientation 0 0 0, found {' '.join(words)!r}")
+    position = np.array(numbers(path, *root.get("position", (0, ["0"] * 3)), 3, "the root's position"))
     if "order" not in root:
         fail(path, last_line, "expected the order of the root's channels in :root")
     line, words = root["order"]
@@ -270,10 +276,10 @@ def _root(path: Path, root: _Properties, last_line: int) -> _Bone:
     if len(channels) != 6:
         fail(path, line, f"expected TX TY TZ RX RY RZ in any order, found {' '.join(words)!r}")
     line, words = root.get("axis", (0, ["XYZ"]))
-    return _Bone(np.zeros(3), np.eye(3), _axis_order(path, line, " ".join(words)), channels)
+    return _Bone(np.zeros(3), np.eye(3), _axis_order(path, line, " ".join(words)), channels), position
 
 
-def _bone(path: Path, name: str, block: _Properties, metres: float, degrees: bool) -> _Bone:
+def _bone(path: Path, name: str, block: _Properties, degrees: bool) -> _Bone:
     line = block["end"][0]
     if unknown := sorted(block.keys() - _PROPERTIES):
         fail(path, block[unknown[0]][0], f"expected a property of bone {name!r} or its end, found {unknown[0][:60]!r}")
@@ -293,8 +299,8 @@ def _bone(path: Path, name: str, block: _Properties, metres: float, degrees: boo
     order = _axis_order(path, axis_line, " ".join(words[3:]))
     axis = numbers(path, axis_line, words[:3], 3, f"the axis of {name}")
     rotation = _rotation_matrices(order, np.array([axis["XYZ".index(letter)] for letter in order]), degrees)
-    channels = _channels(path, *block["dof"], _ROTATIONS) if "dof" in block else ()
-    return _Bone(metres * length * np.array(direction), rotation, order, channels)
+    channels = _channels(path, *block["dof"], (*_ROTATIONS, "l")) if "dof" in block else ()
+    return _Bone(length * np.array(direction), rotation, order, channels)
 
 
 def _rotation_matrices(order: str, angles: FloatArray, degrees: bool) -> FloatArray:

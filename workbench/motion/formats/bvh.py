@@ -27,6 +27,7 @@ from workbench.motion.formats.text import (
     numbers,
     points,
     read_lines,
+    report_count,
     statements,
 )  # fmt: skip
 from workbench.utils.arrays import FloatArray, IntArray
@@ -171,7 +172,7 @@ def _statements(lines: list[str]) -> Iterator[Statement]:
 
 def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str, parent: int) -> _Joint:
     if kind == "END":
-        name = f"{joints[parent].name}_end" if name.lower() == "site" else ""
+        name = f"{joints[parent].name}_end"  # End Site, which some programs name
     if not name:
         fail(path, line, f"expected a joint's name, found {name!r}")
     root = max((k for k, joint in enumerate(joints) if joint.parent < 0), default=0) if parent >= 0 else len(joints)
@@ -201,8 +202,7 @@ def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> t
     rows = rows[2:]
     if not rows:
         fail(path, time_line, "expected lines of frames after the header, found none")
-    if len(rows) != n_frames:
-        log.warning("%s: the header has %d frames, the file %d; read are all of them", path, n_frames, len(rows))
+    report_count(path, int(n_frames), len(rows))
     check_number(path, "frames", len(rows), MAX_FRAMES)
     values = [
         gap_numbers(path, line, points(words), n_channels, f"frame {k}") for k, (line, words) in enumerate(rows, 1)

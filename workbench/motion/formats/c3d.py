@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.motion.formats.text import report_count
 from workbench.motion.formats.trc import RawMarkers
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
@@ -76,6 +77,8 @@ def read_c3d(path: Path) -> RawMarkers:
         raise InputError(
             f"{path}: expected labelled points and a positive rate, found {len(names)} labels at {rate_hz:g} Hz"
         )
+    if last < _MAX_FRAMES:  # longer files have their number of frames elsewhere
+        report_count(path, last - first + 1, len(positions))
     if first > 1:
         log.warning("%s: starts at frame %d, which is used as the first frame", path, first)
     outputs = set(content["outputs"].tolist())

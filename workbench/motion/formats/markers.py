@@ -17,6 +17,7 @@ from workbench.motion.formats.units_axes import metres_per_unit, upward, vertica
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
+from workbench.utils.input_path import expanded
 from workbench.utils.text import plain_name
 
 MarkersOf = Mapping[str, Sequence[str]]
@@ -57,7 +58,7 @@ def read_markers(
 
     Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
-    path, readers = Path(path).expanduser(), {".trc": read_trc, ".c3d": read_c3d, ".csv": read_joint_csv}
+    path, readers = expanded(path), {".trc": read_trc, ".c3d": read_c3d, ".csv": read_joint_csv}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: expected a marker file with the extension {' or '.join(readers)}")
     return in_world(str(path), readers[path.suffix.lower()](path), unit, up, forward)

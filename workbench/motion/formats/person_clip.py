@@ -1,5 +1,6 @@
 """The clip of a motion file in metres with z up, by the person's size and posture."""
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,13 @@ from workbench.motion.formats.units_axes import metres_per_unit, upward, vertica
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.input_limits import check_places, check_rate
 
+log = logging.getLogger(__name__)
+
+_FASTEST_M_S = 40.0
+"""Of a person's joints: the hand of a pitcher throws a ball at 37 m/s (Fleisig et al. 1999, J. Biomech. 32)."""
+_JUMP = 2.0
+"""Ratio of the speed from the rest pose to the fastest one after it, from which the rest pose is no motion."""
+_ROUNDING = 1e-6
 _POSTURES = 200  # frames whose postures determine the unit and the vertical axis
 
 
@@ -39,4 +47,27 @@ def person_clip(
     check_rate(f"clip {path.stem}", rate_hz)
     check_places(f"clip {path.stem}", positions)
     offsets = axes.vectors(offsets * metres)
-    return MotionClip(path.stem, rate_hz, first_frame, joints, parents, offsets, rotations, positions)
+    n = _rest_rows(path, rate_hz, rotations, positions)
+    return MotionClip(path.stem, rate_hz, first_frame + n, joints, parents, offsets, rotations[n:], positions[n:])
+
+
+def _rest_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: FloatArray) -> int:
+    """Return the number of first rows that are no motion, 0 for none; logged.
+
+    These are rows of the rest pose, from which the fastest joint moves more than _JUMP times as fast as ever after, or
+    a first row from which alone it moves faster than _FASTEST_M_S.
+    """
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1, initial=0.0) * rate_hz
+    deviations = np.abs(rotations - np.eye(3)).reshape(len(rotations), -1).max(axis=1)
+    at_rest = deviations < _ROUNDING
+    n = len(at_rest) if at_rest.all() else int(np.argmin(at_rest))
+    if not 0 < n < len(speeds):
+        n = 1
+    first, later = speeds[n - 1 : n].max(initial=0.0), speeds[n:].max(initial=0.0)
+    is_jump = at_rest[0] and first > _JUMP * later
+    if len(speeds) < 2 or not (is_jump or first > _FASTEST_M_S >= later):
+        return 0
+    what = f"the first {n} rows are no motion" if n > 1 else "the first row is no motion"
+    message = "%s: %s: after it joints move at %.0f m/s, later at %.1f m/s at most; left out"
+    log.warning(message, path, what, first, later)
+    return n

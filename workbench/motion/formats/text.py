@@ -84,6 +84,12 @@ def gap_numbers(path: Path, line: int, words: Sequence[str], count: int, what: s
     return [np.nan if word.lower() in MISSING else next(measured) for word in words]
 
 
+def report_count(path: Path, announced: int, present: int) -> None:
+    """Log a warning where a file's header announces another number of frames than there are, all of which are read."""
+    if announced != present:
+        log.warning("%s: the header has %d frames, the file %d; read are all of them", path, announced, present)
+
+
 def last_values(path: Path, values: FloatArray) -> FloatArray:
     """Return values (F, C) with NaN replaced by the column's last number, its first before it, or 0; logged."""
     missing = np.isnan(values)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES
-from workbench.motion.formats.text import MISSING, fail, gap_numbers, numbers, points, read_lines
+from workbench.motion.formats.text import MISSING, fail, gap_numbers, numbers, points, read_lines, report_count
 from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray
 from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
@@ -51,7 +51,7 @@ def read_trc(path: Path) -> RawMarkers:
     header: dict[str, str] = {}
     if "datarate" in starts[:labels]:
         keys, row, *_ = [line for line in [*lines[starts.index("datarate") : labels], ""] if line.strip()] + [""]
-        header = dict(zip(_cells(keys, delimiter), _cells(row, delimiter), strict=False))
+        header = _header(path, _cells(keys, delimiter), _cells(row, delimiter))
     names = [cell for cell in _cells(lines[labels], delimiter)[2:] if cell]
     if not names:
         fail(path, labels + 1, "expected the names of markers, found none")
@@ -64,13 +64,17 @@ def read_trc(path: Path) -> RawMarkers:
     check_number(path, "coordinates", 3 * len(table) * len(names), MAX_NUMBERS)
     if not table:
         fail(path, len(lines), "expected a frame, found none")
-    values = np.array([_row(path, line, cells, 3 * len(names)) for line, cells in table])
+    values = np.array(
+        [_row(path, line, cells, 3 * len(names), not _has(delimiter, lines[line - 1])) for line, cells in table]
+    )
     digits = max(len(cells[1].replace(",", ".").partition(".")[2]) for _, cells in table if len(cells) > 1)
     rate_cell = points([header.get("DataRate", "")])
     header_hz = numbers(path, labels, rate_cell, 1, "DataRate")[0] if rate_cell[0].lower() not in MISSING else None
     rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz)
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
+    if (n_frames := header.get("NumFrames", "")).isdecimal():
+        report_count(path, int(n_frames), len(table) if int(n_frames) != round(rows[-1]) + 1 else int(n_frames))
     is_own = tuple(names[: len(JOINT_NAMES)]) == JOINT_NAMES and set(names[len(JOINT_NAMES) :]) <= set(FOOT_POINTS)
     forward = "x" if is_own else None  # as of OpenSim and `trc_text`
     return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
@@ -102,15 +106,29 @@ def read_joint_csv(path: Path) -> RawMarkers:
 
 
 def _cells(text: str, delimiter: str | None) -> list[str]:
-    return [cell.strip().strip('"') for cell in text.split(delimiter)]
+    """Return the cells of a line, which blanks may separate instead of the file's delimiter."""
+    return [cell.strip().strip('"') for cell in text.split(delimiter if _has(delimiter, text) else None)]
 
 
-def _row(path: Path, line: int, cells: Sequence[str], size: int) -> list[float]:
-    """Return number, time and coordinates (2 + size,) of a frame, NaN for missing ones; trailing ones may be absent."""
+def _has(delimiter: str | None, text: str) -> bool:
+    return delimiter is not None and delimiter in text.strip()
+
+
+def _header(path: Path, keys: list[str], row: list[str]) -> dict[str, str]:
+    """Return the values of the header's keys, between which there may be several delimiters."""
+    present = [cell for cell in row if cell]
+    return dict(zip(keys, present if len(present) == len(list(filter(None, keys))) else row, strict=False))
+
+
+def _row(path: Path, line: int, cells: Sequence[str], size: int, is_blank: bool) -> list[float]:
+    """Return number, time and coordinates (2 + size,) of a frame, NaN for missing ones; trailing ones may be absent,
+    unless blanks separate the cells."""
     while len(cells) > 2 and not cells[-1]:
         cells = cells[:-1]
     if len(cells) > size + 2:
         fail(path, line, f"expected {size} coordinates, found {len(cells) - 2}")
+    if is_blank and len(cells) < size + 2:
+        fail(path, line, f"expected {size} coordinates, found {len(cells) - 2}; blanks leave no place for gaps")
     cells = [*points(cells), *[""] * (size + 2 - len(cells))]
     return gap_numbers(path, line, cells, size + 2, "coordinates")
 

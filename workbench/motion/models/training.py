@@ -27,6 +27,7 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
 from workbench.utils.atomic_write import optional_cache
 from workbench.utils.errors import InputError
+from workbench.utils.input_path import expanded
 from workbench.utils.rng import stream
 from workbench.utils.source_hash import code_digest
 
@@ -182,7 +183,7 @@ def training_motions(
     """
     if motions in ("cmu", "recorded"):
         included = None if subjects is None else [subject for subject in subjects if subject not in exclude]
-        walks = _imported(cmu_clips(_folder(motions, data), included), Path(cache).expanduser(), "cmu-walks")
+        walks = _imported(cmu_clips(_folder(motions, data), included), expanded(cache), "cmu-walks")
     else:
         walks = _builtin_or_library(motions, "cmu, recorded")
     return _selected(walks, exclude)
@@ -199,7 +200,7 @@ def database_motions(
     if motions in ("recorded", "cmu", "bandai"):
         folder = _folder(motions, data)
         names = ("cmu", "bandai") if motions == "recorded" else (motions,)
-        library = _imported(find_sources([folder / name for name in names]), Path(cache).expanduser(), motions)
+        library = _imported(find_sources([folder / name for name in names]), expanded(cache), motions)
     else:
         library = _builtin_or_library(motions, "recorded, cmu, bandai")
         library += builtin_runs() if motions == "builtin" else ()
@@ -235,14 +236,14 @@ def _folder(motions: str, data: str | None) -> Path:
         raise InputError(
             f"motions={motions} requires the folder with the recordings: set paths.data or $WORKBENCH_DATA"
         )
-    return Path(data).expanduser()
+    return expanded(data)
 
 
 def _builtin_or_library(motions: str, others: str) -> tuple[Motion, ...]:
     if motions == "builtin":
         return builtin_motions()
     if motions.endswith((".h5", ".hdf5")):
-        return read_library(Path(motions).expanduser())
+        return read_library(expanded(motions))
     raise InputError(f"motions must be builtin, {others} or a motion library FILE.h5, found {motions!r}")
 
 
@@ -276,7 +277,7 @@ def _learned(
     sources = {f"{motion.source}#{motion.name}": motion.sha256 for motion in training}
     licences = tuple(sorted({motion.licence for motion in training}))
     provenance = Provenance(sources, parameters, licences, code)
-    path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
+    path = expanded(cache) / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
         return load(kind, path)
     return cache_model(path, learn(), provenance)

@@ -1,7 +1,7 @@
 """The Rerun file of a run, published when the run ends regularly.
 
 Streams have no wall-clock times and are abandoned when the disk is full. The release of Rerun's streams is not
-documented; it was tested with rerun-sdk 0.41.
+documented, and a layout has no public stream; both were tested with rerun-sdk 0.41.
 """
 
 import errno
@@ -24,6 +24,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -47,6 +48,8 @@ _MIN_FREE_BYTES, _MAX_FREE_BYTES = 2_000_000, 100_000_000
 """Bounds of the free space that is required for writing between two flushes and closing the file."""
 _MAX_WRITE_S = 120.0
 _FLUSH_TIMEOUT_S = 1.0
+_KEEPS_OPEN_NAMES = os.name == "nt"
+"""Whether the system renames no open files."""
 _abandoned: list[rr.RecordingStream] = []
 
 
@@ -95,8 +98,9 @@ class RecordingFile:
 
     def _open(self) -> None:
         self.part.parent.mkdir(parents=True, exist_ok=True)
+        begun = self.part if _KEEPS_OPEN_NAMES else self.part.with_name(f"{self.part.name}.begun")
         try:
-            self.stream.set_sinks(rr.FileSink(self.part))
+            self.stream.set_sinks(rr.FileSink(begun))
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
         self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT})
@@ -107,6 +111,7 @@ class RecordingFile:
         self.send_property(SETTINGS, numbers)
         self.send_property(CHOICES, texts)
         self.flush()
+        os.replace(begun, self.part)  # which has its properties from the beginning
         if self.is_streaming and viewer_listens():
             url = f"rerun+http://{HOST}:{PORT}/proxy"
             self._sender = viewer.start_sender(self.part, url, self._application, self._run_id)
@@ -219,6 +224,21 @@ def new_stream(application: str, recording: str, **options: Any) -> rr.Recording
         stream = rr.RecordingStream(application, recording_id=recording, **options)
     stream.set_log_time_enabled(False)
     return stream
+
+
+def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Send a layout, as `rr.send_blueprint` does, and release its own stream.
+
+    Rerun's function keeps it, with two threads, to the end of the process: its memory and the stream refer to each
+    other.
+    """
+    options = {"make_default": False, "make_thread_default": False, "default_enabled": True}
+    native = rerun_bindings.new_blueprint(application_id=str(rr.get_application_id(recording=stream)), **options)
+    own = rr.RecordingStream._from_native(native)
+    own.set_time("blueprint", sequence=0)
+    layout._log_to_stream(own)
+    rerun_bindings.send_blueprint(own.memory_recording().storage, True, True, recording=stream.to_native())
+    own.disconnect()
 
 
 @contextmanager

@@ -45,7 +45,8 @@ _RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_q
 
 
 class Recorder:
-    """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
+    """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on; `n_flushed` of them are on
+    the disk.
 
     It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long
     runs. Images are encoded on a thread while the next step is computed. Cameras are static; their images are
@@ -91,7 +92,7 @@ class Recorder:
         self._camera_turns = camera_turns
         self._lens: FloatArray | None = None  # of a camera that turns
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
-        self._n_frames = self._n_frames_pictured = self._n_unflushed = 0
+        self._n_frames = self._n_frames_pictured = self.n_flushed = 0
         self._began_s = self._flushed_s = monotonic()
         if video and source_video is None:
             raise InputError(
@@ -164,9 +165,9 @@ class Recorder:
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
-        self._n_frames, self._n_unflushed = self._n_frames + 1, self._n_unflushed + 1
+        self._n_frames += 1
         self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
-        if self._file.is_streaming or self._n_unflushed >= MAX_FLUSH_EVERY or self._is_due():
+        if self._file.is_streaming or self._n_frames - self.n_flushed >= MAX_FLUSH_EVERY or self._is_due():
             # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
             growth = 1.1 if self._file.is_streaming else 2.5
             if self._n_frames >= max(growth * self._n_frames_pictured, self._n_frames_pictured + _PICTURES_EVERY):
@@ -306,7 +307,7 @@ class Recorder:
 
     def _send_layout(self) -> None:
         if self._layout_input is not None and not self._laid_out:
-            self._stream.send_blueprint(layout.layout(self._layout_input))
+            file.send_layout(self._stream, layout.layout(self._layout_input))
         self._laid_out = True
 
     def _send_pictures(self) -> None:
@@ -321,14 +322,15 @@ class Recorder:
             places, warned = np.stack(self._places), self._layout_input is not None and self._layout_input.warned
             self._file.send(scene.trails(self._figure, places), static=True)
             dof_names = self._body.skeleton.dof_names
-            self._stream.send_blueprint(layout.trails_layout(places, dof_names, self._diagnostics, warned))
+            trails = layout.trails_layout(places, dof_names, self._diagnostics, warned)
+            file.send_layout(self._stream, trails)
         self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
         self._send_layout()
         self._write_columns()
         self._file.flush()
-        self._n_unflushed, self._flushed_s = 0, monotonic()
+        self.n_flushed, self._flushed_s = self._n_frames, monotonic()
 
     def _write_columns(self) -> None:
         self._add_images()

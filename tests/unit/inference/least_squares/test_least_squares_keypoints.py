@@ -1,5 +1,8 @@
 """Least squares on 2-D keypoints of one camera: automatic initialization, missing and wrong keypoints."""
 
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from keypoint_scenes import BODY, CAMERA, NOTHING, PX_M, errors_mm, frames, keypoints, streams, walk
@@ -145,3 +148,23 @@ def test_keypoints_of_weight_zero_are_not_observed():
     (observation,) = observed(frames(times, detections))
     assert len(observation.keypoints[0].joints) == 11
     assert observation.keypoints[0].camera is CAMERA
+
+
+def test_images_are_not_kept():
+    """Every iteration decodes new images, of which one is alive at a time, as the steps have one."""
+    times, _, poses = walk(6)
+    sequence, images, most = frames(times, keypoints(poses)), list[weakref.ref](), 0
+
+    class Decoded:
+        def __iter__(self):
+            nonlocal most
+            for frame in sequence:
+                image = np.zeros((4, 4), np.uint8)
+                images.append(weakref.ref(image))
+                most = max(most, sum(each() is not None for each in images))
+                yield replace(frame, views=tuple(replace(view, image=image) for view in frame.views))
+
+    inference = LeastSquares(BODY, KeypointLikelihood(BODY), n_particles=20)
+    steps = inference.run(Decoded(), poses[0], streams())
+    assert [step.frame.views[0].image.shape for step in steps] == [(4, 4)] * 6
+    assert 0 < most <= 3

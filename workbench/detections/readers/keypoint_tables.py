@@ -1,0 +1,115 @@
+"""CSV tables of detected people: DeepLabCut's, and tables with a column for each coordinate of each point."""
+
+import csv
+import re
+import string
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, ordered_points
+from workbench.detections.readers.formats import COORDINATES, FRAME_KEYS
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_file
+
+_DEEPLABCUT = ("scorer", "individuals", "bodyparts", "coords")
+"""First cells of the header's lines."""
+_COLUMN = re.compile(rf"(?:(.+?)[._ -])?({'|'.join(COORDINATES)})(?:[._ -]?(\d+))?", re.IGNORECASE)
+"""A coordinate of a point: nose.x, nose_x, x_0, x0."""
+_MIN_POINTS = 3
+"""Points of a table of detected people, which tables of other contents do not have."""
+_INVALID = (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError, IndexError)
+
+
+def is_table(path: Path) -> bool:
+    """Return whether the first line of a CSV file is that of a table of detected people."""
+    with path.open("rb") as file:
+        line = file.readline(1 << 20).decode("utf-8-sig", "replace").strip()
+    return line.startswith("scorer,") or len(_points_of(line.split(","))) >= _MIN_POINTS
+
+
+def read_table(file: Path) -> DetectedPoints:
+    """Return the points of a CSV table of detected people.
+
+    A row is a person in the frame of a column of FRAME_KEYS, or without one in the next frame. Raises InputError for
+    other content.
+    """
+    check_file(file)
+    with file.open("rb") as content:
+        if content.read(16).decode("utf-8-sig", "replace").startswith("scorer,"):
+            return _deeplabcut(file)
+    try:
+        table = pd.read_csv(file, encoding="utf-8-sig", skipinitialspace=True)
+        columns = _points_of(table.columns)
+        numbers = np.full((len(table), len(columns), 3), np.nan)
+        for k, coordinates in enumerate(columns.values()):
+            for coordinate, column in coordinates.items():
+                numbers[:, k, coordinate] = table[column].to_numpy(dtype=np.float64)
+    except _INVALID as error:
+        raise InputError(f"{file}: expected numbers in the columns of points: {error}") from None
+    numbers[..., 2] = np.where(np.isnan(numbers[..., 2]).all(axis=0), 1.0, numbers[..., 2])  # without confidences
+    key = next((column for key in FRAME_KEYS for column in table.columns if column.strip().lower() == key), None)
+    frames = map(str, range(len(table)) if key is None else table[key])
+    by_frame: dict[str, list[FloatArray]] = {}
+    try:
+        for frame, points in zip(frames, numbers, strict=True):
+            by_frame.setdefault(Path(frame.removesuffix(".0")).stem, []).append(keypoints_of(points))
+    except ValueError as error:
+        raise InputError(f"{file}: frame {frame}: {error}") from None
+    names = () if _are_numbered(columns) else tuple(columns)
+    return ordered_points(file, list(by_frame), list(by_frame.values()), names)
+
+
+def _points_of(columns: Iterable[str]) -> dict[str, dict[int, str]]:
+    """Return the columns by coordinate, 0 to 2, of the points that have both coordinates, by their names.
+
+    Points whose names are numbers are in their order.
+    """
+    points: dict[str, dict[int, str]] = {}
+    for column in columns:
+        if (found := _COLUMN.fullmatch(column.strip())) and (name := found[1] or found[3]):
+            points.setdefault(name, {}).setdefault(_coordinate(found[2].lower(), points.get(name, {})), column)
+    points = {name: coordinates for name, coordinates in points.items() if {0, 1} <= coordinates.keys()}
+    return dict(sorted(points.items(), key=lambda item: _number(item[0]))) if _are_numbered(points) else points
+
+
+def _are_numbered(names: Iterable[str]) -> bool:
+    """Return whether the names of points are numbers, also after a word: landmark_3."""
+    return len({name.rstrip(string.digits) for name in names}) == 1 and all(_number(name) >= 0 for name in names)
+
+
+def _number(name: str) -> int:
+    return int(re.findall(r"(\d*)$", name)[0] or -1)
+
+
+def _coordinate(name: str, known: dict[int, str]) -> int:
+    """Return the number of a coordinate; a v after x and y is a visibility."""
+    return 2 if name == "v" and 1 in known else COORDINATES[name]
+
+
+def _deeplabcut(file: Path) -> DetectedPoints:
+    """Return the points of DeepLabCut's file, of one individual or several: columns by body part and coordinate."""
+    try:
+        rows = [row for row in csv.reader(file.read_text(encoding="utf-8-sig").splitlines()) if any(row)]
+        header = {row[0]: row for row in rows[: len(_DEEPLABCUT)] if row[0] in _DEEPLABCUT}
+        body, coordinates = rows[len(header) :], header["coords"]
+        first = coordinates.index("x")
+        individuals = header.get("individuals", [""] * len(coordinates))
+        columns = list(zip(individuals, header["bodyparts"], coordinates, strict=True))[first:]
+        values = np.array([[float(cell or "nan") for cell in row[first:]] for row in body]).reshape(-1, len(columns))
+        parts = tuple(dict.fromkeys(part for _, part, _ in columns))
+        people = []
+        for individual in dict.fromkeys(name for name, _, _ in columns):
+            points = np.full((len(body), len(parts), 3), np.nan)
+            points[..., 2] = 1.0 if "likelihood" not in coordinates else np.nan
+            for k, (name, part, coordinate) in enumerate(columns):
+                if name == individual:
+                    points[:, parts.index(part), COORDINATES[coordinate]] = values[:, k]
+            people.append([keypoints_of(each) for each in points])
+    except _INVALID as error:
+        raise InputError(f"{file}: expected DeepLabCut's CSV file with bodyparts and coords, found {error!r}") from None
+    names = [Path("_".join(row[:first])).stem for row in body]  # a number, or an image's folders and name
+    return ordered_points(file, names, [list(frame) for frame in zip(*people, strict=True)], parts)
