@@ -116,7 +116,7 @@ DEVIATIONS = tuple(
             "variance (the paper: 89 %); with velocities per second 77 %.", "The unit is not stated; A uses m/frame.",
         ),
         (
-            "C", "section 4.2", "In a leaf, windows are sampled by p(c_i | c_t) to the power 1/β.",
+            "C", "section 4.2", "In a leaf, a window's probability given the probe is raised to 1/β.",
             "The paper has no β there: at the low temperatures of tracking and synthesis a leaf would be more varied "
             "than the tree.",
         ),

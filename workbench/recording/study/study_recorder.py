@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from workbench.core.study import Figure, Sticks, StudyResult
 from workbench.recording.study.figures import numbers
 from workbench.recording.write.columns import Entities
-from workbench.recording.write.file import RecordingFile, arrow, send_layout
+from workbench.recording.write.file import RecordingFile, arrow
 
 View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
 
@@ -51,7 +51,7 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     note = rrb.TextDocumentView(origin="/note", name="note")
     content = rrb.Vertical(rrb.Tabs(*tabs, config, active_tab=0), note, row_shares=[5.5, 1.0])
     hidden = rrb.TimePanel(state="hidden")  # nothing in a study changes over time
-    send_layout(file.stream, rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
+    file.stream.send_blueprint(rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
 
 
 def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> View:

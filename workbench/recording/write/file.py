@@ -1,7 +1,7 @@
 """The Rerun file of a run, published when the run ends regularly.
 
 Streams have no wall-clock times and are abandoned when the disk is full. The release of Rerun's streams is not
-documented, and a layout has no public stream; both were tested with rerun-sdk 0.41.
+documented; it was tested with rerun-sdk 0.41.
 """
 
 import errno
@@ -24,7 +24,6 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 import rerun.blueprint as rrb
-import rerun_bindings
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
@@ -224,21 +223,6 @@ def new_stream(application: str, recording: str, **options: Any) -> rr.Recording
         stream = rr.RecordingStream(application, recording_id=recording, **options)
     stream.set_log_time_enabled(False)
     return stream
-
-
-def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
-    """Send a layout, as `rr.send_blueprint` does, and release its own stream.
-
-    Rerun's function keeps it, with two threads, to the end of the process: its memory and the stream refer to each
-    other.
-    """
-    options = {"make_default": False, "make_thread_default": False, "default_enabled": True}
-    native = rerun_bindings.new_blueprint(application_id=str(rr.get_application_id(recording=stream)), **options)
-    own = rr.RecordingStream._from_native(native)
-    own.set_time("blueprint", sequence=0)
-    layout._log_to_stream(own)
-    rerun_bindings.send_blueprint(own.memory_recording().storage, True, True, recording=stream.to_native())
-    own.disconnect()
 
 
 @contextmanager

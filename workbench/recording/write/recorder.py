@@ -307,7 +307,7 @@ class Recorder:
 
     def _send_layout(self) -> None:
         if self._layout_input is not None and not self._laid_out:
-            file.send_layout(self._stream, layout.layout(self._layout_input))
+            self._stream.send_blueprint(layout.layout(self._layout_input))
         self._laid_out = True
 
     def _send_pictures(self) -> None:
@@ -322,8 +322,7 @@ class Recorder:
             places, warned = np.stack(self._places), self._layout_input is not None and self._layout_input.warned
             self._file.send(scene.trails(self._figure, places), static=True)
             dof_names = self._body.skeleton.dof_names
-            trails = layout.trails_layout(places, dof_names, self._diagnostics, warned)
-            file.send_layout(self._stream, trails)
+            self._stream.send_blueprint(layout.trails_layout(places, dof_names, self._diagnostics, warned))
         self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
