@@ -123,7 +123,7 @@ CLAIMS = (
           {paper: both(within("smallest growth", partial(spread_growth, search), 0.0),
                        within("total variation", partial(largest_total_variation, search), high=0.05))
            for paper, search in SEARCHES.items()},
-          reasons={"literal": "the tree's odds only approximate p(c_i | c_t), as C says"}),
+          reasons={"literal": "the tree's odds only approximate the windows' probabilities, as C says"}),
     Claim("C4", "coefficients roughly Gaussian, and not Gaussian", (once("coefficient_histograms"),),
           {paper: both(within("mean total variation", partial(coefficients, search, np.mean), high=0.5),
                        within("smallest", partial(coefficients, search, np.min), 2.0 * GAUSSIAN_TV))
