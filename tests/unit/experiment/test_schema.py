@@ -204,7 +204,7 @@ def test_the_command_line_overrides_the_paper():
 
 def test_a_prior_chosen_on_the_command_line_has_its_published_values():
     prior = composed("experiment=arm_smooth_300", "prior=implicit", "paper=literal")["prior"]
-    assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 1.0)
+    assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 0.05)
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)

@@ -98,6 +98,8 @@ class RecordingFile:
     def _open(self) -> None:
         self.part.parent.mkdir(parents=True, exist_ok=True)
         begun = self.part if _KEEPS_OPEN_NAMES else self.part.with_name(f"{self.part.name}.begun")
+        if self.part.is_dir():
+            raise InputError(f"{self.part}: cannot be written: it is a folder")
         try:
             self.stream.set_sinks(rr.FileSink(begun))
         except RuntimeError as error:

@@ -107,9 +107,9 @@ def with_extents(*extent_m):
     ("extent", "kind", "expected"),
     [
         (0.39, "height mismatch", "doubtful"), (0.41, "height mismatch", ""), (2.49, "height mismatch", ""),
-        (2.51, "height mismatch", "doubtful"), (69.0, "unit of length", ""), (71.0, "unit of length", "not usable"),
-        (239.0, "unit of length", "not usable"), (241.0, "unit of length", ""), (690.0, "unit of length", ""),
-        (710.0, "unit of length", "not usable"), (2390.0, "unit of length", "not usable"),
+        (2.51, "height mismatch", "doubtful"), (44.0, "unit of length", ""), (46.0, "unit of length", "not usable"),
+        (239.0, "unit of length", "not usable"), (241.0, "unit of length", ""), (440.0, "unit of length", ""),
+        (460.0, "unit of length", "not usable"), (2390.0, "unit of length", "not usable"),
         (2410.0, "unit of length", ""),
     ],
 )  # fmt: skip

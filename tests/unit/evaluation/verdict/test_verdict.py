@@ -103,7 +103,7 @@ def test_the_level_is_the_worst_and_its_reasons_come_first():
 
 
 def test_units_are_named_by_their_factor():
-    assert [unit_of(ratio) for ratio in (1000.0, 80.0, 1.2, 400.0)] == ["millimetres", "centimetres", None, None]
+    assert [unit_of(ratio) for ratio in (1000.0, 80.0, 1.2, 200.0)] == ["millimetres", "centimetres", None, None]
 
 
 def without(intact, joints_=(), frames=(), v=slice(None)):
