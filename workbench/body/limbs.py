@@ -35,7 +35,7 @@ CONTINUED = (
         ("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "calf"), ("calf", "foot"))),
     ("torso", "left_thigh"), ("torso", "right_thigh"),
 )  # fmt: skip
-"""Limbs of a person that continue each other from one joint on. An arm beside the torso does not continue it."""
+"""Limbs of a person that continue each other from one joint on. An arm next to the torso does not continue it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from workbench.evaluation.comparison.alignment import ALIGNMENTS, NONE
+from workbench.evaluation.comparison.joint_motion import JointMotion
 from workbench.recording.write.two_skeletons import write_two_skeletons
 from workbench.results.evaluate.evaluation import (
     Compared,
@@ -63,12 +64,13 @@ def evaluate(
     """
     if align not in ALIGNMENTS:
         raise InputError(f"--align: expected one of {', '.join(ALIGNMENTS)}, found {align!r}")
-    given, scored = Given(unit, up, rate), dict[str, list[Compared]]()
+    given, truths, scored = Given(unit, up, rate), dict[Path, JointMotion](), dict[str, list[Compared]]()
     for name, estimate in zip(_names(estimates), estimates, strict=True):
         scored[name] = []
         for trial, own, true in trials_of(estimate, truth):
-            motion = read_joints(own, given)
-            one = compared(trial, motion, read_joints(true, Given(rate_hz=truth_rate), truth=True), align, offset)
+            if true not in truths:
+                truths[true] = read_joints(true, Given(rate_hz=truth_rate), truth=True)
+            one = compared(trial, read_joints(own, given), truths[true], align, offset)
             scored[name].append(one)
             for note in one.notes:
                 print(printable(note))

@@ -13,7 +13,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +165,23 @@ def read_npz(path: Path) -> FloatArray:
 
     Raises InputError for other contents.
     """
+
+    def chosen(names: Sequence[str]) -> list[str]:
+        name = next((each for each in names if len(names) == 1 or each.lower() in ("points", "xyz")), None)
+        if name is None:
+            listed = ", ".join(names) or "none"
+            raise InputError(f"{path}: expected one array, or one called 'points', found {listed}")
+        return [name]
+
+    ((name, values),) = read_arrays(path, chosen).items()
+    return _table(f"{path}: {name}", values)
+
+
+def read_arrays(path: Path, chosen: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, AnyArray]:
+    """Return arrays of numbers and texts of an NPZ file by name, those that `chosen` returns of all names.
+
+    Raises InputError for a damaged file, one with other objects, and one above MAX_NUMBERS.
+    """
     _bytes(path, 1)
     try:
         with zipfile.ZipFile(path) as packed:
@@ -172,16 +189,11 @@ def read_npz(path: Path) -> FloatArray:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of old headers
             with np.load(path, allow_pickle=False) as stored:
-                names = list(stored.files)
-                name = next((each for each in names if len(names) == 1 or each.lower() in ("points", "xyz")), None)
-                values = None if name is None else stored[name]
+                return {name: stored[name] for name in chosen(stored.files)}
     except InputError:
         raise
     except _DAMAGE_ERRORS as error:
         raise InputError(f"{path}: expected a complete NPZ file of numbers: {_message(error)}") from None
-    if values is None:
-        raise InputError(f"{path}: expected one array, or one called 'points', found {', '.join(names) or 'none'}")
-    return _table(f"{path}: {name}", values)
 
 
 def read_hdf5(path: Path) -> Iterator[FloatArray]:

@@ -1,1 +1,1 @@
-"""Comparison of two motions of named joints, whoever made them: common times, alignment, errors."""
+"""Comparison of two motions of named joints, made by any programs: common times, alignment, errors."""

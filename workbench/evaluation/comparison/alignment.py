@@ -1,11 +1,13 @@
 """Alignment of an estimated motion with a true one, in time and in space."""
 
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from workbench.evaluation.comparison.joint_motion import JointMotion
+from workbench.evaluation.errors.pose_errors import best_rotation
 from workbench.utils.arrays import FloatArray
 
 NONE, ROOT, RIGID, SIMILARITY = "none", "root", "rigid", "similarity"
@@ -45,18 +47,18 @@ class Similarity(NamedTuple):
 
 
 def similarity(estimate: FloatArray, truth: FloatArray, scaled: bool) -> Similarity | None:
-    """Return the least-squares transformation of points (..., 3) of the estimate to the truth's (Umeyama, *IEEE Trans.
-    PAMI* 13, 1991), with a scale of 1 unless `scaled`; None for fewer than three known points."""
+    """Return the least-squares transformation of points (..., 3), m, of the estimate to the truth's (Umeyama 1991).
+
+    Its scale is 1 unless `scaled`. None for fewer than three known points.
+    """
     known = np.isfinite(estimate).all(axis=-1) & np.isfinite(truth).all(axis=-1)
     if known.sum() < 3:
         return None
     own, true = estimate[known], truth[known]
     own_mean, true_mean = own.mean(axis=0), true.mean(axis=0)
     size = float(np.square(own - own_mean).sum())
-    left, singular, right = np.linalg.svd((true - true_mean).T @ (own - own_mean))
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = (left * proper) @ right
-    scale = float((singular * proper).sum()) / size if scaled and size > 0.0 else 1.0
+    rotation, stretched = best_rotation(own - own_mean, true - true_mean)
+    scale = stretched / size if scaled and size > 0.0 else 1.0
     return Similarity(scale, rotation, true_mean - scale * rotation @ own_mean)
 
 
@@ -83,20 +85,20 @@ def offset_s(estimate: JointMotion, truth: JointMotion) -> float:
     best = cycle.start + int(np.nanargmin(costs[cycle]))
     if np.isfinite(zero) and not costs[best] < (1.0 - MIN_GAIN) * zero:
         return 0.0
-    found = float(offsets[best])
+    offset = float(offsets[best])
     if 0 < best < len(costs) - 1 and np.isfinite(costs[best - 1 : best + 2]).all():
         before, at, after = np.square(costs[best - 1 : best + 2])
         shift = 0.5 * (before - after) / max(before - 2.0 * at + after, 1e-12)
         same_rate = abs(estimate.interval_s / truth.interval_s - 1.0) < 1e-3
-        found += step_s * shift if not same_rate or abs(shift) > _ON_GRID else 0.0
-    return found
+        offset += step_s * shift if not same_rate or abs(shift) > _ON_GRID else 0.0
+    return offset
 
 
 def _subset(motion: JointMotion) -> JointMotion:
     """Return _MOST_FRAMES of a motion's frames, at equal intervals."""
     rows = np.unique(np.linspace(0, len(motion.times_s) - 1, _MOST_FRAMES).astype(int))
-    return JointMotion(
-        motion.source, motion.names, motion.times_s[rows], motion.positions[rows], motion.samples[:, rows]
+    return replace(
+        motion, times_s=motion.times_s[rows], positions=motion.positions[rows], samples=motion.samples[:, rows]
     )
 
 

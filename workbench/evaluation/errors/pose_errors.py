@@ -267,10 +267,17 @@ def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
     size = float((centred**2).sum())
     if size == 0.0:
         return float("nan")
+    rotation, stretched = best_rotation(centred, true)
+    return float(mean_distance(stretched / size * centred @ rotation.T, true))
+
+
+def best_rotation(centred: FloatArray, true: FloatArray) -> tuple[FloatArray, float]:
+    """Return the rotation (3, 3) of centred points (K, 3) that is nearest to centred true ones in least squares, and
+    the sum of the products of the turned points with the true ones: divided by Σ |x|² of the points, it is the best
+    scale (Umeyama, *IEEE Trans. PAMI* 13, 1991)."""
     left, singular, right = np.linalg.svd(true.T @ centred)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a rotation, not a reflection
-    rotation, scale = (left * proper) @ right, float((singular * proper).sum()) / size
-    return float(mean_distance(scale * centred @ rotation.T, true))
+    return (left * proper) @ right, float((singular * proper).sum())
 
 
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:

@@ -7,6 +7,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from workbench.body.shape import from_height
+from workbench.body.skeleton import person_skeleton
 from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds
 from workbench.recording.write.file import written_file
@@ -14,12 +16,6 @@ from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE, TRUTH
 from workbench.utils.arrays import FloatArray
 
-_BONES = (
-    ("head_centre", "neck"), ("neck", "pelvis"),
-    *((upper, f"{side}_{lower}") for side in ("left", "right")
-      for upper, lower in (("neck", "shoulder"), (f"{side}_shoulder", "elbow"), (f"{side}_elbow", "wrist"),
-                           ("pelvis", "hip"), (f"{side}_hip", "knee"), (f"{side}_knee", "ankle"))),
-)  # fmt: skip
 _ERROR = "error_mm"
 _EYE_M = (2.6, -2.6, 0.8)
 """From the person to the eye, about four metres away."""
@@ -37,7 +33,9 @@ def write_two_skeletons(
     estimate, truth : (F, J, 3), m, NaN where missing.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    pairs = [(names.index(a), names.index(b)) for a, b in _BONES if a in names and b in names]
+    skeleton = person_skeleton(from_height(1.0))
+    bones = [[skeleton.names[joint] for joint in bone] for bone in skeleton.bones]
+    pairs = [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
     person = np.nanmean(truth[np.isfinite(truth).any(axis=(1, 2))][0], axis=0)
     eye = rrb.EyeControls3D(
         position=person + _EYE_M, look_target=person, eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{TRUTH}/skeleton"

@@ -1,8 +1,7 @@
 """Evaluation of several estimates of the same trials against the truth, with intervals and paired differences."""
 
-import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +15,14 @@ from workbench.results.evaluate.joint_files import SUFFIXES
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
+from workbench.utils.run_files import RECORDING
 
-log = logging.getLogger(__name__)
-
-LEVEL = 0.9
+_LEVEL = 0.9
 BLOCK_S = 1.0
 """Parts of an only trial, which take the place of trials: errors of a tracker last for some tenths of a second."""
 _MIN_PARTS = 5
 """Fewer trials or parts give no interval: a bootstrap of so few is too narrow."""
+_SAME_RATE, _ROUNDING_S = 1e-3, 1e-6
 _CLEAR_GAIN = 0.5
 """A rigid alignment that reduces the error to this part is mentioned, as the two worlds may differ."""
 _LIMITS_OF_AGREEMENT = 1.96
@@ -32,14 +31,13 @@ _LIMITS_OF_AGREEMENT = 1.96
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """An estimate of one trial, compared. times_s: (F,), of the truth's clock. estimate, truth: (F, J, 3), m, aligned.
-    offset_s: that was added to the estimate's clock."""
+    """An estimate of one trial and the truth, aligned, with equal joints and times; the scores of their frames; and
+    what a user has to know of the comparison, as sentences."""
 
     trial: str
     estimate: JointMotion
     truth: JointMotion
     scores: FrameScores
-    offset_s: float
     notes: tuple[str, ...]
 
     @property
@@ -72,12 +70,8 @@ def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, 
         raise InputError(f"{estimate.source}: --align root needs the pelvis or both hips in both files")
     own, true = estimate.of_joints(names), truth.of_joints(names)
     added_s = offset_s(own, true) if offset is None else offset
-    own = JointMotion(own.source, own.names, own.times_s + added_s, own.positions, own.samples)
-    inside = (own.times_s >= true.times_s[0] - 1e-6) & (own.times_s <= true.times_s[-1] + 1e-6)
-    if own.interval_s >= true.interval_s * (1.0 - 1e-3):
-        times_s = own.times_s[inside]
-    else:
-        times_s = true.times_s[(true.times_s >= own.times_s[0] - 1e-6) & (true.times_s <= own.times_s[-1] + 1e-6)]
+    own = replace(own, times_s=own.times_s + added_s)
+    times_s = _common_times(own, true)
     own, true = own.at(times_s), true.at(times_s)
     if not np.isfinite(true.positions + own.positions).any():
         raise InputError(
@@ -87,9 +81,17 @@ def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, 
     places, true_places, samples = aligned(own, true, align)
     scores = frame_scores(names, times_s, places, true_places, samples)
     notes = _notes(estimate, truth, names, added_s, offset is None, align, own, true)
-    own = JointMotion(own.source, own.names, times_s, places, samples)
-    return Compared(trial, own, JointMotion(true.source, true.names, times_s, true_places, true.samples), scores,
-                    added_s, notes)  # fmt: skip
+    own, true = replace(own, positions=places, samples=samples), replace(true, positions=true_places)
+    return Compared(trial, own, true, scores, notes)
+
+
+def _common_times(estimate: JointMotion, truth: JointMotion) -> FloatArray:
+    """Return the times (F,), s, of the motion with fewer frames a second, within the span of the other."""
+    slower, other = estimate, truth
+    if estimate.interval_s < truth.interval_s * (1.0 - _SAME_RATE):
+        slower, other = truth, estimate
+    inside = (slower.times_s >= other.times_s[0] - _ROUNDING_S) & (slower.times_s <= other.times_s[-1] + _ROUNDING_S)
+    return slower.times_s[inside]
 
 
 def _span(motion: JointMotion, added_s: float) -> str:
@@ -170,7 +172,7 @@ def _mean_and_interval(values: "pd.Series[float]") -> tuple[float, float, float,
         return np.nan, np.nan, np.nan, 0
     numbers = values.to_numpy(dtype=float)
     low, high = (
-        bootstrap_interval(numbers, stream(0, "bootstrap"), LEVEL) if len(numbers) >= _MIN_PARTS else (np.nan, np.nan)
+        bootstrap_interval(numbers, stream(0, "bootstrap"), _LEVEL) if len(numbers) >= _MIN_PARTS else (np.nan, np.nan)
     )
     return float(numbers.mean()), float(low), float(high), len(numbers)
 
@@ -225,7 +227,7 @@ def trials_of(estimate: Path, truth: Path) -> list[tuple[str, Path, Path]]:
 
 
 def _is_trial(path: Path) -> bool:
-    return not path.is_dir() or (path / "run.rrd").is_file()
+    return not path.is_dir() or (path / RECORDING).is_file()
 
 
 def _named(folder: Path) -> dict[str, Path]:
@@ -235,5 +237,5 @@ def _named(folder: Path) -> dict[str, Path]:
     return {
         path.stem: path
         for path in sorted(folder.iterdir())
-        if path.name.lower().endswith(SUFFIXES) or (path / "run.rrd").is_file()
+        if path.name.lower().endswith(SUFFIXES) or (path / RECORDING).is_file()
     }

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -12,6 +11,7 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.point_formats import read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.motion.formats.joint_names import skeleton_joints
@@ -25,7 +25,7 @@ from workbench.recording.read.person import recorded_poses, recorded_skeleton
 from workbench.recording.read.reader import recording_at
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number, check_rate
+from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
 from workbench.utils.run_files import RECORDING_SUFFIXES
 
 _MARKERS, _SKELETONS, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npz")
@@ -43,7 +43,6 @@ _COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.
 _TIMES = ("time_s", "time", "timestamp", "times_s", "t")
 _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
 _NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
-_TWO_NAMED_UNITS = 2
 
 
 class Given(NamedTuple):
@@ -131,38 +130,31 @@ def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     lines = read_lines(path)
     rows = list(csv.reader(lines, delimiter=max(",;\t", key=lines[0].count)))
     header, table = [cell.strip() for cell in rows[0]], [row for row in rows[1:] if any(row)]
-    found: dict[str, dict[str, int]] = {}
-    units = set()
+    axes_of: dict[str, dict[str, int]] = {}
+    units: dict[str, set[str]] = {}
     for k, column in enumerate(header):
         if match := _COLUMN.fullmatch(column):
-            found.setdefault(match[1], {})[match[2].lower()] = k
-            units.add((match[3] or "").lower())
-    names = [name for name, axes in found.items() if len(axes) == len("xyz")]
+            axes_of.setdefault(match[1], {})[match[2].lower()] = k
+            units.setdefault(match[1], set()).add((match[3] or "").lower())
+    names = [name for name, axes in axes_of.items() if len(axes) == len("xyz")]
     if not names or not table:
         fail(path, 1, "expected the columns x, y and z of each joint, such as left_knee_x, and a row for each frame")
     check_number(path, "numbers", len(table) * len(header), MAX_NUMBERS)
-    columns = [found[name][axis] for name in names for axis in "xyz"]
+    columns = [axes_of[name][axis] for name in names for axis in "xyz"]
     time = next((k for k, column in enumerate(header) if column.lower() in _TIMES), None)
     wanted = columns if time is None else [*columns, time]
     cells = [[row[k].strip() if k < len(row) else "" for k in wanted] for row in table]
     values = np.array([gap_numbers(path, k, points(row), len(wanted), "a frame") for k, row in enumerate(cells, 2)])
     times_s = _times(path, None if time is None else values[:, -1], None, len(table), rate_hz)
-    unit = units.pop() if len(units) < _TWO_NAMED_UNITS and units else ""
+    unit, *others = sorted(set().union(*(units[name] for name in names)))
+    if others:
+        fail(path, 1, f"expected one unit of length in the names of the columns, found {', '.join([unit, *others])}")
     return RawMarkers(names, 1.0, values[:, : len(columns)].reshape(len(table), -1, 3), unit), times_s
 
 
 def _npz(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     """Return the joints of an NPZ file, its only array (F, J, 3), and its times."""
-    check_file(path)
-    try:
-        with zipfile.ZipFile(path) as packed:
-            check_number(path, "bytes of arrays", sum(each.file_size for each in packed.infolist()), 8 * MAX_NUMBERS)
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except InputError:
-        raise
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as error:
-        raise InputError(f"{path}: expected a complete NPZ file of numbers and names: {error}") from None
+    arrays = read_arrays(path, lambda names: names)
     places = [
         name for name, each in arrays.items() if each.ndim == 3 and each.shape[2] == 3 and each.dtype.kind in "fi"
     ]

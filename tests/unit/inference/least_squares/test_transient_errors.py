@@ -22,17 +22,17 @@ SIGMA_PX, RATE_HZ = 3.0, 30.0
 KNEE = SKELETON.joint("left_knee")
 
 
-def displaced(first, last, deviations, beside=None):
-    """Return a problem whose left knee is displaced in the frames [first, last], and in those beside them, the true
-    poses (T, P), and the keypoints that are displaced in the first ones."""
+def displaced(first, last, deviations, neighbours=None):
+    """Return a problem whose left knee is displaced in the frames [first, last], and possibly in the frames before and
+    after; the true poses (T, P); and the keypoints (K,) that are displaced in [first, last]."""
     times, poses = swinging(SKELETON, 30, rate_hz=RATE_HZ)
     observations = observed(SKELETON, frames(SKELETON, times, poses, CAMERAS[:1], 0.0))
     keypoints = KeypointArrays.of(observations, lambda weights: np.ones(len(weights)) / SIGMA_PX)
     frame = np.repeat(np.arange(30), np.diff(keypoints.first))
     moved = (keypoints.joints == KNEE) & (frame >= first) & (frame <= last)
     sizes = np.where(moved, deviations, 0.0)
-    if beside is not None:
-        sizes[(keypoints.joints == KNEE) & np.isin(frame, [first - 1, last + 1])] = beside
+    if neighbours is not None:
+        sizes[(keypoints.joints == KNEE) & np.isin(frame, [first - 1, last + 1])] = neighbours
     keypoints = replace(keypoints, pixels=keypoints.pixels + np.outer(sizes * SIGMA_PX, [1.0, 0.0]))
     contacts = np.zeros((30, 2), bool)
     return PoseProblem(SKELETON, keypoints, times, KEYPOINT_LOSS, Smoothness(), contacts), poses, moved
@@ -53,7 +53,7 @@ def test_an_outlier_is_beyond_three_standard_deviations(deviations, is_outlier):
 
 @pytest.mark.parametrize(("jump", "is_transient"), [(0.99 * OUTLIER, False), (1.01 * OUTLIER, True)])
 def test_an_error_that_grows_from_frame_to_frame_is_not_transient(jump, is_transient):
-    problem, poses, moved = displaced(10, 12, 1.5 * OUTLIER, beside=1.5 * OUTLIER - jump)
+    problem, poses, moved = displaced(10, 12, 1.5 * OUTLIER, neighbours=1.5 * OUTLIER - jump)
     np.testing.assert_array_equal(transient_errors(problem, poses), moved & is_transient)
 
 

@@ -115,6 +115,7 @@ def test_other_arrays_are_refused(tmp_path, arrays, wrong):
 @pytest.mark.parametrize(("name", "content"), [
     ("a.npz", b"PK\x03\x04 no archive"), ("a.csv", b"time,speed\n0,1\n"), ("a.csv", b"\n"), ("a.csv", b""),
     ("a.csv", b"left_knee_x,left_knee_y,left_knee_z\n1,2,three\n"),
+    ("a.csv", b"time,left_knee_x_m,left_knee_y_m,left_knee_z_mm\n0,1,2,3\n"),
     ("a.mot", b"time knee_angle_r\n"), ("a.txt", b"1 2 3"),
 ])  # fmt: skip
 def test_other_files_are_refused(tmp_path, name, content):
