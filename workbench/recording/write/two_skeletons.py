@@ -17,8 +17,8 @@ from workbench.recording.write.scene import ESTIMATE, TRUTH
 from workbench.utils.arrays import FloatArray
 
 _ERROR = "error_mm"
-_EYE_M = (2.6, -2.6, 0.8)
-"""From the person to the eye, about four metres away."""
+_EYE_M = (1.6, -1.6, 0.5)
+"""From the person to the eye, about 2.3 m away, at which a person fills half of the view's height."""
 
 
 def write_two_skeletons(
