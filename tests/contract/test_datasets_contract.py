@@ -9,6 +9,7 @@ from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
 from workbench.core.dataset import Dataset, SequenceInfo
+from workbench.core.frame_cache import FrameCache, without_images
 from workbench.datasets.blank import Blank
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.point_files import PointFiles
@@ -110,6 +111,8 @@ def test_frames_are_ordered_counted_and_repeatable(dataset):
     assert np.all(np.diff([frame.index for frame in frames]) == 1)
     np.testing.assert_allclose(np.diff([frame.time_s for frame in frames]), 1.0 / dataset.info.rate_hz, rtol=1e-9)
     assert all(map(equal, frames, repeated))
+    observed = list(without_images(FrameCache(dataset)))
+    assert all(equal(frame.without_images, other) for frame, other in zip(frames, observed, strict=True))
 
 
 def test_the_sequence_info_describes_the_frames(dataset):

@@ -1,7 +1,7 @@
 """The shape of one person: places of the joints, lengths and radii of the limbs."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,7 @@ class Shape:
 
     def as_dict(self) -> dict[str, float | tuple[float, ...]]:
         """Return plain numbers by name, for provenance and for HDF5 attributes."""
-        return asdict(self)
+        return dict(vars(self))
 
 
 def from_height(height_m: float, **lengths: float | tuple[float, ...]) -> Shape:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import scipy
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation, Slerp
 
 from workbench.cameras.background_tracks import BRIEF_FRAMES, LONG_SIDE_PX, PARALLAX, STATIC_SHIFT, Tracks, stands
@@ -260,7 +260,7 @@ class _Rays:
             prior = ((x[0] - np.log(FOCAL_MEDIAN)) / FOCAL_SPREAD) ** 2
             return _robust_cost(errors, STATIC_SHIFT) + 0.5 * float(prior)
 
-        x = minimize(cost, [np.log(focal), 0.0, 0.0], method="Nelder-Mead", options={"maxfev": 120}).x
+        x = scipy.optimize.minimize(cost, [np.log(focal), 0.0, 0.0], method="Nelder-Mead", options={"maxfev": 120}).x
         return moved(x), float(np.exp(x[0]))
 
     def estimated_focal(self, zooming: bool) -> tuple[float, float]:

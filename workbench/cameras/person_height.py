@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
+import scipy
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
@@ -343,15 +343,15 @@ class _Problem:
         common = [np.log(self.focal_px), tilt, 0.0, np.log(height), 0.0, 0.0, 0.0]
         return np.concatenate([common, np.column_stack([log_ahead, left]).ravel()])
 
-    def search(self) -> OptimizeResult:
+    def search(self) -> "scipy.optimize.OptimizeResult":
         """Return the best minimum from _START_TILTS, for errors of SIGMA_PX: a camera near the floor, tilted up, and
         one high above it, tilted down, both explain some segments."""
         fits = [self.fit(self.initial(tilt), SIGMA_PX) for tilt in (_START_TILTS if len(self.feet) else (0.0,))]
         return min(fits, key=lambda fit: float(fit.cost))
 
-    def fit(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> OptimizeResult:
+    def fit(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> "scipy.optimize.OptimizeResult":
         """Return the minimum near x for errors and a lean of standard deviations sigma_px and lean, rad."""
-        return least_squares(
+        return scipy.optimize.least_squares(
             self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px, lean), ftol=1e-7, xtol=1e-7, gtol=1e-7,
             max_nfev=100,
         )  # fmt: skip

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from workbench.body.limbs import Body
 from workbench.body.shape import Shape
@@ -68,3 +68,11 @@ class Dataset(Protocol):
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order. A run iterates once (see `FrameCache`), because decoding is expensive."""
+
+
+@runtime_checkable
+class SeparateImages(Protocol):
+    """A dataset that has its frames' observations without decoding their images."""
+
+    def frames_without_images(self) -> Iterator[Frame]:
+        """Yield the frames of `Dataset.frames` with empty images."""

@@ -8,7 +8,7 @@ import numpy as np
 from workbench.cameras.camera import Camera
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
-_NO_IMAGE: ByteArray = np.empty((0, 0), dtype=np.uint8)
+NO_IMAGE: ByteArray = np.empty((0, 0), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Frame:
     @property
     def without_images(self) -> "Frame":
         """The frame with empty images, for computations that keep all frames."""
-        return replace(self, views=tuple(replace(view, image=_NO_IMAGE) for view in self.views))
+        return replace(self, views=tuple(replace(view, image=NO_IMAGE) for view in self.views))
 
 
 def repeatable(frames: Iterable[Frame]) -> Iterable[Frame]:

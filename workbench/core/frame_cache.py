@@ -1,10 +1,10 @@
 """Cache of a run's decoded frames."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 
-from workbench.core.dataset import Dataset
+from workbench.core.dataset import Dataset, SeparateImages
 from workbench.core.frame import Frame
 
 log = logging.getLogger(__name__)
@@ -39,6 +39,13 @@ class FrameCache:
         if not self._complete:
             yield from self._uncached()
 
+    @property
+    def without_images(self) -> Iterator[Frame]:
+        """The frames with empty images, which are decoded only if the dataset cannot do without."""
+        if isinstance(self.dataset, SeparateImages):
+            return self.dataset.frames_without_images()
+        return (frame.without_images for frame in self)
+
     def _cache_next(self) -> bool:
         """Decode and cache the next frame; return False at the end of the sequence and of the memory."""
         if self._complete or self._free_bytes <= 0:
@@ -64,3 +71,8 @@ class FrameCache:
             log.info("%s: frames after the first %d are decoded again", self.info.name, len(self._cached))
             self._logged = True
         return islice(self.dataset.frames(), len(self._cached), None)
+
+
+def without_images(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Yield frames with empty images, those of a cache without decoding them if possible."""
+    return frames.without_images if isinstance(frames, FrameCache) else (frame.without_images for frame in frames)

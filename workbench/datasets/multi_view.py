@@ -128,10 +128,16 @@ class MultiView:
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, up to the end of the shortest source."""
-        if self._paired is None:
-            streams = [video.frames() for video in self._videos]
-        else:
-            streams = [_frames_numbered(*each) for each in zip(self._videos, self._paired, strict=True)]
+        return self._synchronized([video.frames() for video in self._videos])
+
+    def frames_without_images(self) -> Iterator[Frame]:
+        """Yield the frames in order with empty images, without decoding them."""
+        return self._synchronized([video.frames_without_images() for video in self._videos])
+
+    def _synchronized(self, streams: Sequence[Iterator[Frame]]) -> Iterator[Frame]:
+        """Yield the frames of all videos' frames at the same time."""
+        if self._paired is not None:
+            streams = [_frames_numbered(*each) for each in zip(streams, self._paired, strict=True)]
         synchronized = islice(zip(*streams, strict=False), len(self._frame_numbers))
         times_s, used = self._times_s, set(self._used_rows.tolist())
         for i, frames in enumerate(synchronized):
@@ -333,9 +339,8 @@ class MultiView:
         return self._cameras[name], pixels
 
 
-def _frames_numbered(video: Video, paired: PairedFrames) -> Iterator[Frame]:
+def _frames_numbered(frames: Iterator[Frame], paired: PairedFrames) -> Iterator[Frame]:
     """Yield the frames of a video with non-decreasing numbers."""
-    frames = video.frames()
     frame = next(frames)
     for number in paired.frames:
         while frame.index < number:

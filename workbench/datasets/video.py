@@ -3,8 +3,8 @@
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from workbench.cameras.person_height import (
 from workbench.core.capabilities import ESTIMATED_CAMERA, IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import UNIT, UP_TO_1, at_least, check, optional
 from workbench.core.dataset import SequenceInfo
-from workbench.core.frame import AnnotatedFrames, Frame, Truth, View
+from workbench.core.frame import NO_IMAGE, AnnotatedFrames, Frame, Truth, View
 from workbench.core.side_information import HEIGHT, INITIAL_ANNOTATIONS
 from workbench.datasets.visible_frames import visible_frames
 from workbench.detections.association.target_selection import TrackedPeople, select_target, tracked_people
@@ -135,7 +135,6 @@ class Video:
     unit: str | float | None = None
     up: str | None = None
     keypoint_layout: str | None = None
-    _image_changes: ImageChanges = field(default_factory=ImageChanges, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check(
@@ -168,21 +167,26 @@ class Video:
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in order, decoded one by one, because seeking in a video file is unreliable."""
-        (camera,) = self.info.cameras
         index, used = self.first - 1, set(self._used.tolist())
         for index, image in enumerate(decode(self.path, self.first, self.last), self.first):
-            if index not in used:
-                continue
-            self._check_size(image)
-            world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
-            seen_by = camera if self.motion is None else self.motion.camera(camera, 0, index - self.first)
-            keypoints, feet = self.scaled_annotations(self._keypoints, index), self.scaled_feet(self._keypoints, index)
-            view = View(seen_by, self._scaled(image), keypoints, world, feet)
-            annotated = None if self._truth is None else self._truth.at(index)
-            truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
-            yield Frame(index, float(self.times.at(index)), (view,), truth)
+            if index in used:
+                self._check_size(image)
+                yield self._frame(index, self._scaled(image))
         if index < self.last:
             raise InputError(f"{self.source}: ends before frame {self.last}, which existed before")
+
+    def frames_without_images(self) -> Iterator[Frame]:
+        """Yield the frames in order with empty images, without decoding them."""
+        return (self._frame(index, NO_IMAGE) for index in self._used.tolist())
+
+    def _frame(self, index: int, image: ByteArray) -> Frame:
+        (camera,) = self.info.cameras
+        world = None if self._keypoints is None else self._keypoints.world_landmarks_at(index)
+        seen_by = camera if self.motion is None else self.motion.camera(camera, 0, index - self.first)
+        keypoints, feet = self.scaled_annotations(self._keypoints, index), self.scaled_feet(self._keypoints, index)
+        annotated = None if self._truth is None else self._truth.at(index)
+        truth = annotated and Truth(annotations=self._resized(annotated[0]), annotations_visible=annotated[1])
+        return Frame(index, float(self.times.at(index)), (View(seen_by, image, keypoints, world, feet),), truth)
 
     @cached_property
     def motion(self) -> CameraMotion | None:
@@ -232,17 +236,24 @@ class Video:
         """Timestamps of the source's frames up to the last one set, s; of a folder the numbers of its images."""
         if self.path.is_dir():
             return np.arange(len(image_files(self.path)), dtype=np.float64)
-        at_most = None if self.n_frames is None else self.first_frame + self.n_frames
-        return timestamps(self.path, at_most, self._image_changes.add)
+        return self._scanned[0]
 
     @cached_property
     def image_changes(self) -> ImageChanges:
         """Cuts and repeated images among the source's images up to the last one set."""
-        _ = self._timestamps_s  # in which a video is decoded
-        if self.path.is_dir():
-            for image in decode(self.path, 0, self._last):
-                self._image_changes.add(image)
-        return self._image_changes
+        if not self.path.is_dir():
+            return self._scanned[1]
+        changes = ImageChanges()
+        for image in decode(self.path, 0, self._last):
+            changes.add(image)
+        return changes
+
+    @property
+    def _scanned(self) -> tuple[FloatArray, ImageChanges]:
+        """Timestamps and changes of a video file's images up to the last one set."""
+        at_most = None if self.n_frames is None else self.first_frame + self.n_frames
+        file = self.path.stat() if self.path.is_file() else None  # a missing file is an error of `timestamps`
+        return _scanned(self.path, at_most, (file.st_mtime_ns, file.st_size) if file else None)
 
     @cached_property
     def cuts(self) -> list[int]:
@@ -467,6 +478,16 @@ class Video:
         if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > _MAX_STRETCH:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
+
+
+@lru_cache(maxsize=8)
+def _scanned(path: Path, at_most: int | None, _version: object) -> tuple[FloatArray, ImageChanges]:
+    """Return the timestamps of a video file's first images, and their changes, decoded once for all datasets of it.
+
+    _version : of the file's content.
+    """
+    changes = ImageChanges()
+    return timestamps(path, at_most, changes.add), changes
 
 
 def _segments(joints: JointAnnotations) -> Segments:

@@ -54,7 +54,8 @@ def _tiles(video: Path, wanted: Mapping[int, tuple[int, FloatArray]]) -> dict[in
     """Return pictures of people by number, from the frames and joints (J, 3) that are wanted."""
     frames = [frame for frame, _ in wanted.values()]
     tiles = dict[int, ByteArray]()
-    for index, image in enumerate(decode(video, min(frames), max(frames)), min(frames)):
+    chosen = sorted(set(frames))
+    for index, image in zip(chosen, decode(video, chosen[0], chosen[-1], chosen), strict=True):
         tiles |= {number: _tile(image, joints, number) for number, (frame, joints) in wanted.items() if frame == index}
     return tiles
 

@@ -14,7 +14,7 @@ from workbench.body.limbs import Body
 from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, component_traits
 from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import FrameCache
+from workbench.core.frame_cache import FrameCache, without_images
 from workbench.core.losses import DEGREES_OF_FREEDOM, KEYPOINT_LOSS, LOSSES, Loss
 from workbench.core.observations import Keypoints, Observables, Observed, person_px, usable_keypoints
 from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
@@ -97,7 +97,7 @@ class KeypointLikelihood:
         """σ, px."""
         if self.sigma_px is not None:
             return self.sigma_px
-        detected = (self._keypoints(frame) for frame in self.clip or ())
+        detected = (self._keypoints(frame) for frame in without_images(self.clip or ()))
         heights = [person_px(views) for views in islice(filter(None, detected), _MAX_FRAMES)]
         if not heights:
             raise InputError("keypoints: expected usable keypoints to derive sigma_px from, found none; set sigma_px")

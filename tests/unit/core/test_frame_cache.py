@@ -9,7 +9,7 @@ from workbench.cameras.camera import plain_camera
 from workbench.core import frame_cache
 from workbench.core.dataset import SequenceInfo
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import FrameCache
+from workbench.core.frame_cache import FrameCache, without_images
 from workbench.utils.errors import InputError
 
 CAMERA = plain_camera(4, 3, 5.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
@@ -101,3 +101,17 @@ def test_an_error_of_the_metadata_is_raised_at_once():
 
     with pytest.raises(InputError, match="no such file"):
         FrameCache(Missing())
+
+
+def test_frames_without_images_are_those_of_a_dataset_that_has_them_or_decoded_ones():
+    dataset = CountingDataset(3)
+    for frames in (FrameCache(dataset), dataset.frames()):
+        assert [(frame.index, frame.views[0].image.size) for frame in without_images(frames)] == [
+            (0, 0),
+            (1, 0),
+            (2, 0),
+        ]
+    dataset.decoded.clear()
+    dataset.frames_without_images = lambda: (frame.without_images for frame in CountingDataset(3).frames())
+    assert indices(without_images(FrameCache(dataset))) == [0, 1, 2]
+    assert not dataset.decoded

@@ -11,7 +11,7 @@ travels along make no difference.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from workbench.evaluation.gait.stretches import Stretch
 from workbench.utils.arrays import FloatArray
@@ -76,7 +76,7 @@ def _farthest_apart(separation: FloatArray, height_m: float, step_s: float) -> l
     (F,), m, of the left foot ahead of the right one."""
     least_m, apart = MIN_SEPARATION * height_m, max(MIN_STRIDE_S / step_s, 1.0)
     signed = (separation, -separation)
-    return [find_peaks(each, prominence=least_m, distance=apart)[0].astype(np.float64) for each in signed]
+    return [scipy.signal.find_peaks(each, prominence=least_m, distance=apart)[0].astype(np.float64) for each in signed]
 
 
 def _strike(ahead: FloatArray, peak: int, stride: float) -> FloatArray:

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, sosfiltfilt
 
 from workbench.body.stature import SIDES
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -103,12 +102,12 @@ def evenly(times_s: FloatArray, *values: FloatArray) -> tuple[FloatArray, list[F
         return even_s, list(values)
     step_s = float(np.median(np.diff(times_s)))
     even_s = np.linspace(times_s[0], times_s[-1], max(round((times_s[-1] - times_s[0]) / step_s) + 1, 2))
-    return even_s, [np.asarray(CubicSpline(times_s, each, axis=1)(even_s)) for each in values]
+    return even_s, [np.asarray(scipy.interpolate.CubicSpline(times_s, each, axis=1)(even_s)) for each in values]
 
 
 def low_passed(values: FloatArray, rate_hz: float) -> FloatArray:
     """Return values (M, F, ...) low-passed at CUTOFF_HZ without delay, unchanged at rates below _MIN_RATE_HZ."""
     if rate_hz < _MIN_RATE_HZ:
         return values
-    sections = butter(2, CUTOFF_HZ, fs=rate_hz, output="sos")
-    return np.asarray(sosfiltfilt(sections, values, axis=1, padlen=min(9, values.shape[1] - 1)))
+    sections = scipy.signal.butter(2, CUTOFF_HZ, fs=rate_hz, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=1, padlen=min(9, values.shape[1] - 1)))

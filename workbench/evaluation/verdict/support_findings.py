@@ -9,7 +9,7 @@ a rate that is too high, of any motion on the feet.
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from workbench.body.centre_of_mass import centre_of_mass
 from workbench.body.shape import ANKLE_HEIGHT
@@ -67,7 +67,7 @@ def support_distances(joints: FloatArray, times_s: FloatArray, height_m: float) 
         return unknown, unknown
     ankles = joints[:, [JOINT_NAMES.index(f"{side}_ankle") for side in SIDES]]
     mass = np.einsum("j,fjk->fk", centre_of_mass(JOINT_NAMES), joints)
-    acceleration = savgol_filter(mass, window, _CUBIC, deriv=2, delta=step_s, axis=0)
+    acceleration = scipy.signal.savgol_filter(mass, window, _CUBIC, deriv=2, delta=step_s, axis=0)
     force = 1.0 + acceleration[:, 2] / _GRAVITY  # over the weight
     above_m = mass[:, 2] - ankles[..., 2].min(axis=1) + ANKLE_HEIGHT * height_m
     lever = above_m / (_GRAVITY * np.maximum(force, _MIN_SUPPORT))

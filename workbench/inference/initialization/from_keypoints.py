@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
+from workbench.core.frame_cache import without_images
 from workbench.core.losses import KEYPOINT_TRAJECTORY_LOSS, SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, observe, person_px
 from workbench.core.prior import RECORDED_SMOOTHNESS, REFERENCE_RATE_HZ, Smoothness
@@ -33,8 +33,6 @@ MAX_COST_GAP = 10.0
 """Nats: hypotheses with a higher cost than the best one by this are rejected."""
 
 MAX_ITERATIONS = 40
-NO_IMAGE = np.zeros((1, 1), dtype=np.uint8)
-"""Placeholder for unused images, because all frames of a video take much memory."""
 
 
 def poses_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatArray:
@@ -45,7 +43,7 @@ def poses_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatAr
     few keypoints.
     """
     selected: list[Frame] = []
-    for frame in frames:
+    for frame in without_images(frames):
         if selected and frame.time_s - selected[0].time_s > START_S:
             break
         if not selected or frame.time_s - selected[-1].time_s > 0.99 / REFERENCE_RATE_HZ:
@@ -74,11 +72,11 @@ def consistent_poses(
 def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Trajectory:
     """Return a whole body's motion fitted to the keypoints of all views and frames, smooth and within limits, see
     `fit_smooth`. Raises InputError if no frame has enough keypoints to start from."""
-    stripped = [replace(frame, views=tuple(replace(view, image=NO_IMAGE) for view in frame.views)) for frame in frames]
+    observed = list(without_images(frames))
     observations, _ = observe(
-        stripped, skeleton, 1, np.random.default_rng(0)
+        observed, skeleton, 1, np.random.default_rng(0)
     )  # which draws nothing, as there are no points
-    first, times_s = first_keypoints(observations), np.array([frame.time_s for frame in stripped])
+    first, times_s = first_keypoints(observations), np.array([frame.time_s for frame in observed])
     sigma_px = START_SIGMA * person_px(first)
     problem = keypoint_problem(
         skeleton, observations, times_s, sigma_px, KEYPOINT_TRAJECTORY_LOSS, smoothness=RECORDED_SMOOTHNESS

@@ -79,7 +79,7 @@ def of_keypoints(
     plain = person_skeleton(average.shape)
     usable = (
         keypoints
-        for frame in clip
+        for frame in clip.without_images
         if enough_keypoints(Observed(np.empty((0, 3)), keypoints := frame_keypoints(plain, frame)))
     )
     candidates = list(islice(usable, _MAX_FRAMES))

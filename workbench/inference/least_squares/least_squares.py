@@ -12,6 +12,7 @@ from workbench.body.surface import attach, person_surface, residual_jacobian, re
 from workbench.core.capabilities import FIT, RESIDUALS, UNIFORM_WEIGHTS, Traits, combined_requirements, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame, repeatable
+from workbench.core.frame_cache import without_images
 from workbench.core.observations import Observed, observe, observed_kinds
 from workbench.core.prior import Prior, PriorCapabilities, Smoothness
 from workbench.core.residual import ResidualLikelihood
@@ -91,8 +92,7 @@ class LeastSquares:
         without observations.
         """
         frames = repeatable(frames)
-        without_images = [frame.without_images for frame in frames]
-        fit, observations, warnings = self.fit_frames(without_images, start, rng_streams["start"])
+        fit, observations, warnings = self.fit_frames(list(without_images(frames)), start, rng_streams["start"])
         draws = None
         if fit.posterior is not None and "draws" in rng_streams:
             draws = fit.posterior.draws(N_DRAWS, rng_streams["draws"])

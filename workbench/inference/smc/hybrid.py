@@ -9,6 +9,7 @@ import numpy as np
 from workbench.core.capabilities import ACTIVITY, START, Traits, combined_requirements, component_traits
 from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame, repeatable
+from workbench.core.frame_cache import without_images
 from workbench.core.prior import Prior
 from workbench.core.step import Step
 from workbench.inference.smc.move import Move, Streams, WrappedMove, Wrapper
@@ -85,12 +86,12 @@ class Hybrid(Wrapper):
         rng_streams: as for the filter. Raises InputError if there is nothing to fit.
         """
         frames = repeatable(frames)
-        without_images = [frame.without_images for frame in frames]
-        fit, _, warnings = self.fitter.fit_frames(without_images, start, rng_streams["start"])
-        prior, times_s = cast(_FittablePrior, self.prior), np.array([frame.time_s for frame in without_images])
+        observed = list(without_images(frames))
+        fit, _, warnings = self.fitter.fit_frames(observed, start, rng_streams["start"])
+        prior, times_s = cast(_FittablePrior, self.prior), np.array([frame.time_s for frame in observed])
         covariances = self.std_inflation**2 * fit.state_covariance
         priors = proposal_priors(prior, fit.states, covariances, times_s, self.proposal_fraction)
-        by_frame = {frame.index: each for frame, each in zip(without_images, priors, strict=True)}
+        by_frame = {frame.index: each for frame, each in zip(observed, priors, strict=True)}
 
         def move_with_proposal(move: Move, target: Target, rng_streams: Streams) -> MoveResult:
             return move(replace(target, prior=by_frame[target.frame.index]), rng_streams)
