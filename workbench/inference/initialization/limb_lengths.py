@@ -196,10 +196,14 @@ def _with_feet(body: Body, length_uncertainty: FloatArray) -> FloatArray:
 
 
 def _by_length(lengths: FloatArray) -> FloatArray:
-    """Return the Jacobian (J, 3, G) of the skeleton's offsets by lengths (G,)."""
-    steps = 1e-6 * np.eye(len(lengths))
-    offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
-    return np.stack([(up - down) / 2e-6 for up, down in zip(offsets[::2], offsets[1::2], strict=True)], axis=-1)
+    """Return the Jacobian (J, 3, G) of the skeleton's offsets by lengths (G,).
+
+    Offsets are linear in the height and in every length over the average's: doubling one of them adds the derivative by
+    its logarithm.
+    """
+    offsets = person_skeleton(shape_of(lengths)).offsets
+    doubled = [person_skeleton(shape_of(lengths + step)).offsets for step in np.log(2.0) * np.eye(len(lengths))]
+    return np.stack(doubled, axis=-1) - offsets[..., None]
 
 
 def _initial_poses(skeleton: Skeleton, observations: Sequence[Sequence[Keypoints]], sigma_px: FloatArray) -> FloatArray:
