@@ -4,13 +4,14 @@ import logging
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.joint_names import marker_joints
-from workbench.motion.formats.markers import in_world, joint_centres, joints_of, read_markers
+from workbench.motion.formats.markers import Markers, in_world, joint_centres, joints_of, read_markers
 from workbench.motion.formats.motion_export import Track, export, trc_text
 from workbench.motion.formats.trc import RawMarkers
 from workbench.utils.errors import InputError
@@ -186,6 +187,54 @@ def test_markers_on_both_sides_of_a_joint_are_preferred_and_people_are_separated
     joints_by_markers = marker_joints([f"{person}:{name}" for person in ("Anna", "Bob") for name in JOINT_NAMES])
     assert {name.split(":")[0] for names in joints_by_markers.values() for name in names} == {"Anna"}
     assert "markers of 2 people; used are those of Anna" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("names", "joints"),
+    [
+        (
+            "R_knee R_mknee R_ankle R_mankle R_wrist_radius R_wrist_ulna",
+            {"right_knee": 2, "right_ankle": 2, "right_wrist": 2},
+        ),
+        (
+            "r_ankle_study r_mankle_study r_lelbow_study L_ankle_study L_lelbow_study r_melbow_study",
+            {"right_ankle": 2, "right_elbow": 2, "left_ankle": 1},
+        ),
+        ("RHip RKnee RFoot LHip LKnee LFoot", {"right_ankle": 1, "left_ankle": 1}),
+        ("neck head headtop", {"head_centre": 2}),
+    ],
+)
+def test_pairs_of_markers_of_public_data_sets(names, joints):
+    found = marker_joints(names.split())
+    assert {joint: len(found[joint]) for joint in joints} == joints
+
+
+def test_the_head_of_a_skeleton_is_a_joint_and_that_of_keypoints_the_vertex():
+    names = ["Pelvis", "Neck", "Head", "L_Hip", "R_Hip"]
+    assert marker_joints(names)["head_centre"] == ("Neck", "Head")
+    assert marker_joints([*names, "L_Collar"])["head_centre"] == ("Head",)
+    assert marker_joints(["neck", "head", "headtop"])["head_centre"] == ("neck", "headtop")
+
+
+@pytest.mark.parametrize("back", [("LPSI", "RPSI"), ("SACR",)])
+def test_hips_without_markers_are_found_by_the_pelvis(back):
+    """A pelvis 240 mm wide and 150 mm deep, turned and tilted: the regression by hand."""
+    left, right, behind = [0.0, 0.12, 0.0], [0.0, -0.12, 0.0], [-0.15, 0.0, 0.0]
+    spines = [left, right, *([behind] if len(back) == 1 else [[-0.15, 0.05, 0.0], [-0.15, -0.05, 0.0]])]
+    expected = np.array([[-0.0459, 0.0865, -0.0829], [-0.0459, -0.0865, -0.0829]])
+    turn = Rotation.from_euler("zyx", [70.0, 10.0, -5.0], degrees=True)
+    origin = np.array([1.0, 2.0, 0.9])
+    names = (*(f"Anna:{name}" for name in ("LASI", "RASI", *back)), "Anna:LKNE")
+    positions = turn.apply(np.array([*spines, [0.0, 0.0, -0.5]]))[None] + origin
+    positions = np.repeat(positions, 2, axis=0)
+    positions[1, 2] = np.nan
+    centres = joint_centres(Markers("a.c3d", names, 50.0, positions), positions)
+    hips = centres[:, [JOINT_NAMES.index(f"{side}_hip") for side in ("left", "right")]]
+    np.testing.assert_allclose(hips[0], turn.apply(expected) + origin, atol=1e-9)
+    np.testing.assert_allclose(centres[0, JOINT_NAMES.index("pelvis")], hips[0].mean(axis=0))
+    assert np.isnan(hips[1]).all()
+    named = Markers("a.c3d", (*names[:-1], "Anna:LHJC"), 50.0, positions)
+    assert np.isnan(joint_centres(named, positions)[:, JOINT_NAMES.index("right_hip")]).all()
 
 
 def test_axes_and_unit_can_be_chosen(tmp_path):

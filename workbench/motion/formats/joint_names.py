@@ -33,22 +33,28 @@ _HEAD = ("head", "head1", "skull", "chead", "headcentre", "headcenter")
 
 _MARKERS = {
     "shoulder": ["shoulder", "sho", "acromion", "acromium", "acr", "shouldertop", "sae", "sjc"],
-    "elbow": ["elbow", "ejc", "elbowlat elbowmed", "elbowout elbowin", "elblat elbmed", "elb elbm", "elb melb",
-              "lel mel", "hle hme", "elb", "elbowlat", "elbowout"],
-    "wrist": ["wrist", "wjc", "wra wrb", "wristlat wristmed", "wristout wristin", "rsp usp", "faradius faulna", "wri",
-              "wra", "wristout"],
+    "elbow": ["elbow", "ejc", "lelbow melbow", "elbowlat elbowmed", "elbowout elbowin", "elblat elbmed", "elb elbm",
+              "elb melb", "lel mel", "hle hme", "elb", "elbowlat", "elbowout"],
+    "wrist": ["wrist", "wjc", "wra wrb", "lwrist mwrist", "wristradius wristulna", "wristlat wristmed",
+              "wristout wristin", "rsp usp", "faradius faulna", "wri", "wra", "wristout"],
     "hip": ["hip", "hjc", "hipjc", "fep"],
-    "knee": ["kjc", "kneejc", "feo", "knee kneemedial", "knee kneemed", "kneelat kneemed", "kneeout kneein", "kne knem",
-             "kne mkne", "kne kneem", "kne kneemed", "lfc mfc", "fle fme", "knee", "kne", "kneelat", "kneeout"],
-    "ankle": ["ajc", "anklejc", "tio", "ankle anklemedial", "ankle anklemed", "anklelat anklemed", "ankleout anklein",
-              "ank ankm", "ank mank", "ank ankmed", "lmal mmal", "fal tam", "ankle", "ank", "anklelat", "ankleout"],
+    "knee": ["kjc", "kneejc", "feo", "knee kneemedial", "knee kneemed", "knee mknee", "kneelat kneemed",
+             "kneeout kneein", "kne knem", "kne mkne", "kne kneem", "kne kneemed", "lfc mfc", "fle fme", "knee",
+             "kne", "kneelat", "kneeout"],
+    "ankle": ["ajc", "anklejc", "tio", "ankle anklemedial", "ankle anklemed", "ankle mankle", "anklelat anklemed",
+              "ankleout anklein", "ank ankm", "ank mank", "ank ankmed", "lmal mmal", "fal tam", "ankle", "ank",
+              "anklelat", "ankleout", "foot"],
     "pelvis": ["pelvis", "midhip", "hip", "hipscenter", "hipcenter", "lhip rhip", "lefthip righthip", "lhjc rhjc"],
     "neck": ["neck", "neckcenter", "c7", "spinetop"],
-    "head_centre": ["headcentre", "headcenter", "neck head", "neck headtop", "lear rear", "leftear rightear",
+    "head_centre": ["headcentre", "headcenter", "neck headtop", "neck head", "lear rear", "leftear rightear",
                     "lfhd rfhd lbhd rbhd", "headl headr"],
 }  # fmt: skip
 """Markers whose mean is a joint, without their side, the best first; Pose2Sim's "head" is the vertex. Markers on both
 sides of a joint come before one on its outside, which is some centimetres from its centre."""
+
+_SIDES = ("l", "r", "left", "right")
+_SKELETONS = ("leftcollar", "lcollar", "clavicleleft", "leftclavicle", "spineshoulder", "shouldercenter")
+"""Joints of skeletons, SMPL's and Kinect's, whose "head" is a joint at the base of the skull or in the head."""
 
 
 def marker_joints(names: Sequence[str], place: object = "markers") -> dict[str, tuple[str, ...]]:
@@ -75,7 +81,10 @@ def _markers(index: Mapping[str, str], joint: str) -> tuple[str, ...]:
     """Return the markers of a joint; index : names by plain names without the subject's."""
     side, _, part = joint.partition("_")
     sides = (side, side[0], f"v{side[0]}") if part in _LIMB_PARTS else ("",)
-    for words in _MARKERS[part if part in _LIMB_PARTS else joint]:
+    choices = _MARKERS[part if part in _LIMB_PARTS else joint]
+    if joint == "head_centre" and any(word in index for word in _SKELETONS):
+        choices = ["head", *choices]
+    for words in choices:
         for prefix in sides:
             for form in ([prefix + word for word in words.split()], [word + prefix for word in words.split()]):
                 if all(word in index for word in form):
@@ -91,7 +100,8 @@ def unprefixed(names: Sequence[str]) -> list[list[str]]:
     for _ in range(2):  # "J_Bip_L_Hand"
         first = [match[0] if (match := re.match(r"[^_ .-]*[_ .-]+", name)) else "" for name in words]
         common, n = Counter(filter(None, first)).most_common(1)[0] if any(first) else ("", 0)
-        words = [name.removeprefix(common) for name in words] if 2 * n > len(names) else words
+        is_shared = 2 * n > len(names) and plain_name(common) not in _SIDES
+        words = [name.removeprefix(common) for name in words] if is_shared else words
         variants.append(words)
     inner = [name for name in words if not name.endswith("_end")]
     begin, end = _beginning(inner), _beginning([name[::-1] for name in inner])[::-1]

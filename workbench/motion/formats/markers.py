@@ -11,6 +11,7 @@ import numpy as np
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
+from workbench.motion.formats.hip_centres import hip_centres, pelvis_markers
 from workbench.motion.formats.joint_names import marker_joints
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
@@ -22,6 +23,7 @@ from workbench.utils.text import plain_name
 
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
+_HIPS = ("left_hip", "right_hip")
 _OUTPUT = re.compile(r"(angle|force|moment|power|torque|reaction|cop|grf)s?\d*$")
 """End of the name of a model's output, such as Plug-in Gait's LKneeAngles, which is no position."""
 
@@ -122,8 +124,22 @@ def joints_of(markers: Markers, assigned: MarkersOf = NO_MARKERS) -> list[tuple[
 
 
 def joint_centres(markers: Markers, positions: FloatArray, assigned: MarkersOf = NO_MARKERS) -> FloatArray:
-    """Return the joint centres (F, J, 3), m, of markers at positions (F, M, 3); NaN where unknown; see `joints_of`."""
+    """Return the joint centres (F, J, 3), m, of markers at positions (F, M, 3); NaN where unknown; see `joints_of`.
+
+    Hips without a marker, and the pelvis between them, are found by markers on the pelvis, see `hip_centres`.
+    """
     centres = np.full((len(positions), len(JOINT_NAMES), 3), np.nan)
-    for joint, names in joints_of(markers, assigned):
-        centres[:, JOINT_NAMES.index(joint)] = positions[:, [markers.names.index(name) for name in names]].mean(axis=1)
+
+    def middle(names: Sequence[str]) -> FloatArray:
+        return np.asarray(positions[:, [markers.names.index(name) for name in names]].mean(axis=1))
+
+    joints = dict(joints_of(markers, assigned))
+    for joint, names in joints.items():
+        centres[:, JOINT_NAMES.index(joint)] = middle(names)
+    if not set(_HIPS) & set(joints) and (pelvis := pelvis_markers(markers.names)):
+        (left, right), back = pelvis
+        hips = hip_centres(middle([left]), middle([right]), middle(back))
+        centres[:, [JOINT_NAMES.index(hip) for hip in _HIPS]] = hips
+        if "pelvis" not in joints:
+            centres[:, JOINT_NAMES.index("pelvis")] = hips.mean(axis=1)
     return centres

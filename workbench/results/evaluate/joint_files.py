@@ -15,7 +15,7 @@ from workbench.datasets.point_formats import read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.motion.formats.joint_names import skeleton_joints
-from workbench.motion.formats.markers import Markers, in_world, joint_centres, joints_of, read_markers
+from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
 from workbench.motion.formats.trc import RawMarkers
 from workbench.motion.sources import Reading, read_clip
@@ -113,8 +113,9 @@ def _of_skeleton(path: Path, given: Given) -> JointMotion:
 
 def _of_markers(markers: Markers, times_s: FloatArray | None) -> JointMotion:
     """Return the joints of markers, at times (F,), s, or else at the markers' rate from 0."""
-    names = tuple(name for name, _ in joints_of(markers))
-    centres = joint_centres(markers, markers.positions)[:, [JOINT_NAMES.index(name) for name in names]]
+    centres = joint_centres(markers, markers.positions)
+    measured = np.isfinite(centres).any(axis=(0, 2))
+    names, centres = tuple(np.array(JOINT_NAMES)[measured].tolist()), centres[:, measured]
     times = np.arange(len(centres)) / markers.rate_hz if times_s is None else times_s
     return _motion(markers.source, names, times, centres)
 
