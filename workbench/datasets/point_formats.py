@@ -149,15 +149,20 @@ def read_pcd(path: Path) -> FloatArray:
 def read_npy(path: Path) -> FloatArray:
     """Read the points of an NPY file, an array (K, 3 or more) or one with fields x, y, z; raises InputError for other
     contents."""
+    return _table(str(path), read_array(path))
+
+
+def read_array(path: Path) -> AnyArray:
+    """Return the array of an NPY file; InputError for a damaged file, one with objects, and one above MAX_NUMBERS."""
     _bytes(path, 1)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of old headers
-            values = np.load(path, mmap_mode="r", allow_pickle=False)
+            values: AnyArray = np.load(path, mmap_mode="r", allow_pickle=False)
     except _DAMAGE_ERRORS as error:
         raise InputError(f"{path}: expected a complete NPY file of numbers: {_message(error)}") from None
     check_number(path, "numbers", int(np.size(values)), MAX_NUMBERS)
-    return _table(str(path), values)
+    return values
 
 
 def read_npz(path: Path) -> FloatArray:

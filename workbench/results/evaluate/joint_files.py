@@ -1,6 +1,7 @@
-"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPZ and recordings."""
+"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPY, NPZ and recordings."""
 
 import csv
+import logging
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,8 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.point_formats import read_arrays
+from workbench.body.stature import LIMBS, SIDES
+from workbench.datasets.point_formats import read_array, read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.motion.formats.joint_names import skeleton_joints
@@ -28,13 +30,20 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
 from workbench.utils.run_files import RECORDING_SUFFIXES
 
-_MARKERS, _SKELETONS, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npz")
+log = logging.getLogger(__name__)
+
+_MARKERS, _SKELETONS, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npy", ".npz")
 SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, *RECORDING_SUFFIXES)
 _SMPL = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
     "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
     "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
 )  # fmt: skip
+_H36M = (
+    "pelvis", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "spine", "neck", "nose",
+    "head_top", "left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist",
+)  # fmt: skip
+SEVENTEEN = {"Human3.6M": _H36M, "COCO": LAYOUTS["COCO_17"]}
 _UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
     22: _SMPL, 24: (*_SMPL, "left_hand", "right_hand"), 33: LAYOUTS["BLAZEPOSE_33"], 133: LAYOUTS["COCO_133"],
 })  # fmt: skip
@@ -72,7 +81,7 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
     if suffix in _MARKERS or (suffix == ".csv" and _is_own(path)):
         return _of_markers(read_markers(path, given.unit, given.up), None)
     if suffix in _ARRAYS:
-        raw, times_s = (_csv if suffix == ".csv" else _npz)(path, given.rate_hz)
+        raw, times_s = (_csv if suffix == ".csv" else _arrays)(path, given.rate_hz)
         return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
     if suffix == ".mot":
         raise InputError(f"{path}: has joint angles without the lengths of limbs; export it as TRC, BVH or C3D")
@@ -153,9 +162,10 @@ def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     return RawMarkers(names, 1.0, values[:, : len(columns)].reshape(len(table), -1, 3), unit), times_s
 
 
-def _npz(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
-    """Return the joints of an NPZ file, its only array (F, J, 3), and its times."""
-    arrays = read_arrays(path, lambda names: names)
+def _arrays(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
+    """Return the joints of an NPY or NPZ file, its only array (F, J, 3), and its times."""
+    is_single = path.suffix.lower() == ".npy"
+    arrays = {"array": read_array(path)} if is_single else read_arrays(path, lambda names: names)
     places = [
         name for name, each in arrays.items() if each.ndim == 3 and each.shape[2] == 3 and each.dtype.kind in "fi"
     ]
@@ -164,15 +174,32 @@ def _npz(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
         raise InputError(f"{path}: expected one array of joints (frames, joints, 3), found {listed or 'none'}")
     positions = arrays[places[0]].astype(float)
     names = next((arrays[key].astype(str).ravel().tolist() for key in _NAMES if key in arrays), None)
-    names = names or list(_UNNAMED.get(positions.shape[1], ()))
+    names = names or list(_unnamed(path, positions))
     if len(names) != positions.shape[1]:
         raise InputError(
             f"{path}: expected the names of {positions.shape[1]} joints in an array 'names', found {len(names)}; "
-            f"without names, only {', '.join(map(str, _UNNAMED))} joints are known"
+            f"without names, only {', '.join(map(str, [*_UNNAMED, len(_H36M)]))} joints are known"
         )
     times, rate = (next((arrays[key] for key in keys if key in arrays), None) for keys in (_TIMES, _RATES))
     times_s = _times(path, times, None if rate is None else float(np.ravel(rate)[0]), len(positions), rate_hz)
     return RawMarkers(names, 1.0, positions, ""), times_s
+
+
+def _unnamed(path: Path, positions: FloatArray) -> tuple[str, ...]:
+    """Return the names of the joints of an array (F, J, 3) without names, by their number; of 17 by the limbs, whose
+    lengths are constant and equal on both sides."""
+    if positions.shape[1] != len(_H36M):
+        return _UNNAMED.get(positions.shape[1], ())
+
+    def spread(names: tuple[str, ...]) -> float:
+        ends = [[[names.index(f"{side}_{end}") for side in SIDES] for end in limb] for limb in LIMBS.values()]
+        near, far = np.moveaxis(positions[:, ends], 2, 0)  # each (F, limb, side, 3)
+        lengths = np.linalg.norm(near - far, axis=-1)
+        return float(np.mean(np.nanstd(lengths, axis=(0, 2)) / np.nanmean(lengths, axis=(0, 2))))
+
+    best = min(SEVENTEEN, key=lambda each: spread(SEVENTEEN[each]))
+    log.info("%s: 17 joints without names, read as those of %s by the lengths of the limbs", path, best)
+    return SEVENTEEN[best]
 
 
 def _times(path: Path, times_s: FloatArray | None, rate_hz: float | None, n: int, given_hz: float | None) -> FloatArray:

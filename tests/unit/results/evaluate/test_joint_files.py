@@ -8,7 +8,7 @@ from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.motion.sources import find_motion
-from workbench.results.evaluate.joint_files import Given, read_joints
+from workbench.results.evaluate.joint_files import SEVENTEEN, Given, read_joints
 from workbench.utils.errors import InputError
 
 RATE_HZ = 25.0
@@ -51,6 +51,12 @@ def test_an_array_without_names_has_a_known_number_of_joints(tmp_path, layout):
     check(motion)
     middle = 0.5 * (of(["left_hip"]) + of(["right_hip"]))
     np.testing.assert_allclose(motion.positions[:, [motion.names.index("pelvis")]], middle, atol=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["Human3.6M", "COCO"])
+def test_the_lengths_of_the_limbs_show_which_17_joints_an_array_has(tmp_path, layout):
+    np.save(tmp_path / "a.npy", array_of(SEVENTEEN[layout]))
+    check(read_joints(tmp_path / "a.npy", Given(rate_hz=RATE_HZ)))
 
 
 def test_joints_of_smpl_y_down_in_centimetres(tmp_path):
