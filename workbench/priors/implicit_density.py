@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.body.simd_kinematics import inlined
@@ -16,6 +15,7 @@ from workbench.priors.implicit_search import PROBES, KdTree, group_equal, padded
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import parallel_for
 
 BLOCK = 1 << 14  # windows whose displacements are computed at a time
 
@@ -155,42 +155,43 @@ def log_mixture(
     ends = np.append(firsts[1:], len(probes)) if len(probes) else firsts
     ordered_uniforms = np.empty(0) if uniforms is None else uniforms[order]
     density, entries = np.empty(len(probes)), np.zeros(len(probes), dtype=np.int64)
-    _log_mixture(
+    arguments = (
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes[order[firsts]]), ends, beta,
         tail_probability, displacements.whitened, len(displacements.std), observed[order], ordered_uniforms,
         density, entries,
     )  # fmt: skip
+    parallel_for(lambda first, last: _log_mixture(first, last, *arguments), len(ends), PROBES)
     result, chosen = np.empty_like(density), np.empty_like(entries)
     result[order] = density - float(np.log(np.sqrt(2.0 * np.pi) * displacements.std).sum())
     chosen[order] = entries
     return result, chosen
 
 
-@kernel(parallel=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _log_mixture(
+    first: int, last: int,
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
     tail_probability: float, displacements: Any, n_noisy: int, observed: Any, uniforms: Any, density: Any, entries: Any,
 ) -> None:  # fmt: skip
-    n, n_probes = order.shape[0], probes.shape[0]
-    for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
-        log_prob, candidates, terms = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
-        for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
-            n_candidates = search_entries(
-                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, candidates
-            )
-            means = _gathered(displacements, candidates[:n_candidates])
-            for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
-                _fill_terms(means, n_noisy, observed[i], log_prob, terms)
+    n = order.shape[0]
+    log_prob, candidates, terms = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
+    for k in range(first, last):
+        n_candidates = search_entries(
+            coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, candidates
+        )
+        means = _gathered(displacements, candidates[:n_candidates])
+        for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
+            _fill_terms(means, n_noisy, observed[i], log_prob, terms)
+            largest = terms[:n_candidates].max()
+            density[i] = largest
+            if largest == -np.inf:  # no window predicts it
+                terms[:n_candidates] = log_prob[:n_candidates]
                 largest = terms[:n_candidates].max()
-                density[i] = largest
-                if largest == -np.inf:  # no window predicts it
-                    terms[:n_candidates] = log_prob[:n_candidates]
-                    largest = terms[:n_candidates].max()
-                total = _cumulate(terms[:n_candidates], largest)
-                density[i] += math.log(total)
-                if uniforms.shape[0] > 0:
-                    position = np.searchsorted(terms[:n_candidates], uniforms[i] * total, side="right")
-                    entries[i] = candidates[min(position, n_candidates - 1)]
+            total = _cumulate(terms[:n_candidates], largest)
+            density[i] += math.log(total)
+            if uniforms.shape[0] > 0:
+                position = np.searchsorted(terms[:n_candidates], uniforms[i] * total, side="right")
+                entries[i] = candidates[min(position, n_candidates - 1)]
 
 
 @kernel(error_model="numpy")

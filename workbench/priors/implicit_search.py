@@ -21,7 +21,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 import scipy
 
@@ -29,11 +28,12 @@ from workbench.body.simd_kinematics import FAST, inlined, inlined_exactly
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import parallel_for
 
 LANES = 32
 """Entries per leaf and leaves per group: enough to fill the vectors, few enough to prune most of them whole."""
 BINS = 64
-PROBES = 16  # per work item of a thread
+PROBES = 16  # fewest per thread
 STRIDE = 4
 """Coefficients are padded with zeros to a multiple of this, the number that one pass over the lanes adds up."""
 MAX_COEFFICIENT = 1e15  # of a probe, so that no squared distance overflows
@@ -123,10 +123,11 @@ def search(
         raise ValueError(f"counts must be {len(probes)} numbers with the sum {len(uniforms)}")
     entries, ends = np.empty(len(uniforms), dtype=np.int64), np.cumsum(counts)
     visited, log_mass = np.empty(len(probes), dtype=np.int64), np.empty(len(probes))
-    _search(
+    arguments = (
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), ends, beta, tail_probability,
         uniforms, entries, visited, log_mass,
     )  # fmt: skip
+    parallel_for(lambda first, last: _search(first, last, *arguments), len(probes), PROBES)
     return _SearchResult(entries, visited, log_mass)
 
 
@@ -168,10 +169,11 @@ def nearest_entries(tree: KdTree, probes: FloatArray, beta: float, tail_probabil
     """Return the most probable entry (K,) for every probe (K, b), which is the nearest."""
     check_probes(tree, probes, beta, tail_probability)
     entries = np.empty(len(probes), dtype=np.int64)
-    _nearest(
+    arguments = (
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), beta, tail_probability,
         entries,
     )  # fmt: skip
+    parallel_for(lambda first, last: _nearest(first, last, *arguments), len(probes), PROBES)
     return entries
 
 
@@ -193,41 +195,41 @@ def check_probes(tree: KdTree, probes: FloatArray, beta: float, tail_probability
         raise InputError(f"prior: tail_probability must lie between 0 and 1, found {tail_probability}")
 
 
-@kernel(parallel=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _search(
+    first: int, last: int,
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
     tail_probability: float, uniforms: Any, entries: Any, visited: Any, log_mass: Any,
 ) -> None:  # fmt: skip
-    n, n_probes = order.shape[0], probes.shape[0]
-    for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
-        weights, positions = np.empty(n), np.empty(n, dtype=np.int64)
-        for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
-            n_candidates, visited[k], mass, base = _open(
-                coefficients, leaf_boxes, group_boxes, probes[k], n, beta, tail_probability, weights, positions
-            )
-            log_mass[k] = math.log(mass) - base
-            total = 0.0
-            for j in range(n_candidates):
-                total += weights[j]
-                weights[j] = total
-            for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
-                drawn = np.searchsorted(weights[:n_candidates], uniforms[i] * total, side="right")
-                entries[i] = order[positions[min(drawn, n_candidates - 1)]]
+    n = order.shape[0]
+    weights, positions = np.empty(n), np.empty(n, dtype=np.int64)
+    for k in range(first, last):
+        n_candidates, visited[k], mass, base = _open(
+            coefficients, leaf_boxes, group_boxes, probes[k], n, beta, tail_probability, weights, positions
+        )
+        log_mass[k] = math.log(mass) - base
+        total = 0.0
+        for j in range(n_candidates):
+            total += weights[j]
+            weights[j] = total
+        for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
+            drawn = np.searchsorted(weights[:n_candidates], uniforms[i] * total, side="right")
+            entries[i] = order[positions[min(drawn, n_candidates - 1)]]
 
 
-@kernel(parallel=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _nearest(
+    first: int, last: int,
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, beta: float, tail_probability: float,
     entries: Any,
 ) -> None:  # fmt: skip
-    n, n_probes = order.shape[0], probes.shape[0]
-    for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
-        log_prob, candidates = np.empty(n), np.empty(n, dtype=np.int64)
-        for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
-            n_candidates = search_entries(
-                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, candidates
-            )
-            entries[k] = candidates[log_prob[:n_candidates].argmax()]
+    n = order.shape[0]
+    log_prob, candidates = np.empty(n), np.empty(n, dtype=np.int64)
+    for k in range(first, last):
+        n_candidates = search_entries(
+            coefficients, order, leaf_boxes, group_boxes, probes[k], beta, tail_probability, log_prob, candidates
+        )
+        entries[k] = candidates[log_prob[:n_candidates].argmax()]
 
 
 @inlined_exactly

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 
 from workbench.body.kinematics import forward
@@ -22,10 +21,17 @@ from workbench.core.frame import Frame
 from workbench.likelihoods.base import AdaptiveLikelihood
 from workbench.likelihoods.cues import limb_points as limbs
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.cues.limb_points import LimbFrameLikelihood, LimbPoints, LimbViewLikelihood, bilinear
+from workbench.likelihoods.cues.limb_points import (
+    PARTICLES,
+    LimbFrameLikelihood,
+    LimbPoints,
+    LimbViewLikelihood,
+    bilinear,
+)
 from workbench.likelihoods.image_motion import regular_samples
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import parallel_for
 from workbench.utils.rng import stream
 
 BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
@@ -182,20 +188,21 @@ def template_log_ratio(
     along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
     offsets = -np.arccos(np.clip(samples[:, 1], -1.0, 1.0))
     sums = np.empty(points.azimuths.shape)
-    _template_sums(
+    arguments = (
         *(image, points.pixels, points.valid, points.azimuths, along, offsets),
         *(template.mean, peak, -0.5 / variance, outlier_fraction, sums),
     )
+    parallel_for(lambda first, last: _template_sums(first, last, *arguments), len(sums), PARTICLES)
     return sums / len(samples)
 
 
-@kernel(parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _template_sums(
-    image: Any, pixels: Any, valid: Any, azimuths: Any, along: Any, offsets: Any,
+    first: int, last: int, image: Any, pixels: Any, valid: Any, azimuths: Any, along: Any, offsets: Any,
     mean: Any, peak: Any, exponent_scale: Any, outlier_fraction: float, sums: Any,
 ) -> None:  # fmt: skip
     n_around, full_turn = mean.shape[2], 2.0 * np.pi
-    for i in numba.prange(valid.shape[0]):
+    for i in range(first, last):
         for limb in range(valid.shape[1]):
             total = 0.0
             for s in range(valid.shape[2]):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 
 from workbench.body.kinematics import forward
@@ -21,6 +20,7 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues import edge_filters
 from workbench.likelihoods.cues.edge_filters import ALONG, LOG_WIDTHS, MIN_LENGTH_PX, POINTS, FilteredBox, SmoothedView
 from workbench.likelihoods.cues.limb_points import (
+    PARTICLES,
     LimbFrameLikelihood,
     LimbPoints,
     LimbViewLikelihood,
@@ -32,6 +32,7 @@ from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_path import expanded
 from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import parallel_for
 from workbench.utils.source_hash import code_digest
 
 log = logging.getLogger(__name__)
@@ -182,15 +183,20 @@ class Edges:
 def response_log_ratio(images: FilteredBox, points: LimbPoints, table: Float32Array) -> FloatArray:
     """Return the log ratios of all responses, summed for each limb (N, L), over n; table: (2, L, BINS)."""
     sums = np.empty(points.valid.shape[:2])
-    _response_sums(images.gradient, images.ridges, *images.corner, points.pixels, points.valid, table, LOG_WIDTHS, sums)
+    arguments = (
+        *(images.gradient, images.ridges, *images.corner),
+        *(points.pixels, points.valid, table, LOG_WIDTHS, sums),
+    )
+    parallel_for(lambda first, last: _response_sums(first, last, *arguments), len(sums), PARTICLES)
     return sums / len(POINTS)
 
 
-@kernel(parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _response_sums(
-    gradient: Any, ridges: Any, left: int, top: int, pixels: Any, valid: Any, table: Any, scales: Any, sums: Any
-) -> None:
-    for i in numba.prange(valid.shape[0]):
+    first_pose: int, last_pose: int, gradient: Any, ridges: Any, left: int, top: int,
+    pixels: Any, valid: Any, table: Any, scales: Any, sums: Any,
+) -> None:  # fmt: skip
+    for i in range(first_pose, last_pose):
         for limb in range(valid.shape[1]):
             total, half_width = 0.0, 0.0
             for v in (0, 2, 1):

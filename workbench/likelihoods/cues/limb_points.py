@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeAlias
 
-import numba
 import numpy as np
 
 from workbench.body.kinematics import JointFrames, forward
@@ -21,6 +20,7 @@ from workbench.utils.kernel_cache import kernel
 from workbench.utils.parallel import parallel_for
 
 Box: TypeAlias = tuple[int, int, int, int]  # of an image: its first column and row, and those after its last, px
+PARTICLES = 64  # fewest per thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,8 @@ def mean_at(image: Float32Array, points: LimbPoints) -> FloatArray:
     """Return the image's values at the valid points, summed for each limb (N, L) and divided by n, so that others count
     0."""
     sums = np.empty(points.valid.shape[:2])
-    _sum_at(image, points.pixels, points.valid, sums)
+    arguments = (image, points.pixels, points.valid, sums)
+    parallel_for(lambda first, last: _sum_at(first, last, *arguments), len(sums), PARTICLES)
     return sums / points.valid.shape[2]
 
 
@@ -93,15 +94,16 @@ def bounding_box(points: LimbPoints) -> Box:
     """Return the smallest box of all pixels that interpolation at the valid points reads; one pixel if no point is
     valid."""
     bounds = np.empty((4, len(points.valid)), dtype=np.float32)
-    _bounds(points.pixels, points.valid, bounds)
+    arguments = (points.pixels, points.valid, bounds)
+    parallel_for(lambda first, last: _bounds(first, last, *arguments), len(points.valid), PARTICLES)
     left, top = (int(low) if np.isfinite(low) else 0 for low in bounds[:2].min(axis=1, initial=np.inf))
     right, bottom = (max(int(high) + 2, 1) for high in bounds[2:].max(axis=1, initial=-1.0))
     return left, top, right, bottom
 
 
-@kernel(parallel=True, error_model="numpy", fastmath=FAST)
-def _sum_at(image: Any, pixels: Any, valid: Any, sums: Any) -> None:
-    for i in numba.prange(valid.shape[0]):
+@kernel(error_model="numpy", fastmath=FAST)
+def _sum_at(first: int, last: int, image: Any, pixels: Any, valid: Any, sums: Any) -> None:
+    for i in range(first, last):
         for limb in range(valid.shape[1]):
             total = 0.0
             for s in range(valid.shape[2]):
@@ -110,9 +112,9 @@ def _sum_at(image: Any, pixels: Any, valid: Any, sums: Any) -> None:
             sums[i, limb] = total
 
 
-@kernel(parallel=True, error_model="numpy", fastmath=FAST)
-def _bounds(pixels: Any, valid: Any, bounds: Any) -> None:
-    for i in numba.prange(valid.shape[0]):
+@kernel(error_model="numpy", fastmath=FAST)
+def _bounds(first: int, last: int, pixels: Any, valid: Any, bounds: Any) -> None:
+    for i in range(first, last):
         left = top = np.float32(np.inf)
         right = bottom = np.float32(-1.0)
         for limb in range(valid.shape[1]):

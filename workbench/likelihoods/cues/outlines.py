@@ -3,7 +3,6 @@
 from functools import lru_cache
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.body.simd_kinematics import FAST, inlined
@@ -14,7 +13,7 @@ from workbench.utils.parallel import parallel_for
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), in order around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
 """Directions of the corners from the middle of the limb, along it and across it."""
-_ROWS = 64  # minimum rows of an image per thread
+_ROWS, _PARTICLES = 64, 64  # minimum rows of an image, and particles, per thread
 
 
 def running_sums(image: Float32Array) -> FloatArray:
@@ -43,7 +42,8 @@ def outline_sums(
     dilation_px : of the outlines on all sides.
     """
     sums = np.empty(len(corners))
-    _outline_sums(row_sums, corners, spheres, dilation_px, sums)
+    arguments = (row_sums, corners, spheres, dilation_px, sums)
+    parallel_for(lambda first, last: _outline_sums(first, last, *arguments), len(corners), _PARTICLES)
     return sums
 
 
@@ -57,11 +57,13 @@ def _add_up(image: Any, row_sums: Any) -> None:
             row_sums[row, column + 1] = total
 
 
-@kernel(parallel=True, error_model="numpy", fastmath=FAST)
-def _outline_sums(row_sums: Any, corners: Any, spheres: Any, dilation_px: float, sums: Any) -> None:
+@kernel(error_model="numpy", fastmath=FAST)
+def _outline_sums(
+    first: int, last: int, row_sums: Any, corners: Any, spheres: Any, dilation_px: float, sums: Any
+) -> None:
     height, width = row_sums.shape[0], row_sums.shape[1] - 1
     n_limbs = corners.shape[1]
-    for i in numba.prange(corners.shape[0]):
+    for i in range(first, last):
         lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
         counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
         top, bottom = height, -1
@@ -115,7 +117,8 @@ def _disc_spans(corners: Any, dilation_px: float, width: int, counts: Any, lefts
 @inlined
 def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
     """Add every row's intersection with a quadrangle; return as `_disc_spans`."""
-    low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
+    a, b, c, d = outline[0, 1], outline[1, 1], outline[2, 1], outline[3, 1]
+    low, high = _rows(min(min(a, b), min(c, d)), max(max(a, b), max(c, d)), counts.shape[0])
     for row in range(low, high + 1):
         left, right = np.inf, -np.inf
         for k in range(4):
