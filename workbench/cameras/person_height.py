@@ -59,6 +59,8 @@ _OUTLIER = 3.0
 """Standard deviations at which Huber's loss of an error becomes linear: confused joints are no evidence."""
 _OUTLIER_SQUARE = _OUTLIER**2 / np.log(2.0)
 """Squared error of an outlier over the median, of two numbers: the other two of a segment determine its place."""
+_TOLERANCE, _SEARCH_TOLERANCE = 1e-7, 1e-4
+"""Of the solution, and of the search for where it starts."""
 _STEP = 1e-6
 """Of the unknowns, for numerical derivatives."""
 _N_SHARED = 7
@@ -346,14 +348,17 @@ class _Problem:
     def search(self) -> "scipy.optimize.OptimizeResult":
         """Return the best minimum from _START_TILTS, for errors of SIGMA_PX: a camera near the floor, tilted up, and
         one high above it, tilted down, both explain some segments."""
-        fits = [self.fit(self.initial(tilt), SIGMA_PX) for tilt in (_START_TILTS if len(self.feet) else (0.0,))]
-        return min(fits, key=lambda fit: float(fit.cost))
+        tilts = _START_TILTS if len(self.feet) else (0.0,)
+        fits = [self.fit(self.initial(tilt), SIGMA_PX, tolerance=_SEARCH_TOLERANCE) for tilt in tilts]
+        return self.fit(min(fits, key=lambda fit: float(fit.cost)).x, SIGMA_PX)
 
-    def fit(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> "scipy.optimize.OptimizeResult":
+    def fit(
+        self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD, tolerance: float = _TOLERANCE
+    ) -> "scipy.optimize.OptimizeResult":
         """Return the minimum near x for errors and a lean of standard deviations sigma_px and lean, rad."""
         return scipy.optimize.least_squares(
-            self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px, lean), ftol=1e-7, xtol=1e-7, gtol=1e-7,
-            max_nfev=100,
+            self.residuals, x, self.jacobian, x_scale="jac", args=(sigma_px, lean), ftol=tolerance, xtol=tolerance,
+            gtol=tolerance, max_nfev=100,
         )  # fmt: skip
 
     def jacobian(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> FloatArray:

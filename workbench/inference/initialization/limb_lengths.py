@@ -135,7 +135,7 @@ def fit_lengths(
 
     x = scipy.optimize.least_squares(
         residuals, np.concatenate([start, poses.ravel()]), jacobian, loss="huber", f_scale=SEARCH_LOSS.scale,
-        x_scale="jac", max_nfev=50,
+        x_scale="jac", max_nfev=50, ftol=1e-4,  # which moves lengths by less than a millimetre
     ).x  # fmt: skip
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
     error_px = float(np.median(sigma_px) * np.sqrt((project(x)[0] ** 2).sum() / n_keypoints))
