@@ -46,7 +46,8 @@ def test_an_experiment_runs_and_measures_the_benchmarks_error(folder, experiment
         "training.motions=builtin", f"hydra.run.dir={tmp_path / 'run'}",
     ]  # fmt: skip
     if experiment.endswith("cam"):
-        words += [f"dataset.keypoints.{name}={folder / name}" for name in used]
+        places = ", ".join(f"{name}: {folder / name}" for name in used)
+        words += [f"dataset.keypoints={{{places}}}"]
     else:
         words += ["inference.n_particles=50"]
     assert main(["run", f"experiment={experiment}", *words]) == 0
@@ -62,4 +63,4 @@ def test_an_experiment_runs_and_measures_the_benchmarks_error(folder, experiment
     assert run.result["humaneva_mm"] == pytest.approx(values[1:].mean(), rel=1e-9)
     assert run.result["humaneva_std_mm"] == pytest.approx(values[1:].std(), rel=1e-9)
     if experiment == "humaneva_3cam":
-        assert values.max() < 20.0  # mostly the tilt of the arms and of the torso, and the pelvis' 5 cm
+        assert values.max() < 60.0  # of which the markers' definitions are 15; the person is 80 px tall
