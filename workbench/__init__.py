@@ -17,6 +17,7 @@ _MODULES = {
     "Recorder": "recording.write.recorder",
     "Smooth": "priors.smooth",
     "Synthetic": "datasets.synthetic",
+    "check": "api",
     "person": "body.limbs",
     "read": "recording.read.reader",
     "record": "api",

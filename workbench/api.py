@@ -14,12 +14,18 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.experiment.config.options import GROUPS, allow_packages, packages_in
 from workbench.experiment.config.schema import composed, typed
+from workbench.experiment.config.stored import current_defaults
 from workbench.experiment.provenance import PYTHON, Command, provenance
+from workbench.experiment.repeat import changes
 from workbench.experiment.run import ending, execute, recorder_of
 from workbench.experiment.run import record as record_steps
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Components
+from workbench.recording.condense import condense
 from workbench.recording.read.reader import Run, read
+from workbench.results.check.outcome import Check, has_moved, table
+from workbench.results.check.rerun import Request, check_two, read_sound
+from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.parallel import single_blas_thread
 from workbench.utils.run_files import RECORDING
@@ -97,6 +103,43 @@ def record(components: Components, folder: str | Path | None = None, *, seed: in
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
     return read(place)
+
+
+def check(run: Run, baseline: str | Path, *, update: bool = False) -> Check:
+    """Compare a run with a stored one as `workbench check OLD.rrd NEW.rrd` does, and return the comparison.
+
+    Parameters
+    ----------
+    run : of `run`, `record` or `read`.
+    baseline : recording with the numbers that the run must reproduce; a `tolerances.json` next to it applies.
+    update : write the run's numbers to `baseline`, where it is missing or they changed, instead of failing.
+
+    Raises
+    ------
+    AssertionError : the run's numbers changed; the message has a table of them, and the configuration's changes.
+    InputError : there is no baseline, or it cannot be read.
+    """
+    __tracebackhide__ = True  # in pytest, the caller's line and the table suffice
+    path = Path(baseline)
+    if not path.is_file() and not update:
+        raise InputError(f"{path}: is no baseline yet; write it by check(…, update=True) or pytest --workbench-update")
+    if not path.is_file():
+        _write_baseline(run, path)
+    runs, refused = read_sound([path])
+    request = Request([], current_defaults([]), path.parent)
+    outcome = refused[0] if refused else check_two(str(path), runs[0], run, request)
+    if outcome.refused is not None:
+        raise InputError(outcome.refused)
+    if update and any(map(has_moved, outcome.findings)):
+        _write_baseline(run, path)
+    elif not outcome.passed:
+        raise AssertionError("\n".join([table([outcome]), *changes(runs[0].settings, run.settings)]))
+    return outcome
+
+
+def _write_baseline(run: Run, path: Path) -> None:
+    with whole_file(path, parents=True) as part:
+        condense(run, part)
 
 
 def _settings(components: Components, seed: int) -> dict[str, Any]:

@@ -5,6 +5,7 @@
     python -m analysis.tables faults [--processes N] [--data DATA]
     python -m analysis.tables measures [--processes N] --data DATA
     python -m analysis.tables ankles --data DATA
+    python -m analysis.tables methods --data DATA [--detector MODEL]
 
 A NAME is a table's or its beginning, such as papers; none: all. Runs are cached in FOLDER/measured, so that interrupted
 work continues; --stored runs nothing and shows a dash where runs are missing. Without -o the tables are written where
@@ -22,7 +23,7 @@ from pathlib import Path
 from analysis import command
 from analysis.figures.cached_runs import RunCache
 from analysis.figures.recordings import Source
-from analysis.tables import ankles, cameras, faults, measures, videos
+from analysis.tables import ankles, cameras, faults, measures, methods, videos
 from analysis.tables.listed import TABLES
 from analysis.tables.table import Table
 from workbench.utils.atomic_write import whole_file
@@ -44,6 +45,7 @@ MEASURED: Mapping[str, Callable[[Namespace], str]] = {
     "faults": lambda options: faults.table(_data(options), options.processes),
     "measures": lambda options: measures.table(_data(options), options.processes, options.seeds or measures.N_WALKS),
     "ankles": lambda options: ankles.table(_data(options)),
+    "methods": lambda options: methods.table(_data(options), options.detector),
 }
 """Tables without recorded runs, by the command's options."""
 
@@ -97,7 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--stored", action="store_true", help="run nothing")
     parser.add_argument("-o", dest="folder", type=Path, default=FOLDER, help="for the files (docs/_tables)")
     parser.add_argument("--videos", type=Path, metavar="FOLDER", help="of annotated videos, for the table videos")
-    parser.add_argument("--detector", default="full", help="of the table videos: full, heavy or a model (full)")
+    parser.add_argument(
+        "--detector", default="full", help="of the tables videos and methods: full, heavy or a model (full)"
+    )
     parser.add_argument(
         "--processes", type=int, default=os.cpu_count(), metavar="N", help="of the tables faults and measures (cores)"
     )

@@ -5,12 +5,14 @@ from dataclasses import fields
 import cv2
 import numpy as np
 import pytest
+from humaneva_files import write as write_humaneva
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
 from workbench.core.dataset import Dataset, SequenceInfo
 from workbench.core.frame_cache import FrameCache, without_images
 from workbench.datasets.blank import Blank
+from workbench.datasets.humaneva import HumanEva
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.point_files import PointFiles
 from workbench.datasets.points import Points
@@ -62,6 +64,11 @@ def multi_view(folder):
     )  # fmt: skip
 
 
+def humaneva(folder):
+    write_humaneva(folder)
+    return HumanEva(folder=str(folder), cameras=["C2", "BW1"], initialization="truth", n_frames=3)
+
+
 def point_files(folder, **options):
     for i in range(3):
         np.savez(folder / f"frame_{i}.npz", points=np.random.default_rng(i).standard_normal((20, 3)))
@@ -82,6 +89,7 @@ BUILDERS = {
     "video": video,
     "video_without_annotations": video_without_annotations,
     "multi_view": multi_view,
+    "humaneva": humaneva,
     "blank": lambda _: Blank(n_frames=4, first_frame=3),
 }
 

@@ -94,7 +94,8 @@ ELSEWHERE = {  # part of a command that does not run here: the test that runs it
     "my/experiment": "test_own_experiments.py",
     "--config-dir": "test_own_experiments.py", "--against": "test_check.py", "git bisect": "test_check.py",
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
-    "my_components": "test_own_components.py",
+    "my_components": "test_own_components.py", "pytest test_still.py": "test_own_components.py",
+    "humaneva_": "test_humaneva_experiments.py",
     "rm status=failed": "tests/unit/cli/test_runs.py", "workbench detect": "tests/unit/cli/test_detect.py",
     "workbench track": "tests/real_data/test_own_video_page.py",
 }  # fmt: skip

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["pytester"]
+
 SMALL = (
     "experiment=custom", "dataset=nodding", "dataset.n_frames=3", "prior=still", "likelihood=upright",
     "inference.n_particles=20", "recorder.n_particles_shown=5",
@@ -102,6 +104,24 @@ def test_the_code_of_the_page_runs(command, tmp_path):
     assert completed.returncode == 0, completed.stderr
     settings = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
     assert (settings["prior"]["_target_"], settings["likelihood"]["_target_"]) == TARGETS
+
+
+@pytest.mark.slow
+def test_a_users_test_keeps_a_baseline(command, pytester, monkeypatch):
+    """The page's test fails without a baseline, writes one, passes, and fails when a key of the component changes."""
+    (code,) = re.findall(r"```python\n(import workbench as wb\n.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    page_test = pytester.makepyfile(test_still=code)
+    monkeypatch.setenv("PYTHONPATH", str(SCENES))
+    monkeypatch.setenv("WORKBENCH_CACHE", str(command[0] / "cache"))
+    for options, failed in (([], 1), (["--workbench-update"], 0), ([], 0)):
+        done = pytester.runpytest_subprocess("-p", "no:xdist", *options)
+        done.assert_outcomes(failed=failed, passed=1 - failed)
+        assert (failed == 1) == ("is no baseline yet; write it by" in done.stdout.str())
+    assert (pytester.path / "baselines" / "test_still" / "test_still.rrd").is_file()
+    page_test.write_text(code.replace('"prior=still"', '"prior=still", "prior.sigma=0.05"'))
+    done = pytester.runpytest_subprocess("-p", "no:xdist")
+    done.assert_outcomes(failed=1)
+    assert "prior.sigma: 0.02 → 0.05" in done.stdout.str()
 
 
 @pytest.mark.slow

@@ -132,6 +132,25 @@ def test_every_public_name_is_callable_and_not_replaced_by_a_package():
     assert set(wb.__all__) <= set(dir(wb))
 
 
+def test_a_run_is_checked_against_its_baseline(run_with_own_prior, tmp_path):
+    run, baseline = run_with_own_prior[0], tmp_path / "baselines" / "own.rrd"
+    with pytest.raises(InputError, match=r"own\.rrd: is no baseline yet"):
+        wb.check(run, baseline)
+    assert wb.check(run, baseline, update=True).passed
+    content = baseline.read_bytes()
+    assert wb.check(run, baseline).passed
+    wb.check(run, baseline, update=True)
+    assert baseline.read_bytes() == content  # an equal baseline stays
+    other = wb.run("walk_prior_only", "seed=4", *SMALL, folder=tmp_path / "other", quiet=True)
+    with pytest.raises(AssertionError, match=r"mpjpe_mm.+FAILED \(changed\)(.|\n)+seed: 3 → 4"):
+        wb.check(other, baseline)
+    wb.check(other, baseline, update=True)
+    assert wb.check(other, baseline).passed
+    baseline.write_bytes(b"no recording")
+    with pytest.raises(InputError, match=r"own\.rrd"):
+        wb.check(run, baseline)
+
+
 @pytest.mark.slow
 def test_a_run_from_python_is_identical_to_that_of_the_command(tmp_path):
     from workbench.cli.main import main

@@ -28,8 +28,8 @@ def evaluate(
     estimates: Annotated[
         list[Path],
         typer.Argument(
-            metavar="ESTIMATE…", help="Motions: .trc, .c3d, .bvh, .amc, .csv, .npz, .rrd, a run's folder; or folders "
-            "with one for each trial.",
+            metavar="ESTIMATE…", help="Motions: .trc, .c3d, .bvh, .amc, .csv, .npz, .mot, .rrd, a run's folder; or "
+            "folders with one for each trial.",
         ),
     ],
     truth: Annotated[Path, typer.Option("--truth", metavar="FILE", help="The true motion, or a folder of trials.")],
@@ -52,10 +52,12 @@ def evaluate(
 ) -> None:  # fmt: skip
     """Score motions that any program made against true ones, side by side.
 
-    Joints are matched by name and anatomy. A recording has intervals, which are scored too; as the truth it stands for
-    its true joints, if it has them.
-    Prints each score with a 90 % interval: over the trials of a folder, or over the seconds of a single one. With -o
-    it writes scores.csv, joints.csv, angles.csv, scores.md, scores.tex, and recordings of the estimates with the truth.
+    Joints are matched by name and anatomy; of .mot files only angles are scored. A
+    recording has intervals, which are scored too; as the truth it stands for its true
+    joints, if it has them.
+    Prints each score with a 90 % interval: over the trials of a folder, or over the
+    seconds of a single one. With -o it writes scores.csv, joints.csv, angles.csv,
+    scores.md, scores.tex, and recordings of the estimates with the truth.
 
     Examples:
       workbench evaluate walk/run.rrd --truth markers.trc --align rigid
@@ -75,14 +77,17 @@ def evaluate(
             for note in one.notes:
                 print(printable(note))
     scores = score_table(scored)
-    print(f"\n{text(display(scores))}")
+    if scores.empty:  # only angles
+        print(f"\n{text(angle_table(scored).round(2).astype(object))}")
+    else:
+        print(f"\n{text(display(scores))}")
     parts = "trials" if max(map(len, scored.values())) > 1 else "seconds of the trial"
     words = f"; [90 % intervals] over the {parts}" if scores["low_90"].notna().any() else ""
     print(f"\nalignment: {align}{words}")
     if output is not None:
         paths = write_tables(output, scores, joint_table(scored), angle_table(scored))
         for name, trials in scored.items():
-            for one in trials:
+            for one in (each for each in trials if each.names):
                 path = output / f"{name}_{one.trial}.rrd"
                 write_two_skeletons(path, one.names, one.truth.times_s, one.estimate.positions, one.truth.positions)
                 paths.append(path)

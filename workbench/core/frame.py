@@ -8,6 +8,8 @@ import numpy as np
 from workbench.cameras.camera import Camera
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
+HUMANEVA_HEAD_M = 0.316103
+"""Distance of HumanEva's marker at the top of the head from the thorax, along the axis of the head."""
 NO_IMAGE: ByteArray = np.empty((0, 0), dtype=np.uint8)
 
 
@@ -40,6 +42,7 @@ class Truth:
     ----------
     pose : (P,).
     joints : (J, 3), m, in the skeleton's order of joints; NaN for an unknown joint.
+    virtual_markers : (J, 2, 3), m, of HumanEva: the ends of the limbs that meet in a joint, see `virtual_markers`.
     annotations : (J, 2) annotated pixels in the first view; NaN for joints without an annotation.
     annotations_visible : (J,) bool, false for an annotation of an occluded joint.
     activity : the person's activity, such as "walk".
@@ -48,6 +51,7 @@ class Truth:
 
     pose: FloatArray | None = None
     joints: FloatArray | None = None
+    virtual_markers: FloatArray | None = None
     annotations: FloatArray | None = None
     annotations_visible: BoolArray | None = None
     activity: str | None = None

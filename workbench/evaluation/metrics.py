@@ -120,10 +120,16 @@ METRICS = (
         "acceleration_error_m_s2", "acceleration error", "m/s²",
         "error of the joints' accelerations, a measure of jitter", better="lower",
     ),
-    Metric("humaneva_mm", "HumanEva error in 3-D", "mm", "HumanEva's 3-D error, over 15 joints", better="lower"),
     Metric(
-        "humaneva_px", "HumanEva error in 2-D", "px", "HumanEva's 2-D error, over 15 joints in all views",
-        better="lower",
+        "humaneva_mm", "HumanEva error in 3-D", "mm",
+        "HumanEva's 3-D error, over 15 joints, of its virtual markers where the dataset is HumanEva", better="lower",
+    ),
+    Metric(
+        "humaneva_px", "HumanEva error in 2-D", "px", "the same in 2-D, over 15 joints in all views", better="lower",
+    ),
+    Metric(
+        "humaneva_std_mm", "HumanEva error in 3-D, deviation", "mm",
+        "standard deviation of `humaneva_mm` over the frames of HumanEva", aggregates=(),
     ),
     Metric("pck_abs_150mm", "PCK at 150 mm", "fraction", "joints within 15 cm of the true ones", better="higher"),
     Metric(

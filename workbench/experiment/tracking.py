@@ -122,6 +122,7 @@ class Meter:
         self._markers = MarkerOffsets(skeleton, self._parameters)
         self._first = True  # the initial pose, which is not tracked
         self._ranks: list[FloatArray] = []
+        self._humaneva_mm: list[float] = []
 
     def errors(self, step: Step) -> dict[str, float]:
         """Return the step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`,
@@ -131,6 +132,12 @@ class Meter:
         errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
+            if (
+                step.frame.truth is not None
+                and step.frame.truth.virtual_markers is not None
+                and "humaneva_mm" in errors
+            ):
+                self._humaneva_mm.append(errors["humaneva_mm"])
         self._first = False
         return errors | self._acceleration.add(step) | self._markers.add(step)
 
@@ -142,11 +149,12 @@ class Meter:
 
     @property
     def run_metrics(self) -> dict[str, float]:
-        """Metrics of the run as a whole: lengths of the marker offsets, mm, and the expected calibration error, see
-        `posterior_calibration.expected_calibration_error`."""
+        """Metrics of the run as a whole: lengths of the marker offsets, mm, the expected calibration error, see
+        `posterior_calibration.expected_calibration_error`, and the deviation of HumanEva's error over its frames."""
         ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
         calibration = {"expected_calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
-        return self._markers.corrected_mm | self._markers.lengths_mm | calibration
+        deviation = {"humaneva_std_mm": float(np.std(self._humaneva_mm))} if self._humaneva_mm else {}
+        return self._markers.corrected_mm | self._markers.lengths_mm | calibration | deviation
 
 
 def track(components: Components, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, feet_skeleton, person_skeleton
-from workbench.motion.formats.opensim_mot import mot_text, opensim_coordinates
+from workbench.motion.formats.opensim_mot import mot_text, opensim_coordinates, read_mot
+from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))
 FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -125,3 +126,46 @@ def test_the_file_has_the_frames_with_poses_and_the_determined_coordinates():
     determined = parsed(mot_text("walk", SKELETON, times_s, poses, ("left_elbow_flexion", "left_shoulder_twist")))
     assert set(columns) - set(determined) == {"elbow_flex_l", "arm_rot_l"}
     assert "pelvis_tilt" not in parsed(mot_text("walk", SKELETON, times_s, poses, ("root_pitch",)))
+
+
+def test_a_written_file_is_read_back(tmp_path):
+    path, times_s = tmp_path / "a.mot", np.arange(4) / 30.0
+    poses = np.repeat(pose(right_knee_flexion=60.0, left_hip_flexion=30.0, root_heading=179.0), 4, axis=0)
+    poses[2:, 3] = np.radians(181.0)
+    path.write_text(mot_text("a", SKELETON, times_s, poses))
+    read_s, angles = read_mot(path)
+    np.testing.assert_allclose(read_s, times_s, atol=1e-9)
+    expected = {
+        name: each for name, each in opensim_coordinates(SKELETON, poses).items() if not name.startswith("pelvis_t")
+    }
+    assert set(angles) == {*expected, "pelvis_tilt"}
+    for name, each in expected.items():
+        np.testing.assert_allclose(angles[name], each, atol=1e-7)
+
+
+def test_radians_are_degrees_and_other_columns_are_ignored(tmp_path):
+    path = tmp_path / "a.mot"
+    path.write_text("a\nversion=1\ninDegrees=no\nendheader\ntime\tpelvis_tx\tknee_angle_r\tbeta\n0\t1\t0.5\t9\n")
+    _, angles = read_mot(path)
+    assert set(angles) == {"knee_angle_r"}
+    assert angles["knee_angle_r"] == pytest.approx(np.degrees([0.5]))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time\tknee_angle_r\n0\t1\n", "line 1: expected a motion file of OpenSim"),
+        (
+            "endheader\ntime\tpelvis_tx\n0\t1\n",
+            "line 2: expected joint angles, such as knee_angle_r, found time, pelvis_tx",
+        ),
+        ("endheader\nknee_angle_r\n0\n", "line 2: expected times, s, that increase, in a first column time"),
+        ("endheader\ntime\tknee_angle_r\n0\t1\n0\t1\n", "line 2: expected times, s, that increase"),
+        ("endheader\ntime\tknee_angle_r\n0\n", "line 3: expected 2 values for a row, found 1"),
+    ],
+)
+def test_a_damaged_file_is_refused_with_the_line(tmp_path, text, message):
+    path = tmp_path / "a.mot"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_mot(path)

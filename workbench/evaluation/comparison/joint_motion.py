@@ -1,7 +1,7 @@
 """A motion as named joints over time, such as any program's result."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,8 @@ class JointMotion:
     """J joints in F frames.
 
     source: the file. names: J of JOINT_NAMES. times_s: (F,), increasing. positions: (F, J, 3), m, z up, NaN where
-    missing. samples: (S, F, J, 3), m, of the posterior; S = 0 without one.
+    missing. samples: (S, F, J, 3), m, of the posterior; S = 0 without one. angles_deg: (F,) by name, which a file has
+    in addition, or, with J = 0, in place of joints.
     """
 
     source: str
@@ -25,6 +26,7 @@ class JointMotion:
     times_s: FloatArray
     positions: FloatArray
     samples: FloatArray
+    angles_deg: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def interval_s(self) -> float:
@@ -53,8 +55,10 @@ class JointMotion:
             mixed = np.where(part == 0.0, before, before + part * (after - before))
             return np.where(known[:, None, None], mixed, np.nan)
 
+        angles = {name: interpolated(each[:, None, None])[:, 0, 0] for name, each in self.angles_deg.items()}
         return replace(
-            self, times_s=times_s, positions=interpolated(self.positions), samples=interpolated(self.samples)
+            self, times_s=times_s, positions=interpolated(self.positions), samples=interpolated(self.samples),
+            angles_deg=angles,
         )  # fmt: skip
 
 

@@ -86,7 +86,8 @@ def frame_scores(
     if len(samples):
         scores |= _calibration(samples[:, :, rows], true)
     everywhere = 1e3 * np.linalg.norm(estimate - truth, axis=-1)
-    return FrameScores(scores, everywhere, _angles(names, estimate, truth))
+    own_angles, true_angles = joint_angles(names, estimate), joint_angles(names, truth)
+    return FrameScores(scores, everywhere, {name: (own_angles[name], true_angles[name]) for name in own_angles})
 
 
 def _procrustes(estimate: FloatArray, truth: FloatArray) -> float:
@@ -105,12 +106,13 @@ def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray
             "crps": 1e3 * _mean(score.reshape(len(truth), -1))}  # fmt: skip
 
 
-def _angles(names: Sequence[str], estimate: FloatArray, truth: FloatArray) -> dict[str, tuple[FloatArray, FloatArray]]:
+def joint_angles(names: Sequence[str], positions: FloatArray) -> dict[str, FloatArray]:
+    """Return the flexion (F,), degrees, of knees and elbows, by name, of named joints (F, J, 3)."""
     index = {name: k for k, name in enumerate(names)}
     return {
-        angle: (_flexion_deg(estimate[:, rows]), _flexion_deg(truth[:, rows]))
+        angle: _flexion_deg(positions[:, [index[joint] for joint in joints]])
         for angle, joints in _ANGLES.items()
-        if (rows := [index[joint] for joint in joints if joint in index]) and len(rows) == len(joints)
+        if set(joints) <= set(index)
     }
 
 

@@ -14,10 +14,10 @@ from workbench.body.angles import N_POSITION, flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.shape import FOREARM_OVER_HEIGHT
-from workbench.body.skeleton import POSE_NAMES, Skeleton
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton
 from workbench.cameras.camera import Camera
 from workbench.cameras.image_height import height_px
-from workbench.core.frame import Frame, Truth, true_cameras
+from workbench.core.frame import HUMANEVA_HEAD_M, Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import given_parameters, joint_calibration, pose_calibration
 from workbench.utils.arrays import FloatArray
@@ -44,8 +44,8 @@ def step_errors(
     wrist of a tracked arm.
 
     mpjpe_abs_mm: mean joint error in the world. mpjpe_mm: the same after aligning the roots. pa_mpjpe_mm: after
-    Procrustes alignment. humaneva_mm: over all joints with the root, HumanEva's 15. pck_abs_150mm: fraction of the
-    joints within 15 cm.
+    Procrustes alignment. humaneva_mm: over all joints with the root, HumanEva's 15, or over HumanEva's own markers
+    where the truth has them. pck_abs_150mm: fraction of the joints within 15 cm.
 
     mpjpe_px: mean joint error in the first view, in pixels of the unscaled image; over the visible annotations where
     joints are annotated. humaneva_px: the same over all views. The estimate is projected by the assumed camera, and the
@@ -93,6 +93,8 @@ def step_errors(
         errors["forearm_width_px"] = forearm_width_px(camera, body, truth.joints, measured) / image_scale
     elif truth.annotations is not None and "mpjpe_px" in errors:
         errors["forearm_width_px"] = FOREARM_OVER_HEIGHT * float(height_px(truth.annotations)) / image_scale
+    if truth.virtual_markers is not None and len(measured) == len(skeleton.names) - 1:
+        errors |= humaneva_errors(step.frame, estimates[0], truth.virtual_markers, image_scale)
     if truth.pose is not None:
         given = None if initial is None else given_parameters(skeleton, moving, truth.pose, initial)
         errors |= pose_calibration(step, skeleton, given)
@@ -116,6 +118,28 @@ def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> d
         if residuals:
             errors[f"{joint}_flexion_rmse_deg"] = float(np.sqrt(np.mean(np.square(residuals))))
     return errors
+
+
+def humaneva_errors(
+    frame: Frame, estimate: FloatArray, markers: FloatArray, image_scale: float = 1.0
+) -> dict[str, float]:
+    """Return humaneva_mm and humaneva_px of estimated joints (J, 3), m, by HumanEva's virtual markers (J, 2, 3), m.
+
+    A joint's error is the mean of its distances from both markers, in px also over the views. The head's marker is on
+    the line from the neck through the head's centre, at HUMANEVA_HEAD_M, as the true one is on the axis of the head.
+    """
+    places, neck, head = estimate.copy(), JOINT_NAMES.index("neck"), JOINT_NAMES.index("head_centre")
+    upwards = estimate[head] - estimate[neck]
+    places[head] = estimate[neck] + HUMANEVA_HEAD_M * upwards / np.linalg.norm(upwards)
+    errors = {"humaneva_mm": 1e3 * float(_mean(np.linalg.norm(places[:, None] - markers, axis=-1).mean(axis=1)))}
+    cameras = zip((view.camera for view in frame.views), true_cameras(frame), strict=True)
+    of_views = [
+        np.mean([_pixel_distances(used, places, true.project(markers[:, end])) for end in (0, 1)], axis=0)
+        for used, true in cameras
+    ]
+    if of_views:
+        errors["humaneva_px"] = float(_mean(np.concatenate(of_views))) / image_scale
+    return {name: error for name, error in errors.items() if np.isfinite(error)}
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:

@@ -31,6 +31,7 @@ SOURCES: Mapping[str, str] = MappingProxyType(
     {
         "sports2d_walk": "the demonstration video of Sports2D, https://github.com/davidpagnon/Sports2D",
         "pose2sim_balance": "the demonstration videos of Pose2Sim, https://github.com/perfanalytics/pose2sim",
+        "humaneva": "HumanEva I or II, http://humaneva.is.tue.mpg.de (or set dataset.folder)",
         "cmu": "clips of the CMU motion capture database, http://mocap.cs.cmu.edu",
         "bandai": "the motion dataset https://github.com/BandaiNamcoResearchInc/Bandai-Namco-Research-Motiondataset",
     }

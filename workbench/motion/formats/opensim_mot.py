@@ -1,14 +1,18 @@
 """OpenSim's motion files (.mot): joint angles by the names and conventions of its full-body model Rajagopal (2016)."""
 
+import re
 import warnings
 from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import Skeleton
+from workbench.motion.formats.text import fail, numbers, read_lines
 from workbench.utils.arrays import FloatArray
+from workbench.utils.input_limits import MAX_NUMBERS, check_number
 
 OPENSIM_FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From x ahead, y to the left, z up to x ahead, y up, z to the right."""
@@ -19,6 +23,7 @@ _COORDINATES = {
     "knee_flexion": "knee_angle", "elbow_flexion": "elbow_flex", "ankle_flexion": "ankle_angle",
 }  # fmt: skip
 """OpenSim's names by our parameters, both without the side."""
+_ANGLE = re.compile(rf"pelvis_({'|'.join(_PELVIS)})|({'|'.join(_COORDINATES.values())})_[lr]")
 
 
 def opensim_coordinates(skeleton: Skeleton, poses: FloatArray) -> dict[str, FloatArray]:
@@ -75,6 +80,30 @@ def mot_text(
         for time_s, row in zip(times_s[known].tolist(), rows, strict=True)
     ]
     return "\n".join([*header, *lines, ""])
+
+
+def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the times (F,), s, and the angles (F,), degrees, without jumps by 360°, of a motion file by name.
+
+    Angles are those that `opensim_coordinates` names; the other columns are ignored. Raises InputError, with the line,
+    if the file has no times that increase, or none of the angles.
+    """
+    lines = read_lines(path)
+    end = next((k for k, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None or end + 2 >= len(lines):
+        fail(path, 1, "expected a motion file of OpenSim: a header up to endheader, names of columns, and rows")
+    names = lines[end + 1].split()
+    table = [(k, line.split()) for k, line in enumerate(lines[end + 2 :], end + 3) if line.strip()]
+    check_number(path, "numbers", len(table) * len(names), MAX_NUMBERS)
+    values = np.array([numbers(path, k, words, len(names), "a row") for k, words in table])
+    angles = {name: values[:, k] for k, name in enumerate(names) if _ANGLE.fullmatch(name)}
+    if not angles:
+        fail(path, end + 2, f"expected joint angles, such as knee_angle_r, found {', '.join(names[:60])}")
+    if names[0] != "time" or not (np.diff(values[:, 0]) > 0.0).all():
+        fail(path, end + 2, "expected times, s, that increase, in a first column time")
+    is_radians = any(re.fullmatch(r"indegrees\s*=\s*no", line.strip().lower()) for line in lines[:end])
+    scale = np.degrees(1.0) if is_radians else 1.0
+    return values[:, 0], {name: np.unwrap(scale * each, period=360.0) for name, each in angles.items()}
 
 
 def _zxy(rotations: FloatArray) -> FloatArray:

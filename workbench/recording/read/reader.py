@@ -12,6 +12,7 @@ from workbench.core.study import Figure
 from workbench.recording.format import check_format
 from workbench.recording.read import chunks, frame_tables
 from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
+from workbench.recording.read.notebook import notebook_viewer
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.utils.arrays import FloatArray, IntArray
@@ -219,6 +220,13 @@ class Run:
     def polars(self, name: str) -> Any:
         """Return `table(name)` as a polars data frame; raises InputError where polars is not installed."""
         return frame_tables.data_frame("polars", self.table(name))
+
+    def show(self) -> Any:
+        """Return the recording in the Rerun viewer as a widget, which a notebook displays; see `notebook_viewer`.
+
+        Raises InputError where rerun-notebook, the extra `notebook`, is not installed.
+        """
+        return notebook_viewer(self.path)
 
     def __repr__(self) -> str:
         experiment = self.provenance.get("experiment", "a run")

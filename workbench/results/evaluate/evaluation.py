@@ -9,7 +9,7 @@ import pandas as pd
 
 from workbench.evaluation.comparison.alignment import NONE, RIGID, ROOT, aligned, offset_s, similarity
 from workbench.evaluation.comparison.joint_motion import JointMotion
-from workbench.evaluation.comparison.scores import SCORES, FrameScores, frame_scores
+from workbench.evaluation.comparison.scores import SCORES, FrameScores, frame_scores, joint_angles
 from workbench.evaluation.uncertainty.intervals import bootstrap_interval
 from workbench.results.evaluate.joint_files import SUFFIXES
 from workbench.utils.arrays import FloatArray
@@ -49,7 +49,8 @@ class Compared:
 def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, offset: float | None) -> Compared:
     """Return an estimate of a trial compared with the truth.
 
-    Joints are matched by name. The motion with more frames a second is interpolated at the times of the other.
+    Joints are matched by name. The motion with more frames a second is interpolated at the times of the other. Of a
+    motion without joints, only angles are compared, and the offset is not estimated.
 
     Parameters
     ----------
@@ -60,6 +61,8 @@ def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, 
     ------
     InputError : fewer than two joints, or no frame, in common, or no pelvis or hips for ROOT.
     """
+    if not (estimate.names and truth.names):
+        return _compared_angles(trial, estimate, truth, offset)
     names = [name for name in truth.names if name in estimate.names]
     if len(names) < 2:
         raise InputError(
@@ -83,6 +86,31 @@ def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, 
     notes = _notes(estimate, truth, names, added_s, offset is None, align, own, true)
     own, true = replace(own, positions=places, samples=samples), replace(true, positions=true_places)
     return Compared(trial, own, true, scores, notes)
+
+
+def _compared_angles(trial: str, estimate: JointMotion, truth: JointMotion, offset: float | None) -> Compared:
+    """Return the comparison of the angles that both motions have, which the joints of one may determine."""
+    own, true = (
+        each if each.angles_deg else replace(each, angles_deg=joint_angles(each.names, each.positions))
+        for each in (estimate, truth)
+    )
+    names = [name for name in true.angles_deg if name in own.angles_deg]
+    own = replace(own, times_s=own.times_s + (offset or 0.0))
+    times_s = _common_times(own, true)
+    if not names or not len(times_s):
+        raise InputError(
+            f"{estimate.source}: expected angles of {truth.source} at the same times: {', '.join(true.angles_deg)}, "
+            f"{_span(truth, 0.0)}; found {', '.join(own.angles_deg) or 'none'}, {_span(estimate, offset or 0.0)}"
+        )
+    own, true = own.at(times_s), true.at(times_s)
+    pairs = {}
+    for name in names:
+        errors = own.angles_deg[name] - true.angles_deg[name]
+        errors -= 360.0 * np.round(errors / 360.0)  # a whole turn is none
+        pairs[name] = (true.angles_deg[name] + errors, true.angles_deg[name])
+    note = f"{estimate.source}: {len(names)} angles in {len(times_s)} frames, as a file has no joints"
+    scores = FrameScores({}, np.empty((len(times_s), 0)), pairs)
+    return Compared(trial, own.of_joints(()), true.of_joints(()), scores, (note,))
 
 
 def _common_times(estimate: JointMotion, truth: JointMotion) -> FloatArray:

@@ -1,9 +1,10 @@
-"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPY, NPZ and recordings."""
+"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPY, NPZ, recordings; angles of MOT."""
 
 import csv
 import logging
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
+from workbench.motion.formats.opensim_mot import opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
 from workbench.motion.formats.trc import RawMarkers
 from workbench.motion.sources import Reading, read_clip
@@ -32,8 +34,8 @@ from workbench.utils.run_files import RECORDING_SUFFIXES
 
 log = logging.getLogger(__name__)
 
-_MARKERS, _SKELETONS, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npy", ".npz")
-SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, *RECORDING_SUFFIXES)
+_MARKERS, _SKELETONS, _ARRAYS, _ANGLES = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npy", ".npz"), ".mot"
+SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, _ANGLES, *RECORDING_SUFFIXES)
 _SMPL = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
     "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
@@ -67,7 +69,7 @@ BY_FILE = Given()
 
 
 def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> JointMotion:
-    """Return the motion of the person's joints in a file or a run's folder.
+    """Return the motion of the person's joints in a file or a run's folder; of a motion file of OpenSim the angles.
 
     truth: of a recording the true joints, if it has them, instead of the estimate. Raises InputError if the file cannot
     be read, has no joint by name, or no times and no rate is given.
@@ -83,8 +85,10 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
     if suffix in _ARRAYS:
         raw, times_s = (_csv if suffix == ".csv" else _arrays)(path, given.rate_hz)
         return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
-    if suffix == ".mot":
-        raise InputError(f"{path}: has joint angles without the lengths of limbs; export it as TRC, BVH or C3D")
+    if suffix == _ANGLES:
+        times_s, angles = read_mot(path)
+        no_joints = np.empty((len(times_s), 0, 3))
+        return JointMotion(str(path), (), times_s, no_joints, no_joints[None][:0], _named(angles))
     raise InputError(f"{path}: expected a motion, {', '.join(SUFFIXES)}, or a run's folder")
 
 
@@ -108,7 +112,16 @@ def _of_recording(path: Path, truth: bool) -> JointMotion:
     _, times_s, poses = recorded_poses(run, skeleton)
     draws = run.draws
     samples = None if draws is None else np.stack([joints(skeleton, each)[:, chosen] for each in draws])
-    return _motion(path, JOINT_NAMES, times_s, joints(skeleton, poses)[:, chosen], samples)
+    motion = _motion(path, JOINT_NAMES, times_s, joints(skeleton, poses)[:, chosen], samples)
+    return replace(motion, angles_deg=_named(opensim_coordinates(skeleton, poses)))
+
+
+def _named(coordinates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the angles among OpenSim's coordinates, knees and elbows by the names of `scores.joint_angles`."""
+    hinges = {"knee_angle": "knee", "elbow_flex": "elbow"}
+    ours = {f"{name}_{side[0]}": f"{side}_{joint}" for name, joint in hinges.items() for side in ("left", "right")}
+    return {ours.get(name, name): each for name, each in coordinates.items() if not name.startswith("pelvis_t")
+            or name == "pelvis_tilt"}  # fmt: skip
 
 
 def _of_skeleton(path: Path, given: Given) -> JointMotion:
