@@ -133,14 +133,21 @@ class HumanEva:
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames of the cameras with their truth, numbered as the images of the first camera."""
+        return self._with_truth(self._views.frames())
+
+    def frames_without_images(self) -> Iterator[Frame]:
+        """Yield the same frames with empty images, without decoding them."""
+        return self._with_truth(self._views.frames_without_images())
+
+    def _with_truth(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         offset = self._sync.first_images[self.cameras[0]] + self._span[0] - 1
         head = JOINT_NAMES.index("head_centre")
-        for frame in self._views.frames():
+        for frame in frames:
             markers, joints = (each[frame.index - offset].copy() for each in self._truth)
             if self.subject in _WRONG_HEADS:
                 markers[head] = joints[head] = np.nan
-            is_known = bool(np.isfinite(joints).any())
-            yield replace(frame, truth=Truth(joints=joints, virtual_markers=markers) if is_known else None)
+            truth = Truth(joints=joints, virtual_markers=markers) if np.isfinite(joints).any() else None
+            yield replace(frame, truth=truth)
 
     @property
     def _trial(self) -> str:

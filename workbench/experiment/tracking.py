@@ -132,11 +132,8 @@ class Meter:
         errors |= expected_errors(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
-            if (
-                step.frame.truth is not None
-                and step.frame.truth.virtual_markers is not None
-                and "humaneva_mm" in errors
-            ):
+            truth = step.frame.truth
+            if truth is not None and truth.virtual_markers is not None and "humaneva_mm" in errors:
                 self._humaneva_mm.append(errors["humaneva_mm"])
         self._first = False
         return errors | self._acceleration.add(step) | self._markers.add(step)

@@ -1,4 +1,4 @@
-"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, CSV, NPY, NPZ, recordings; angles of MOT."""
+"""Motions of named joints from the files of any program: TRC, C3D, BVH, AMC, arrays and recordings; angles of MOT."""
 
 import csv
 import logging
