@@ -204,12 +204,13 @@ def _chosen_tests(mutant: Mutant, tests: Sequence[CalledTest]) -> list[list[Call
     """
     function, modules = f"{mutant.path}:{mutant.function}", {mutant.path}
     if not any(function in test.functions for test in tests):
-        name = f"workbench.{mutant.path.removesuffix('.py').replace('/', '.')} import"
+        imported = re.compile(rf"import.*\b{Path(mutant.path).stem}\b|\b{Path(mutant.path).stem} import")
         paths = (ROOT / "workbench").rglob("*.py")
-        modules |= {str(path.relative_to(ROOT / "workbench")) for path in paths if name in path.read_text()}
+        modules |= {str(path.relative_to(ROOT / "workbench")) for path in paths if imported.search(path.read_text())}
     near = [test for test in tests if any(call.split(":")[0] in modules for call in test.functions)]
     files = Counter(test.file for test in near if function in test.functions) or Counter(test.file for test in near)
-    first = max(files, key=lambda file: (Path(mutant.path).stem in file, files[file]), default="")
+    stems = [Path(module).stem for module in modules]
+    first = max(files, key=lambda file: (any(stem in file for stem in stems), files[file]), default="")
     groups: list[list[CalledTest]] = [[], []]
     for test in sorted(near, key=lambda test: (function not in test.functions, test.seconds)):
         group = groups[test.file != first]
