@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from linear_gaussian import (
     MEAN0,
+    STD0,
+    A,
     Position,
+    Q,
+    R,
     TwoJoints,
     assert_agree,
     exact,
@@ -42,8 +46,13 @@ ALL = EXACT | {"annealed": with_algorithm(Annealed())}
 
 
 @pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize(("sigma", "h", "g"), [(0.05, 0.0, 0.0), (0.1, -0.5, 1.0)], ids=["sharp", "previous pose"])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sigma", "h", "g"),
+    [
+        pytest.param(0.05, 0.0, 0.0, id="sharp"),
+        pytest.param(0.1, -0.5, 1.0, id="previous pose", marks=pytest.mark.slow),
+    ],
+)
 def test_posterior_and_evidence_are_exact(name, sigma, h, g):
     """With h the likelihood depends on the previous pose, so that its quadratic differs between parents."""
     measured = simulate(T, seed=3, sigma=sigma, h=h)
@@ -110,6 +119,14 @@ def test_annealing_concentrates_particles_at_the_mode_and_reports_no_posterior()
     _, annealed_variance = moments(steps[-1])
     assert annealed_variance[0] < 0.7 * variance[-1][0]
     assert np.abs(steps[-1].particles[:, 0] - measured[-1]).min() < 0.3
+
+
+def test_two_annealing_layers_have_the_variance_of_their_gaussians():
+    measured, algorithm = simulate(2, seed=3), with_algorithm(Annealed(layers=2))
+    *_, last = algorithm(TwoJoints(), Position(measured), 20_000).run(frames(2), MEAN0, streams(0))
+    predicted = (A**2 @ STD0**2 + Q**2)[0]
+    first_layer = 1.0 / (1.0 / predicted + 0.5**1.5 / R**2) + (0.5 * Q[0]) ** 2
+    assert moments(last)[1][0] == pytest.approx(1.0 / (1.0 / first_layer + 1.0 / R**2), rel=0.03)
 
 
 def test_track_is_lost_after_three_frames_of_low_evidence_and_thirty_of_reference():

@@ -3,6 +3,7 @@
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
+import scipy
 
 from workbench.body.kinematics import forward
 from workbench.likelihoods.cues.appearance import (
@@ -94,6 +95,15 @@ def test_the_template_is_a_mean_and_then_an_exponential_average():
     for level in [*levels[3:], *levels[3:]]:
         before, template = template, updated_template(template, level, 1e3, 1e-9, 0.25)
         np.testing.assert_allclose(template.mean, before.mean + 0.25 * (108.0 - before.mean), rtol=1e-6)
+
+
+def test_the_template_changes_by_the_probability_that_a_level_is_no_outlier():
+    template = Template(np.full((1, 1, 1), 100.0), np.ones((1, 1, 1)))
+    updated = updated_template(template, np.full((1, 1, 1), 110.0), 10.0, 0.3, 0.1)
+    density = 0.7 * 256.0 * scipy.stats.norm.pdf(110.0, 100.0, np.sqrt(2.0) * 10.0)
+    probability = density / (density + 0.3)
+    assert updated.mean.item() == pytest.approx(100.0 + 0.5 * 10.0 * probability)
+    assert updated.n.item() == pytest.approx(1.0 + probability)
 
 
 def test_outliers_and_unobserved_cells_do_not_change_the_template():

@@ -11,7 +11,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.formats.joint_names import marker_joints
-from workbench.motion.formats.markers import Markers, in_world, joint_centres, joints_of, read_markers
+from workbench.motion.formats.markers import Markers, frozen_markers, in_world, joint_centres, joints_of, read_markers
 from workbench.motion.formats.motion_export import Track, export, trc_text
 from workbench.motion.formats.trc import RawMarkers
 from workbench.utils.errors import InputError
@@ -81,6 +81,25 @@ def test_positions_are_interpolated_linearly_and_missing_near_gaps_and_outside()
     np.testing.assert_allclose(positions[3], 0.5 * (truth[2] + truth[3]))
     np.testing.assert_allclose(positions[4], truth[3])
     assert np.isnan(positions[5:]).all()
+
+
+@pytest.mark.parametrize(("n_frozen", "is_frozen"), [(8, True), (7, False)])
+@pytest.mark.parametrize("n_still", [1, 2])
+def test_a_marker_that_alone_stands_still_in_most_steps_is_omitted(n_frozen, is_frozen, n_still, caplog):
+    positions = walking_joints(16)  # 15 steps
+    still = [JOINT_NAMES.index(name) for name in ("left_wrist", "right_wrist")[:n_still]]
+    positions[5 : 6 + n_frozen, still] = positions[5, still]
+    markers = in_world("file", RawMarkers(JOINT_NAMES, 50.0, positions, "m"))
+    omitted = np.isnan(markers.positions).all(axis=(0, 2))
+    assert [JOINT_NAMES[k] for k in np.flatnonzero(omitted)] == ["left_wrist"] * (is_frozen and n_still == 1)
+    assert ("marker left_wrist stands still" in caplog.text) == omitted.any()
+
+
+def test_a_short_clip_shows_no_frozen_marker():
+    positions = np.random.default_rng(0).standard_normal((11, 3, 3))
+    positions[:, 1] = 0.3
+    assert frozen_markers(positions).tolist() == [False, True, False]
+    assert not frozen_markers(positions[1:]).any()
 
 
 def test_ambiguous_axes_empty_files_and_other_extensions_are_rejected(tmp_path):

@@ -70,10 +70,13 @@ def test_marginals_and_intervals_are_those_of_the_named_parameter(priors, name):
     run = steps(prior)
     collected = Posterior(prior.space, BODY.skeleton, N_BINS)
     numbers = [collected.add(step) for step in run]
-    entities, axes = collected.pictures()
-    log_mass = dict(entities)["posterior/marginals"].data.as_arrow_array().to_pylist()[0]["buffer"]
+    pictures, axes = collected.pictures()
+    entities = dict(pictures)
+    log_mass = entities["posterior/marginals"].data.as_arrow_array().to_pylist()[0]["buffer"]
     log_mass = np.array(log_mass, dtype=float).reshape(-1, N_BINS, N_FRAMES)
     assert len(axes["names"]) == len(axes["units"]) == len(axes["low"]) == len(log_mass) == len(collected.names)
+    rows = entities["posterior/legend"].text.as_arrow_array().to_pylist()[0].split("\n")[2:]
+    assert ["| degrees |" in row for row in rows] == [unit == "rad" for unit in axes["units"]]
     for k, parameter in enumerate(collected.names):
         edges = np.linspace(axes["low"][k], axes["high"][k], N_BINS + 1)
         for t, step in enumerate(run):

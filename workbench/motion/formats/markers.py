@@ -1,5 +1,6 @@
 """3-D markers from TRC files or, with ezc3d (the extra `c3d`), C3D files, and the joints that they mark."""
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,17 +16,23 @@ from workbench.motion.formats.hip_centres import hip_centres, pelvis_markers
 from workbench.motion.formats.joint_names import marker_joints
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
-from workbench.utils.arrays import FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_places
 from workbench.utils.input_path import expanded
 from workbench.utils.text import plain_name
+
+log = logging.getLogger(__name__)
 
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
 _HIPS = ("left_hip", "right_hip")
 _OUTPUT = re.compile(r"(angle|force|moment|power|torque|reaction|cop|grf)s?\d*$")
 """End of the name of a model's output, such as Plug-in Gait's LKneeAngles, which is no position."""
+
+_FROZEN, _MIN_STEPS = 0.5, 10
+"""Largest share of the frames, of at least so many, in which one marker has the place of the frame before while all
+others move. Measured markers do not, as their noise exceeds the last digit; parts of a foot stand still together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +78,8 @@ def in_world(
 ) -> Markers:
     """Return markers in metres with z up, NaN where the file has a gap or 0 0 0, without a model's outputs.
 
+    A marker that is frozen in most of the frames is omitted, with a warning.
+
     Parameters
     ----------
     source : the file, for messages.
@@ -87,6 +96,9 @@ def in_world(
     positions = np.where((positions == 0.0).all(axis=-1, keepdims=True), np.nan, positions)
     if not np.isfinite(positions).any():
         raise InputError(f"{source}: expected markers, found none in {len(positions)} frames")
+    for k in np.flatnonzero(frozen_markers(positions)):
+        log.warning("%s: marker %s stands still in most frames while all others move; omitted", source, names[k])
+        positions[:, k] = np.nan
     joints = {
         joint: np.mean([positions[:, names.index(name)] for name in markers], axis=0)
         for joint, markers in marker_joints(names, source).items()
@@ -102,6 +114,15 @@ def in_world(
     world = axes.vectors(positions) * metres
     check_places(source, world)
     return Markers(source, tuple(names), raw.rate_hz, world)
+
+
+def frozen_markers(positions: FloatArray) -> BoolArray:
+    """Return which markers (M,) alone keep their place, at positions (F, M, 3), in most of the frames."""
+    measured = np.isfinite(positions[1:, :, 0]) & np.isfinite(positions[:-1, :, 0])
+    still = (positions[1:] == positions[:-1]).all(axis=-1)
+    alone = still & (still.sum(axis=1, keepdims=True) == 1) & (measured.sum(axis=1, keepdims=True) > 1)
+    n_steps = measured.sum(axis=0)
+    return np.asarray((n_steps >= _MIN_STEPS) & (alone.sum(axis=0) > _FROZEN * n_steps))
 
 
 def joints_of(markers: Markers, assigned: MarkersOf = NO_MARKERS) -> list[tuple[str, tuple[str, ...]]]:
