@@ -38,7 +38,7 @@ class OpenConstant(NamedTuple):
 
 _NOT_VARIED = "not varied"
 _NOBODY = "–"
-_WALKERS, _ARM = "CMU 38_02, 39_02", "generated arms of seeds 100 to 102"
+_WALKERS, _ARM = "CMU 38_02, 39_02", "generated arms of seeds 100 to 105"
 _RUNS = "arms of three other runs of Bandai"
 _VALIDATION = "`clips.validation`, seeds 100, 101"
 OPEN_CONSTANTS = tuple(
