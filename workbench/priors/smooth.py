@@ -46,8 +46,9 @@ class Smooth(AllColumnsFree):
     A state holds the k moving parameters, their k velocities (m/s, rad/s) and, last, the P − k fixed parameters.
 
     Limits: the paper's density is a Gaussian inside the limits and 0 outside, which integrates to less than one near
-    them. Here samples are of the normalised density, the truncated normal. If the mean is beyond a limit, samples lie
-    just inside, about σ²/distance from it. A limit does not change the velocity, as in the paper.
+    them. Samples are of the truncated normal, and `propose` weights them by that integral. Normalised, all have the
+    same weight; as a limit does not change the velocity, a state whose mean is beyond it then stays just inside, about
+    σ²/distance from it, until the velocity turns.
 
     Parameters
     ----------
@@ -59,6 +60,8 @@ class Smooth(AllColumnsFree):
     lower, upper : limits that replace the skeleton's, m or rad, with keys as for sigma.
     initial_pose_scale : standard deviation of the initial poses, in multiples of sigma.
     initial_uniform : parameters whose initial values are uniform within their limits.
+    normalized : whether the density is normalised; False as in the paper. Moves that do not use a prior's proposal need
+        a normalised one.
     penalty : of a fit on changes between frames at 14 Hz, by the fields of `Smoothness`.
 
     Raises
@@ -79,7 +82,7 @@ class Smooth(AllColumnsFree):
         sigma: Mapping[str, float] | None = None, sigma_velocity: Mapping[str, float] | None = None,
         damping: float = 0.0, lower: Mapping[str, float] | None = None, upper: Mapping[str, float] | None = None,
         initial_pose_scale: float = 2.0, initial_uniform: Sequence[str] = (),
-        penalty: Mapping[str, float] | None = None,
+        normalized: bool = True, penalty: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
         for name, value in (("damping", damping), ("initial_pose_scale", initial_pose_scale)):
             if not 0.0 <= value < np.inf:
@@ -90,7 +93,7 @@ class Smooth(AllColumnsFree):
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)
         self.sigma_velocity = _deviations("sigma_velocity", self.parameters, sigma_velocity or {}, SIGMA_VELOCITY)
         self.limits = _limits(self.parameters, lower or {}, upper or {})
-        self.damping, self.initial_pose_scale = damping, initial_pose_scale
+        self.damping, self.initial_pose_scale, self.normalized = damping, initial_pose_scale, normalized
         self._smoothness = smoothness(penalty)
         uniform = _checked_names("initial_uniform", initial_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
@@ -141,8 +144,18 @@ class Smooth(AllColumnsFree):
         """Return the states (N, D) of poses (N, P) with velocities (N, P), m/s and rad/s."""
         return np.take(np.concatenate([poses, velocities], axis=1), self._state_columns, axis=1)
 
+    def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Sample as `sample_transition`; return states (N, D) and log weights (N,): of the probability within the
+        limits, zero if normalised."""
+        moved = self.sample_transition(state, dt_s, rng)
+        if self.normalized:
+            return moved, np.zeros(len(state))
+        predicted = state[:, self.space.slices["pose"]] + dt_s * state[:, self.space.slices["velocity"]]
+        growth = np.sqrt(dt_s * REFERENCE_RATE_HZ)
+        return moved, _log_mass(predicted, growth * self.sigma, *self.limits.T).sum(axis=1)
+
     def sample_transition(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """Sample from p(state_t | state_t−1), (N, D), once for each state (N, D), `dt_s` seconds later."""
+        """Sample from p(state_t | state_t−1), normalised, (N, D), once for each state (N, D), `dt_s` seconds later."""
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         low, high = self.limits.T
         growth = np.sqrt(dt_s * REFERENCE_RATE_HZ)
@@ -169,7 +182,10 @@ class Smooth(AllColumnsFree):
         predicted = previous[..., moving] + dt_s * previous[..., velocity]
         change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
         same = (state[..., fixed] == previous[..., fixed]).all(axis=-1)
-        pose = _log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
+        pose = _log_normal_within(state[..., moving], predicted, growth * self.sigma, *self.limits.T)
+        if self.normalized:
+            pose = pose - _log_mass(predicted, growth * self.sigma, *self.limits.T)
+        pose = pose.sum(axis=-1)
         return np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
 
     def pose(self, state: FloatArray) -> FloatArray:
@@ -192,20 +208,25 @@ def truncated_normal(
     return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
-def _log_truncated_normal(
+def _log_normal_within(
     values: FloatArray, mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Return log densities of the truncated normal at values; all broadcast. −∞ beyond the limits.
+    """Return log densities of the normal at values; all broadcast. −∞ beyond the limits.
 
     A deviation of zero has no density: 0 at the mean, or at the nearest limit, and −∞ elsewhere.
     """
     scale = np.maximum(deviation, MIN_SCALE)
+    density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale)
+    density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
+    return np.where((low <= values) & (values <= high), density, -np.inf)
+
+
+def _log_mass(mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the log probability of a normal within the limits; all broadcast. 0 for a deviation of zero."""
     a, b, _ = _lower_tail(mean, deviation, low, high)
     with np.errstate(divide="ignore"):  # limits beyond FAR have no probability mass between them
         log_mass = scipy.special.log_ndtr(b) + np.log(-np.expm1(scipy.special.log_ndtr(a) - scipy.special.log_ndtr(b)))
-    density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale) - log_mass
-    density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
-    return np.where((low <= values) & (values <= high), density, -np.inf)
+    return np.where(deviation > 0.0, log_mass, 0.0)
 
 
 def _lower_tail(
