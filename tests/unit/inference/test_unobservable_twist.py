@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 from linear_gaussian import Memoryless, frames, streams
-from oracles.twist import WRIST_STD_M, TwistGrid, wrist_offsets
 
+from tests.oracles.twist import WRIST_STD_M, TwistGrid, wrist_offsets
 from workbench.body.skeleton import POSE_NAMES
 from workbench.inference.smc.bootstrap import Bootstrap
 from workbench.inference.smc.particle_filter import ParticleFilter

@@ -14,7 +14,7 @@ from workbench.body.limbs import Body, person_on
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, declares_traits
-from workbench.core.frame_cache import FrameCache
+from workbench.core.frame_cache import FrameCache, without_images
 from workbench.core.losses import SEARCH_LOSS
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
 from workbench.core.residual import projection_jacobian
@@ -79,7 +79,7 @@ def of_keypoints(
     plain = person_skeleton(average.shape)
     usable = (
         keypoints
-        for frame in clip.without_images
+        for frame in without_images(clip)
         if enough_keypoints(Observed(np.empty((0, 3)), keypoints := frame_keypoints(plain, frame)))
     )
     candidates = list(islice(usable, _MAX_FRAMES))
