@@ -54,6 +54,7 @@ def test_exact_segments_determine_the_camera():
     assert calibration.error_px < 0.5
     assert calibration.focal_information > 0.75
     assert calibration.camera.position[2] == pytest.approx(calibration.values["height_m"])
+    np.testing.assert_allclose(calibration.camera.matrix[:2, 2], (np.array(SIZE) - 1.0) / 2.0)
 
 
 def test_the_pose_of_a_camera_with_known_intrinsics_is_recovered():

@@ -50,6 +50,8 @@ def test_frames_near_a_missing_pose_have_no_stance():
 
 
 def test_velocities_of_a_uniform_walk_standing_and_decreasing_times():
+    slow_s = np.arange(4) / 1.0  # frames farther apart than the time over which speeds are measured
+    np.testing.assert_allclose(foot_speeds(np.outer(slow_s, [3.0, 4.0, 0.0])[:, None], slow_s), np.full((4, 1), 5.0))
     times_s = np.arange(50) / 25.0
     pelvis = np.outer(times_s, [1.2, 0.5, 0.0])
     np.testing.assert_allclose(walking_velocity(pelvis, times_s), np.tile([1.2, 0.5], (50, 1)))
