@@ -8,7 +8,7 @@ from observed_walkers import HEIGHT_M, camera_arc, observed_joints
 
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
-from workbench.body.shape import from_height
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.calibration_findings import check_calibration, distance, lens_findings, upright
 from workbench.cameras.camera import plain_camera
@@ -163,7 +163,10 @@ def test_a_floor_is_that_of_the_frames_in_which_the_person_is_upright():
     sitting[1:, UPPER, 2] -= 0.4
     sitting[1:, [JOINT_NAMES.index(f"{side}_hip") for side in SIDES], 2] -= 0.4
     camera = plain_camera(1280, 960, 900.0, (0.0, -5.0, 1.4), (0.0, 0.0, 1.0))
-    assert check_calibration(observed([camera], sitting), HEIGHT_M).floor_m == pytest.approx(0.0, abs=0.01)
+    check = check_calibration(observed([camera], sitting), HEIGHT_M)
+    assert check.floor_m == pytest.approx(0.0, abs=0.01)
+    head, ankle = (check.joints[0, JOINT_NAMES.index(name), 2] for name in ("head_centre", "left_ankle"))
+    assert head - ankle == pytest.approx((HEAD_HEIGHT - ANKLE_HEIGHT) * HEIGHT_M)
 
 
 @pytest.mark.parametrize("n_cameras", [1, 2])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import kstest, truncnorm
+from scipy.stats import kstest, norm, truncnorm
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
@@ -112,6 +112,21 @@ def test_draws_near_a_limit_follow_the_truncated_normal(velocity):
     expected = truncnorm((low - mean) / 0.05, (high - mean) / 0.05, loc=mean, scale=0.05)
     assert kstest(column(prior, moved, name), expected.cdf).pvalue > 1e-4
     assert column(prior, moved, f"{name}_velocity").mean() == pytest.approx(velocity, abs=5 * 0.65 / np.sqrt(N))
+
+
+def test_samples_of_the_papers_density_are_weighted_by_the_probability_within_the_limits():
+    velocities, dt_s = np.zeros(25), 0.1
+    velocities[[POSE_NAMES.index(name) for name in ARM]] = [12.0, -9.0, 0.5, -6.0]
+    for normalized in (True, False):
+        prior = Smooth(parameters=ARM, normalized=normalized)
+        state = repeated_state(prior, POSE, velocities)[:3]
+        moved, log_weights = prior.propose(state, dt_s, np.random.default_rng(0))
+        np.testing.assert_array_equal(moved, prior.sample_transition(state, dt_s, np.random.default_rng(0)))
+        predicted = state[0, :4] + dt_s * state[0, 4:8]
+        below = norm.cdf(prior.limits, loc=predicted[:, None], scale=prior.sigma[:, None] * np.sqrt(3.0))
+        expected = 0.0 if normalized else np.log(np.diff(below, axis=1)).sum()
+        assert log_weights == pytest.approx(np.full(3, expected), rel=1e-6)
+    assert expected < -1.0
 
 
 def test_initial_states_are_around_the_pose_or_uniform():
