@@ -8,6 +8,7 @@ from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob
+from workbench.priors.implicit_tree import log_importance
 
 DT = 1 / 30
 BETA = 1.0  # so warm that the weights' variance is small
@@ -63,6 +64,14 @@ def test_weighted_tree_samples_have_the_exact_mean(windows, parents, leaf):
     assert standard_errors(angles, weights, expected).max() < 5
     assert standard_errors(np.ones((N_DRAWS, 1)), weights, 1.0).max() < 5  # the proposal covers every entry
     assert standard_errors(angles, np.ones(N_DRAWS), expected).max() > 10  # without weights the mean is wrong
+
+
+def test_the_weights_of_several_probes_are_those_of_each(windows):
+    prior, rng = reweighted(windows, "gaussian"), np.random.default_rng(3)
+    probes = windows.coefficients[rng.choice(4, 12)].astype(float)
+    entries = rng.choice(len(windows), 12)
+    expected = [log_importance(prior.tree, *each, BETA)[0] for each in zip(probes, entries[:, None], strict=True)]
+    np.testing.assert_allclose(prior._log_importance(probes, entries), expected)
 
 
 def test_weights_of_a_step_of_two_frames_are_those_of_both_frames(windows, parents):

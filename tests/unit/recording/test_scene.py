@@ -41,6 +41,19 @@ def test_solids_move_with_their_joints():
         assert centers[e] == pytest.approx(center, abs=1e-6)
 
 
+def test_the_solids_of_a_limb_end_with_it_or_within_its_smallest_radius_beyond():
+    drawn, limbs = scene.figure(BODY), BODY.limbs
+    n_per_cone = (len(drawn.centers) - limbs.spheres.sum()) // (~limbs.spheres).sum()
+    limb = np.repeat(np.arange(len(limbs)), np.where(limbs.spheres, 1, n_per_cone))
+    cones = ~limbs.spheres[limb]
+    along = np.einsum("ei,ei->e", drawn.centers - limbs.starts[limb], drawn.axes[..., 2])
+    begin, end = (along + sign * drawn.half_sizes[:, 2] for sign in (-1.0, 1.0))
+    smallest = limbs.radii.min(axis=2)[limb]
+    assert (begin >= -smallest[:, 0] - 1e-12)[cones].all()
+    assert (end <= limbs.lengths[limb] + smallest[:, 1] + 1e-12)[cones].all()
+    assert n_per_cone > 1
+
+
 def test_overlays_are_the_joints_projected_without_distortion():
     camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
     recorded_camera = images.recorded_camera(replace(camera, distortion=LENS))

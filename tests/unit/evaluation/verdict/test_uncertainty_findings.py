@@ -31,6 +31,13 @@ def test_intervals_that_cover_too_little_lower_the_verdict(metric, coverage, lev
     assert level_of(with_errors(**{metric: coverage}), "overconfident") == (level, level or "trustworthy")
 
 
+@pytest.mark.parametrize(("frame", "level"), [(0, ""), (1, "not usable")])
+def test_the_coverage_counts_from_the_frame_after_the_initial_pose_on(frame, level):
+    intact = with_errors(coverage_90=np.nan)
+    intact.errors["coverage_90"][frame] = 0.1
+    assert level_of(intact, "overconfident")[0] == level
+
+
 def test_the_lower_coverage_of_parameters_and_joints_counts():
     scene_with_both = with_errors(coverage_90=0.9, coverage_90_joints=0.5)
     assert level_of(scene_with_both, "overconfident") == ("doubtful", "doubtful")
