@@ -95,8 +95,8 @@ class _Module:
         match node:
             case ast.Constant(value=int(value)) if not isinstance(value, bool):
                 yield *self._span(node), str(value + 1).encode()
-            case ast.UnaryOp(op=ast.USub() | ast.Not() | ast.Invert(), operand=kept):
-                yield *self._span(node), self._in_parentheses(kept)
+            case ast.UnaryOp(op=ast.USub() | ast.Not() | ast.Invert(), operand=operand):
+                yield *self._span(node), self._in_parentheses(operand)
             case ast.BinOp(left=left, right=right, op=operator):
                 yield from self._swapped(left, right)
                 if isinstance(operator, ast.Add | ast.Sub | ast.Mult):
@@ -106,8 +106,9 @@ class _Module:
 
     def _swapped(self, left: ast.expr, right: ast.expr) -> Iterator[tuple[int, int, bytes]]:
         end = self._span(left)[1]
-        if (found := _OPERATOR.search(self.source, end, self._span(right)[0])) and found[0].decode() in _SWAPPED:
-            yield *found.span(), _SWAPPED[found[0].decode()].encode()
+        match = _OPERATOR.search(self.source, end, self._span(right)[0])
+        if match and match[0].decode() in _SWAPPED:
+            yield *match.span(), _SWAPPED[match[0].decode()].encode()
 
     def _span(self, node: ast.expr) -> tuple[int, int]:
         end_line, end = node.end_lineno or node.lineno, node.end_col_offset or node.col_offset
@@ -270,7 +271,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m analysis.mutants", description=__doc__)
     parser.add_argument("--n", type=int, default=200, help="mutants (200)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
-    parser.add_argument("--calls", type=Path, help="file that keeps which test calls which function")
+    parser.add_argument("--calls", type=Path, help="file of which test calls which function, written if missing")
     chosen = parser.parse_args()
     package = ROOT / "workbench"
     modules = [path for name in PACKAGES for path in sorted((package / name).rglob("*.py"))]

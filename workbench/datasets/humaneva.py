@@ -127,9 +127,9 @@ class HumanEva:
         if self.initialization == "auto":
             return info
         _, joints = self._truth
-        known = joints[np.isfinite(joints).all(axis=(1, 2))]
-        shape = _shape(known)
-        return replace(info, shape=shape, initial_pose=_fitted_pose(person_skeleton(shape), known[0]))
+        complete = joints[np.isfinite(joints).all(axis=(1, 2))]
+        shape = _shape(complete)
+        return replace(info, shape=shape, initial_pose=_fitted_pose(person_skeleton(shape), complete[0]))
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames of the cameras with their truth, numbered as the images of the first camera."""

@@ -253,7 +253,7 @@ class Video:
         """Timestamps and changes of a video file's images up to the last one set."""
         at_most = None if self.n_frames is None else self.first_frame + self.n_frames
         file = self.path.stat() if self.path.is_file() else None  # a missing file is an error of `timestamps`
-        return _scanned(self.path, at_most, (file.st_mtime_ns, file.st_size) if file else None)
+        return _times_and_changes(self.path, at_most, (file.st_mtime_ns, file.st_size) if file else None)
 
     @cached_property
     def cuts(self) -> list[int]:
@@ -481,7 +481,7 @@ class Video:
 
 
 @lru_cache(maxsize=8)
-def _scanned(path: Path, at_most: int | None, _version: object) -> tuple[FloatArray, ImageChanges]:
+def _times_and_changes(path: Path, at_most: int | None, _version: object) -> tuple[FloatArray, ImageChanges]:
     """Return the timestamps of a video file's first images, and their changes, decoded once for all datasets of it.
 
     _version : of the file's content.

@@ -50,6 +50,8 @@ _UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
     22: _SMPL, 24: (*_SMPL, "left_hand", "right_hand"), 33: LAYOUTS["BLAZEPOSE_33"], 133: LAYOUTS["COCO_133"],
 })  # fmt: skip
 """Names of the joints of arrays without names, by their number: of SMPL, BlazePose and COCO-WholeBody."""
+_TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+"""OpenSim's coordinates that are lengths."""
 _COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.IGNORECASE)
 _TIMES = ("time_s", "time", "timestamp", "times_s", "t")
 _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
@@ -120,8 +122,7 @@ def _named(coordinates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return the angles among OpenSim's coordinates, knees and elbows by the names of `scores.joint_angles`."""
     hinges = {"knee_angle": "knee", "elbow_flex": "elbow"}
     ours = {f"{name}_{side[0]}": f"{side}_{joint}" for name, joint in hinges.items() for side in ("left", "right")}
-    return {ours.get(name, name): each for name, each in coordinates.items() if not name.startswith("pelvis_t")
-            or name == "pelvis_tilt"}  # fmt: skip
+    return {ours.get(name, name): each for name, each in coordinates.items() if name not in _TRANSLATIONS}
 
 
 def _of_skeleton(path: Path, given: Given) -> JointMotion:
