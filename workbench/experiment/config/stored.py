@@ -140,9 +140,10 @@ def _outside(node: Any, data: str | None, place: str = "", names_path: bool = Fa
     if isinstance(node, Mapping):
         paths = path_keys(import_target(node["_target_"])) if "_target_" in node else frozenset()
         for key, item in node.items():
-            below = f"{place}.{key}" if place else str(key)
-            if _is_elsewhere(str(key)):
-                yield below, str(key)
+            below, name = f"{place}.{key}" if place else str(key), str(key)
+            is_path = bool(set(name) & set("./\\"))  # the keys of a mapping are read where a list is expected
+            if _is_elsewhere(name) or (is_path and _is_outside(name, data, names_path=True)):
+                yield below, name
             elif key == "data" and isinstance(item, str):  # the user may have linked databases below it
                 yield from [(below, item)] if data is None or not _is_below(item, data) else []
             elif key not in ("_target_", "cache"):  # the cache is the user's
