@@ -85,6 +85,7 @@ SMALLER = {  # pattern: replacement in a command line
     r"\b(inference\.n_particles)=\d+\b(?!,)": r"\1=20", "n_particles=500,5000": "n_particles=20",
     r"range\((5|20)\)": "range(1)", r"range\(10\)": "range(2)", "seed=0,1,2": "seed=0,1",
     "n_trials=20": "n_trials=2", "n_jobs=8": "n_jobs=1", "9x6": CORNERS, "floor 120": "floor 3",
+    "motions=recorded": "motions=builtin",
     "square-mm 25": f"square-mm {SQUARE_MM}", "recordings/baselines": "baselines",
     r"-o (camera|calibration)\.toml": r"-o made_\1.toml", r"/13\b": "/1",
 }  # fmt: skip
@@ -162,12 +163,12 @@ def folder(tmp_path_factory, cache):
     (folder / "out").mkdir()
     shutil.copy(runs[0], folder / "out" / "run.rrd")
     (folder / "baselines").mkdir()
-    shutil.copy(ROOT / "recordings" / "baselines" / "learn_walk.rrd", folder / "baselines")
+    shutil.copy(runs[0], folder / "baselines" / "walk_straight.rrd")
     return folder
 
 
 @pytest.fixture
-def call(folder, cache, monkeypatch, request):
+def call(folder, cache, monkeypatch, request, trusted):
     """Return a function that runs the words of a command in the folder and returns the exit code.
 
     Commands run in this process, which saves the imports; those with Hydra's plugins, which change global state, run in

@@ -156,6 +156,8 @@ def wait_for(condition, process, seconds=600.0):
 
 MANY = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=500", "seed=range(3)", *LONGER)
 JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+ORPHANS_S = 5.0
+"""Longest life of the workers of a killed sweep."""
 
 
 def start(overrides, cache, sweep):
@@ -187,6 +189,19 @@ def test_a_killed_worker_of_joblib_ends_the_sweep_which_is_resumed(tmp_path, cac
     repeated = {job for job in before if after[job]["started"] != before[job]["started"]}
     assert repeated == {job for job in before if before[job]["status"] == "running"}
     assert [after[job]["status"] for job in sorted(after)] == ["complete"] * 3
+
+
+@pytest.mark.slow
+def test_no_worker_outlives_a_killed_sweep(tmp_path, cache):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    folder = tmp_path / "sweep"
+    with start([*JOBLIB, *MANY], cache, folder) as process:
+        wait_for(lambda: running_job(folder), process)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+    assert not psutil.wait_procs(workers, ORPHANS_S)[1], (tmp_path / "output.txt").read_text()
+    for job, summary in summaries(folder).items():
+        assert (folder / str(job) / "run.rrd").is_file() == (summary["status"] == "complete")
 
 
 @pytest.mark.slow

@@ -50,14 +50,3 @@ def static_strips(path, entity):
     chunks = RrdReader(path).stream().filter(content=entity, is_static=True).to_chunks()
     rows = [row for chunk in chunks for row in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
     return [np.array(strip) for strip in rows[-1]]
-
-
-@pytest.mark.slow
-def test_the_same_seed_is_bitwise_identical_at_any_number_of_threads(run):
-    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        assert run(name, "experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}").code == 0
-    folder = run("d", "experiment=synthesize_run", *BUILTIN, SHORT, "n_threads=1").folder
-    poses = {name: read(folder.with_name(name) / "run.rrd").poses[1] for name in "abcd"}
-    assert (poses["a"] == poses["b"]).all()
-    assert (poses["a"] == poses["d"]).all()
-    assert not (poses["a"] == poses["c"]).all()
