@@ -82,6 +82,7 @@ def test_litert_agrees_with_opencv(data, monkeypatch):
     np.testing.assert_allclose(litert.confidence, opencv.confidence, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_left_and_right_in_one_camera_agree_with_four_cameras(data, tmp_path):
     """The network exchanges left and right in 16 of the frames 20 to 59."""
     scene, images = data / "pose2sim_balance", tmp_path / "images"

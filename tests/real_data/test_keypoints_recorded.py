@@ -34,7 +34,8 @@ def video(data, **parameters):
     return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **options)
 
 
-@pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), (160, 0.83)])
 def test_the_initial_pose_fits_the_annotations(data, prior, woman, last, rate_hz):
     dataset = video(data, initial_last_frame=last)
     (camera,) = dataset.info.cameras

@@ -247,6 +247,7 @@ def test_squats_do_not_change_the_camera():
     assert with_squats.values == without.values
 
 
+@pytest.mark.slow
 def test_the_stated_standard_deviations_cover_random_cameras():
     z = []
     for seed in range(40):
