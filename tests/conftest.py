@@ -51,7 +51,8 @@ def one_blas_thread():
 def trusted(monkeypatch):
     """Read the tests' own files without the sandbox, which takes half a second to start."""
     monkeypatch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
-    monkeypatch.setattr("workbench.motion.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
+    for module in ("workbench.motion.hdf5", "workbench.motion.formats.c3d"):
+        monkeypatch.setattr(f"{module}.parse_limited", lambda parse, path, what: dict(parse(path)))
 
 
 @pytest.fixture(scope="session")

@@ -95,7 +95,7 @@ BUILDERS = {
 
 
 @pytest.fixture(params=BUILDERS)
-def dataset(request, tmp_path) -> Dataset:
+def dataset(request, tmp_path, trusted) -> Dataset:
     return BUILDERS[request.param](tmp_path)
 
 

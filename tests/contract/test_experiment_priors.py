@@ -8,18 +8,18 @@ from workbench.experiment.config.instantiate import config_keys, import_target
 from workbench.experiment.config.options import options
 from workbench.motion.formats.names import performer
 
-IF_CHOSEN = [
-    (experiment, place, keys)
-    for experiment, option in sorted(options("experiment").items())
-    for settings in [OmegaConf.create(option.text).get("if_chosen") or {}]
-    for place, keys in [*settings.items(), *settings.get("paper.literal", {}).items()]
-    if place not in ("paper.literal", "study")
-]
-
 
 def test_conditional_settings_of_an_experiment_are_keys_of_their_component():
     """Hydra rejects other keys, but only when the component is chosen."""
-    for experiment, place, keys in IF_CHOSEN:
+    if_chosen = [
+        (experiment, place, keys)
+        for experiment, option in sorted(options("experiment").items())
+        for settings in [OmegaConf.create(option.text).get("if_chosen") or {}]
+        for place, keys in [*settings.items(), *settings.get("paper.literal", {}).items()]
+        if place not in ("paper.literal", "study")
+    ]
+    assert if_chosen
+    for experiment, place, keys in if_chosen:
         group, _, name = place.partition(".")
         assert set(keys) <= set(config_keys(import_target(options(group)[name].target))), (experiment, place)
 

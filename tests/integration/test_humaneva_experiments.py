@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_an_experiment_runs_and_measures_the_benchmarks_error(folder, experiment, cache, tmp_path):
+def test_an_experiment_runs_and_measures_the_benchmarks_error(folder, experiment, cache, tmp_path, trusted):
     used = ["C1", "C2", "C3"] if experiment == "humaneva_3cam" else ["C1"]
     words = [
         f"dataset.folder={folder}", f"dataset.n_frames={N}", "paths.data=null", f"paths.cache={cache}",

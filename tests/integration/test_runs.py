@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from workbench.cli.main import main
-from workbench.experiment.summary import Summary
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
@@ -43,23 +42,6 @@ def test_an_experiment_writes_a_recording_and_a_summary(run, experiment):
     assert recording.provenance["assumptions"] == ", ".join(summary["assumptions"])
     assert f"assumptions: {recording.provenance['assumptions']}\n" in output
     assert not list(folder.glob("*.part"))
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_saves_the_frames_recorded_so_far(run, monkeypatch):
-    def interrupt_at_third_frame(summary, step, errors, add=Summary.add):
-        add(summary, step, errors)
-        if summary.frames == 3:
-            os.kill(os.getpid(), signal.SIGHUP)
-
-    monkeypatch.setattr(Summary, "add", interrupt_at_third_frame)
-    code, output, folder = run("out", *SMALL)
-    assert code == 128 + signal.SIGHUP, output
-    assert output.strip().endswith("interrupted by SIGHUP; the recording so far is saved")
-    summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["status"], summary["error"]) == ("interrupted", "Interrupted: SIGHUP")
-    assert not (folder / "run.rrd").exists()
-    assert read(folder / "run.rrd.part").poses[1].shape == (3, 25)
 
 
 @pytest.mark.slow

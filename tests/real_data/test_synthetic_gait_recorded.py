@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.signal import find_peaks
+import scipy
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
@@ -26,7 +26,7 @@ def recorded_cycle(data):
         ahead = (
             (positions[:, JOINT_NAMES.index("left_ankle")] - positions[:, 0]) @ direction / np.linalg.norm(direction)
         )
-        strikes, _ = find_peaks(ahead, distance=int(0.7 * motion.rate_hz), prominence=0.2)
+        strikes, _ = scipy.signal.find_peaks(ahead, distance=int(0.7 * motion.rate_hz), prominence=0.2)
         for start, end in pairwise(strikes):
             times = np.linspace(start, end, 101)
             frames = np.arange(len(motion))

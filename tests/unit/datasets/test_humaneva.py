@@ -17,6 +17,7 @@ from workbench.datasets.humaneva import HumanEva
 from workbench.evaluation.errors.pose_errors import humaneva_errors
 from workbench.utils.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("trusted")
 FIRST = 6  # the benchmark's first frame, from 1
 N = 12
 
