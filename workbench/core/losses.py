@@ -103,8 +103,8 @@ GROUND_LOSS = Loss("huber", 2.0)
 """Of the lower foot's height: robust, because people jump, and there are steps."""
 FOOT_DRIFT_LOSS = Loss("huber", 2.0)
 """Of a foot in contact: robust, because a foot that moves straight towards the camera also seems at rest."""
-DEPTH_SIGN_LOSS = Loss("huber", 1.0)
-"""Of a bone against the sign of its depth: the influence of a wrong sign is bounded."""
+DEPTH_LOSS = Loss("huber", 1.0)
+"""Of a bone less deep than by its landmarks: the influence of a wrong sign is bounded."""
 
 BEHIND = 1e3
 """Residual of a keypoint whose joint is behind the camera, in standard deviations."""

@@ -54,8 +54,8 @@ class KeypointLikelihood:
         its covariances by the definitions of joints, the correlation over frames and displaced cameras, see
         `detector_errors`; the poses do not change.
     depth_sigma_m : of least squares without a motion model and with a single camera: standard deviation, m, of the
-        depth of a bone that points against the sign by the detector's world landmarks, where it provides them; None:
-        they are not used. Their depths' errors are 0.1 m (root mean square).
+        depth of a bone that is less deep than by the detector's world landmarks, where it provides them; None: they
+        are not used. Their depths' errors are 0.1 m (root mean square).
     """
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Depth signs of bones from world landmarks: cost and derivatives, and the limb flips that they resolve."""
+"""Smallest depths of bones by world landmarks: cost and derivatives, and the limb flips that they resolve."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from view_scenes import CAMERAS, frames, observed, swinging
 
 from tests.oracles.landmark_depths import depth_residual
 from workbench.body.kinematics import joints
-from workbench.core.losses import DEPTH_SIGN_LOSS, Loss
+from workbench.core.losses import DEPTH_LOSS, Loss
 from workbench.core.prior import Smoothness
 from workbench.core.residual import robust
 from workbench.inference.least_squares.video.landmark_depths import BONES, MIN_DEPTH_M, DepthArrays
@@ -21,8 +21,11 @@ from workbench.utils.errors import InputError
 SKELETON, CAMERA, SIGMA_M = BODY.skeleton, CAMERAS[0], 0.1
 
 
-def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
-    """Return times, observations with world landmarks of a person `scale` times as large, and true poses (T, P)."""
+def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0, shown=1.0):
+    """Return times, observations with world landmarks of a person `scale` times as large, and true poses (T, P).
+
+    shown: part of the depths that landmarks show.
+    """
     times, poses = swinging(SKELETON, n_frames)
     rng, observations = np.random.default_rng(seed), observed(SKELETON, frames(SKELETON, times, poses, (CAMERA,)))
     places = joints(SKELETON, poses)
@@ -33,7 +36,8 @@ def scene(n_frames=6, scale=1.0, noise_m=0.0, seed=0):
         side = np.cross([0.0, 0.0, 1.0], ray)
         side /= np.linalg.norm(side)
         axes = np.stack([-side, np.cross(ray, -side), ray])  # of a camera that points at the person
-        world = scale * (place - place[0])[view.joints] @ axes.T + noise_m * rng.standard_normal((len(view.joints), 3))
+        world = scale * (place - place[0])[view.joints] @ axes.T * [1.0, 1.0, shown]
+        world += noise_m * rng.standard_normal((len(view.joints), 3))
         keypoints = view.detections.copy()
         keypoints[:, 2] = rng.uniform(0.3, 1.0, len(keypoints))
         with_landmarks.append(replace(frame, keypoints=(replace(view, detections=keypoints, world_landmarks=world),)))
@@ -56,7 +60,15 @@ def test_the_true_pose_has_no_depth_cost_at_any_scale_of_the_landmarks():
     assert len(bones) > 12
     assert ((bones * depths.directions).sum(axis=1) >= MIN_DEPTH_M).all()
     without, with_depths = (problem(times, observations, arrays).expand(poses.ravel()) for arrays in (None, depths))
-    assert with_depths.cost == without.cost
+    assert with_depths.cost == pytest.approx(without.cost, abs=1e-9)
+
+
+@pytest.mark.parametrize(("shown", "costs"), [(0.65, False), (0.99, False), (1.01, True), (1.5, True)])
+def test_a_depth_costs_below_the_landmarks_and_not_beyond(shown, costs):
+    times, observations, poses = scene(shown=shown)
+    depths, x = DepthArrays.of(SKELETON, observations, SIGMA_M), poses.ravel()
+    without, with_depths = (problem(times, observations, arrays).expand(x).cost for arrays in (None, depths))
+    assert (with_depths - without > 1e-6) == costs
 
 
 def test_cost_gradient_and_curvature_equal_those_in_numpy():
@@ -68,7 +80,7 @@ def test_cost_gradient_and_curvature_equal_those_in_numpy():
     cost, gradient, normal = 0.0, np.zeros_like(poses), np.zeros((poses.size, poses.size))
     for t, frame in enumerate(observations):
         residual = depth_residual(SKELETON, frame.keypoints[0], BONES, SIGMA_M)
-        values, rows = robust(residual, DEPTH_SIGN_LOSS)(poses[t])
+        values, rows = robust(residual, DEPTH_LOSS)(poses[t])
         cost, gradient[t], block = cost + 0.5 * values @ values, rows.T @ values, slice(25 * t, 25 * t + 25)
         normal[block, block] = rows.T @ rows
     assert cost > 5.0

@@ -13,8 +13,8 @@ Kernels take `terms`, a tuple of tuples, for J joints, P degrees of freedom, T f
 - loss: its code and scale of the keypoints' residuals;
 - prior: lower (P,), upper (P,), limit weight (1,), mean (1 or T, P), precision (1 or T, P, P) of the pose;
 - targets: joints (A,), their target positions (T, A, 3) m, weight (1,) 1/m²;
-- depths: first (T + 1,) bone of each frame, ends (K, 2) joints, directions (K, 3), whitening (K,) 1/m, see
-  `landmark_depths`;
+- depths: first (T + 1,) bone of each frame, ends (K, 2) joints, directions (K, 3), whitening (K,) 1/m, least (K,) m,
+  see `landmark_depths`;
 - stance: masses (J,), feet (2,) the ankles, or -1 without, balance (3,) forward m, left m, 1/m, ground (2,) m and 1/m,
   NaN height if unknown.
 """
@@ -27,7 +27,7 @@ from workbench.body.kinematics import _axis_rotation
 from workbench.core.losses import (
     BALANCE_LOSS,
     BEHIND,
-    DEPTH_SIGN_LOSS,
+    DEPTH_LOSS,
     FOOT_DRIFT_LOSS,
     GROUND_LOSS,
     LOSSES,
@@ -46,7 +46,7 @@ def _code_and_scale(loss: Loss) -> tuple[int, float]:
 
 
 _BALANCE, _GROUND = _code_and_scale(BALANCE_LOSS), _code_and_scale(GROUND_LOSS)
-_FOOT_DRIFT, _DEPTH_SIGN = _code_and_scale(FOOT_DRIFT_LOSS), _code_and_scale(DEPTH_SIGN_LOSS)
+_FOOT_DRIFT, _DEPTH = _code_and_scale(FOOT_DRIFT_LOSS), _code_and_scale(DEPTH_LOSS)
 
 _inner = kernel(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of functions called by kernels only, which halves their compile time."""
@@ -299,12 +299,12 @@ def _add_stance(
 def _add_depths(
     t: Any, depths: Any, chain: Any, positions: Any, axes: Any, rows: Any, gradient: Any, block: Any
 ) -> Any:  # fmt: skip
-    """Add frame t's bones that point against their depth's sign; return their cost."""
-    first, ends, directions, whitening = depths
+    """Add frame t's bones that are less deep than by their landmarks; return their cost."""
+    first, ends, directions, whitening, least = depths
     movers, n_movers, cost, row = chain[4], chain[5], 0.0, np.empty(len(gradient))
     for k in range(first[t], first[t + 1]):
         row[:] = 0.0
-        residual = 0.0
+        residual = -least[k]
         for end, sign in ((ends[k, 0], -1.0), (ends[k, 1], 1.0)):
             joint_rows(end, chain, positions, axes, rows)
             for a in range(3):
@@ -313,7 +313,7 @@ def _add_depths(
                 for i in range(n_movers[end]):
                     row[movers[end, i]] += whitening[k] * component * rows[i, a]
         if residual < 0.0:
-            cost += _add_row(whitening[k] * residual, row, _DEPTH_SIGN, gradient, block)
+            cost += _add_row(whitening[k] * residual, row, _DEPTH, gradient, block)
     return cost
 
 

@@ -1,8 +1,8 @@
-"""Signs of bones' depths by a detector's world landmarks, which resolve the ambiguity of a single camera.
+"""Smallest depths of bones by a detector's world landmarks, which resolve the ambiguity of a single camera.
 
 A bone that points towards the camera has the same image as one that points away. World landmarks select between them:
-their sign is right in 80 to 93 % of the limbs over 8 cm in depth. Their magnitude is not used: it is too small by
-20 to 50 %, in all frames, so that limbs would appear less foreshortened and the person further away.
+their sign is right in 80 to 93 % of the limbs over 8 cm in depth. Their magnitude is too small by 20 to 50 % in all
+frames. It is therefore a lower bound: as a value, limbs would appear less foreshortened and the person further away.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,22 +24,23 @@ BONES = (
     ("left_hip", "right_hip"),
 )
 """Pairs of joints at a constant distance."""
-_Row = tuple[int, int, FloatArray, float]
+_Row = tuple[int, int, FloatArray, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class DepthArrays:
-    """Bones of T frames with the sign of their depth: the residual is whitening · min(d · (x_last − x_first), 0).
+    """Bones of T frames with their smallest depth: the residual is whitening · min(d · (x_last − x_first) − least, 0).
 
     first: (T + 1,) index of each frame's first bone. ends: (K, 2) first and last joint. directions: (K, 3) unit d along
     the line from the camera to the person, away from the camera if the last joint is deeper by the landmarks.
-    whitening: (K,) inverse standard deviations, 1/m.
+    whitening: (K,) inverse standard deviations, 1/m. least: (K,) depths by the landmarks, m.
     """
 
     first: IntArray
     ends: IntArray
     directions: FloatArray
     whitening: FloatArray
+    least: FloatArray
 
     @staticmethod
     def of(skeleton: Skeleton, observations: Sequence[Observed], sigma_m: float) -> "DepthArrays":
@@ -64,29 +65,30 @@ class DepthArrays:
             ends=np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2),
             directions=np.array([row[2] for row in rows]).reshape(-1, 3),
             whitening=np.array([row[3] for row in rows]),
+            least=np.array([row[4] for row in rows]),
         )
 
     @staticmethod
     def none(n_frames: int) -> "DepthArrays":
         """Return those of frames without world landmarks."""
         first, ends = np.zeros(n_frames + 1, np.int64), np.empty((0, 2), np.int64)
-        return DepthArrays(first, ends, np.empty((0, 3)), np.empty(0))
+        return DepthArrays(first, ends, np.empty((0, 3)), np.empty(0), np.empty(0))
 
     def select_frames(self, frames: IntArray) -> "DepthArrays":
         """Return the bones of the frames with these indices."""
         sizes = np.diff(self.first)[frames]
         k = np.concatenate([np.empty(0, np.int64), *(np.arange(self.first[t], self.first[t + 1]) for t in frames)])
         first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        return DepthArrays(first, self.ends[k], self.directions[k], self.whitening[k])
+        return DepthArrays(first, self.ends[k], self.directions[k], self.whitening[k], self.least[k])
 
     @property
     def arrays(self) -> tuple[IntArray | FloatArray, ...]:
         """Return the arrays in the kernels' order."""
-        return self.first, self.ends, self.directions, self.whitening
+        return self.first, self.ends, self.directions, self.whitening, self.least
 
 
 def _rows(view: Keypoints, lengths: dict[tuple[int, int], float], sigma_m: float) -> Iterator[_Row]:
-    """Yield the ends, direction and inverse standard deviation of the bones with landmarks at both ends."""
+    """Yield ends, direction, inverse standard deviation and smallest depth of the bones with landmarks at both ends."""
     if view.world_landmarks is None:
         return
     direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
@@ -95,5 +97,6 @@ def _rows(view: Keypoints, lengths: dict[tuple[int, int], float], sigma_m: float
         if a in row_of and b in row_of:
             bone = view.world_landmarks[row_of[b]] - view.world_landmarks[row_of[a]]
             size, weight = float(np.linalg.norm(bone)), float(view.detections[[row_of[a], row_of[b]], 2].min())
-            if size > 0.0 and abs(length * bone[2]) > MIN_DEPTH_M * size:
-                yield a, b, np.sign(bone[2]) * direction, np.sqrt(weight) / sigma_m
+            depth_m = length * float(bone[2]) / size if size > 0.0 else 0.0
+            if abs(depth_m) > MIN_DEPTH_M:
+                yield a, b, np.sign(depth_m) * direction, np.sqrt(weight) / sigma_m, abs(depth_m)

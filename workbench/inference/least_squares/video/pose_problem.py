@@ -109,7 +109,7 @@ class PoseProblem:
     - limits: angles beyond the skeleton's limits over LIMIT_SIGMA_RAD;
     - pose prior: a Gaussian of the pose;
     - balance: the centre of mass from the line between the ankles; ground: the lower ankle from `ground_m`;
-    - depths: bones that point against the sign of their depth, see `landmark_depths`;
+    - depths: bones that are less deep than by their landmarks, see `landmark_depths`;
     - foot contacts: displacements of ankles in contact from one frame to the next;
     - smoothness: second differences of all parameters.
 
