@@ -14,6 +14,7 @@ from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
 from workbench.motion.formats.hip_centres import hip_centres, pelvis_markers
 from workbench.motion.formats.joint_names import marker_joints
+from workbench.motion.formats.laboratory_markers import is_laboratory_table, read_laboratory_markers
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import BoolArray, FloatArray
@@ -63,14 +64,19 @@ class Markers:
 def read_markers(
     path: str | Path, unit: str | None = None, up: str | None = None, forward: str | None = None
 ) -> Markers:
-    """Return the markers of a .trc or .c3d file, or of our own .csv, with gaps; unit, up and forward as in `in_world`.
+    """Return the markers of a .trc or .c3d file, of a table of Qualisys, Motive or Vicon Nexus, or of our own, with
+    gaps; unit, up and forward as in `in_world`.
 
     Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
-    path, readers = expanded(path), {".trc": read_trc, ".c3d": read_c3d, ".csv": read_joint_csv}
+    path, readers = expanded(path), {".trc": read_trc, ".c3d": read_c3d, ".csv": _read_table, ".tsv": _read_table}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: expected a marker file with the extension {' or '.join(readers)}")
     return in_world(str(path), readers[path.suffix.lower()](path), unit, up, forward)
+
+
+def _read_table(path: Path) -> RawMarkers:
+    return read_laboratory_markers(path) if is_laboratory_table(path) else read_joint_csv(path)
 
 
 def in_world(

@@ -18,6 +18,7 @@ from workbench.datasets.point_formats import read_array, read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.motion.formats.joint_names import skeleton_joints
+from workbench.motion.formats.laboratory_markers import is_laboratory_table
 from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
 from workbench.motion.formats.opensim_mot import opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
@@ -34,8 +35,9 @@ from workbench.utils.run_files import RECORDING_SUFFIXES
 
 log = logging.getLogger(__name__)
 
-_MARKERS, _SKELETONS, _ARRAYS, _ANGLES = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npy", ".npz"), ".mot"
-SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, _ANGLES, *RECORDING_SUFFIXES)
+_MARKERS, _SKELETONS, _TABLES, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".tsv"), (".npy", ".npz")
+_ANGLES = ".mot"
+SUFFIXES = (*_MARKERS, *_SKELETONS, *_TABLES, *_ARRAYS, _ANGLES, *RECORDING_SUFFIXES)
 _SMPL = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
     "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
@@ -82,10 +84,10 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
         return _of_recording(path, truth)
     if suffix in _SKELETONS:
         return _of_skeleton(path, given)
-    if suffix in _MARKERS or (suffix == ".csv" and _is_own(path)):
+    if suffix in _MARKERS or (suffix in _TABLES and (is_laboratory_table(path) or _is_own(path))):
         return _of_markers(read_markers(path, given.unit, given.up), None)
-    if suffix in _ARRAYS:
-        raw, times_s = (_csv if suffix == ".csv" else _arrays)(path, given.rate_hz)
+    if suffix in _TABLES + _ARRAYS:
+        raw, times_s = (_csv if suffix in _TABLES else _arrays)(path, given.rate_hz)
         return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
     if suffix == _ANGLES:
         times_s, angles = read_mot(path)
