@@ -111,7 +111,8 @@ def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
     is_radians = any(re.fullmatch(r"indegrees\s*=\s*no", line.strip().lower()) for line in lines[:end])
     scale = np.degrees(1.0) if is_radians else 1.0
     angles = {name: np.unwrap(scale * each, period=360.0) for name, each in angles.items()}
-    if min((angles[knee].min() for knee in _KNEES if knee in angles), default=0.0) < -_MAX_HYPEREXTENSION_DEG:
+    flexion = np.concatenate([[0.0], *(angles[knee] for knee in _KNEES if knee in angles)])
+    if -flexion.min() > max(_MAX_HYPEREXTENSION_DEG, flexion.max()):
         log.warning("%s: flexion of the knees is negative, as in the model gait2392; its sign is changed", path)
         angles |= {knee: -angles[knee] for knee in _KNEES if knee in angles}
     return values[:, 0], angles

@@ -2,6 +2,7 @@
 
 import csv
 import logging
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,6 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
@@ -55,6 +57,8 @@ _UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
 _TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 """OpenSim's coordinates that are lengths."""
 _COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.IGNORECASE)
+_LONGEST_INTERVAL_S = 1.0
+"""Frames of a motion are at most so far apart; larger differences of times are in ms, µs or ns."""
 _TIMES = ("time_s", "time", "timestamp", "times_s", "t")
 _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
 _NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
@@ -168,14 +172,15 @@ def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     check_number(path, "numbers", len(table) * len(header), MAX_NUMBERS)
     columns = [axes_of[name][axis] for name in names for axis in "xyz"]
     time = next((k for k, column in enumerate(header) if column.lower() in _TIMES), None)
-    wanted = columns if time is None else [*columns, time]
-    cells = [[row[k].strip() if k < len(row) else "" for k in wanted] for row in table]
-    values = np.array([gap_numbers(path, k, points(row), len(wanted), "a frame") for k, row in enumerate(cells, 2)])
-    times_s = _times(path, None if time is None else values[:, -1], None, len(table), rate_hz)
+    cells = [points([row[k].strip() if k < len(row) else "" for k in range(len(header))]) for row in table]
+    places = [[row[k] for k in columns] for row in cells]
+    values = np.array([gap_numbers(path, k, row, len(columns), "a frame") for k, row in enumerate(places, 2)])
+    times = None if time is None else pd.to_numeric(pd.Series([row[time] for row in cells]), errors="coerce")
+    times_s = _times(path, times, None, len(table), rate_hz)
     unit, *others = sorted(set().union(*(units[name] for name in names)))
     if others:
         fail(path, 1, f"expected one unit of length in the names of the columns, found {', '.join([unit, *others])}")
-    return RawMarkers(names, 1.0, values[:, : len(columns)].reshape(len(table), -1, 3), unit), times_s
+    return RawMarkers(names, 1.0, values.reshape(len(table), -1, 3), unit), times_s
 
 
 def _arrays(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
@@ -224,7 +229,11 @@ def _times(path: Path, times_s: FloatArray | None, rate_hz: float | None, n: int
         times = np.asarray(times_s, dtype=float).ravel()
         if len(times) != n or not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
             raise InputError(f"{path}: expected {n} times, s, that increase, or give the rate: --rate HZ")
-        return times
+        interval = float(np.median(np.diff(times))) if n > 1 else 0.0
+        thousands = math.ceil(round(math.log(interval, 1000), 9)) if interval > _LONGEST_INTERVAL_S else 0
+        if thousands > 0:
+            log.warning("%s: frames are %g apart, times read in 10^-%d s", path, interval, 3 * thousands)
+        return times / 1000.0**thousands
     rate = given_hz or rate_hz
     if rate is None:
         raise InputError(f"{path}: has no times; give its rate: --rate HZ")

@@ -87,6 +87,19 @@ def test_a_table_with_three_columns_for_each_joint(tmp_path, style, delimiter):
     check(read_joints(tmp_path / "a.csv"))
 
 
+@pytest.mark.parametrize(("interval", "expected_s"), [
+    (1.0, 1.0), (1.001, 1.001e-3), (40.0, 0.04), (1000.0, 1.0), (40_000.0, 0.04), (40_000_000, 0.04)
+])  # fmt: skip
+def test_times_more_than_a_second_apart_are_in_smaller_units(tmp_path, interval, expected_s):
+    """As sensors and cameras write them, s to ns, also since 1970."""
+    header = ["timestamp", *[f"JOINT_{name.upper()}.{axis}" for name in LIMBS for axis in "xyz"]]
+    first = 1_700_000_000_000_000_000 if interval == 40_000_000 else 0
+    rows = [[str(first + k * interval), *map(str, frame.ravel())] for k, frame in enumerate(of(LIMBS))]
+    (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    motion = read_joints(tmp_path / "a.csv")
+    np.testing.assert_allclose(np.diff(motion.times_s), expected_s, atol=1e-6)
+
+
 def test_empty_cells_of_a_table_are_missing(tmp_path):
     header = ["t", *[f"{name}_{axis}" for name in LIMBS for axis in "xyz"]]
     rows = [[str(time_s), *map(str, frame.ravel())] for time_s, frame in zip(TIMES_S, of(LIMBS), strict=True)]
