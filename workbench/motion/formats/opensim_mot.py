@@ -27,7 +27,7 @@ _COORDINATES = {
 }  # fmt: skip
 """OpenSim's names by our parameters, both without the side."""
 _KNEES = ("knee_angle_r", "knee_angle_l")
-_MAX_HYPEREXTENSION_DEG = 20.0
+MAX_HYPEREXTENSION_DEG = 20.0
 """Beyond it a negative knee angle is flexion, as in gait2392: knees of hypermobile people reach 10° to 20°."""
 _ANGLE = re.compile(rf"pelvis_({'|'.join(_PELVIS)})|({'|'.join(_COORDINATES.values())})_[lr]")
 
@@ -112,7 +112,7 @@ def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
     scale = np.degrees(1.0) if is_radians else 1.0
     angles = {name: np.unwrap(scale * each, period=360.0) for name, each in angles.items()}
     flexion = np.concatenate([[0.0], *(angles[knee] for knee in _KNEES if knee in angles)])
-    if -flexion.min() > max(_MAX_HYPEREXTENSION_DEG, flexion.max()):
+    if -flexion.min() > max(MAX_HYPEREXTENSION_DEG, flexion.max()):
         log.warning("%s: flexion of the knees is negative, as in the model gait2392; its sign is changed", path)
         angles |= {knee: -angles[knee] for knee in _KNEES if knee in angles}
     return values[:, 0], angles

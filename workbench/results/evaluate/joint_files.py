@@ -19,10 +19,11 @@ from workbench.body.stature import LIMBS, SIDES
 from workbench.datasets.point_formats import read_array, read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
+from workbench.evaluation.comparison.scores import joint_angles
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.formats.laboratory_markers import is_laboratory_table
 from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
-from workbench.motion.formats.opensim_mot import opensim_coordinates, read_mot
+from workbench.motion.formats.opensim_mot import MAX_HYPEREXTENSION_DEG, opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
 from workbench.motion.formats.trc import RawMarkers
 from workbench.motion.sources import Reading, read_clip
@@ -107,7 +108,26 @@ def _motion(
     ordered, places = with_pelvis(names, positions)
     if samples is None:
         samples = np.empty((0, *places.shape))
-    return JointMotion(str(source), ordered, times_s, places, samples)
+    motion = JointMotion(str(source), ordered, times_s, places, samples)
+    _report_mirrored(motion)
+    return motion
+
+
+def _report_mirrored(motion: JointMotion) -> None:
+    """Log a warning if the knees bend backwards, as with left-handed axes."""
+    leg = [f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle")]
+    if not set(leg) <= set(motion.names):
+        return
+    angles = joint_angles(motion.names, motion.positions)
+    hip, knee, ankle = np.moveaxis(motion.of_joints(leg).positions.reshape(-1, 2, 3, 3), 2, 0)  # each (F, side, 3)
+    ahead = np.cross(hip[:, :1] - hip[:, 1:], [0.0, 0.0, 1.0])
+    in_front = np.sum((knee - 0.5 * (hip + ankle)) * ahead, axis=-1)
+    bent = np.column_stack([angles[f"{side}_knee"] for side in SIDES]) > MAX_HYPEREXTENSION_DEG
+    if np.any(bent) and np.mean(in_front[bent] < 0.0) > 0.5:
+        log.warning(
+            "%s: the knees bend backwards: left and right are exchanged, or the axes are left-handed (as in Unity); "
+            "the joints are then a mirror image", motion.source,
+        )  # fmt: skip
 
 
 def _of_recording(path: Path, truth: bool) -> JointMotion:

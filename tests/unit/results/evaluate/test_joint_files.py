@@ -111,6 +111,27 @@ def test_empty_cells_of_a_table_are_missing(tmp_path):
     assert missing[3, motion.names.index(LIMBS[0])]
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_knees_that_bend_backwards_are_reported(tmp_path, caplog, mirrored):
+    """As in files with left-handed axes."""
+    np.savez(tmp_path / "a.npz", joints=PLACES * [1.0, -1.0 if mirrored else 1.0, 1.0], names=np.array(JOINT_NAMES),
+             time_s=TIMES_S)  # fmt: skip
+    read_joints(tmp_path / "a.npz")
+    assert ("bend backwards" in caplog.text) == mirrored
+
+
+@pytest.mark.parametrize(("angle_deg", "reported"), [(19.0, False), (21.0, True)])
+def test_slightly_overextended_knees_are_not_reported(tmp_path, caplog, angle_deg, reported):
+    angle = np.radians(angle_deg)
+    leg = {side: np.array([[0.0, y, 0.9], [0.0, y, 0.5], [0.4 * np.sin(angle), y, 0.5 - 0.4 * np.cos(angle)]])
+           for side, y in (("left", 0.1), ("right", -0.1))}  # fmt: skip
+    names = [f"{side}_{joint}" for side in leg for joint in ("hip", "knee", "ankle")] + ["neck"]
+    places = np.concatenate([*leg.values(), [[0.0, 0.0, 1.4]]])
+    np.savez(tmp_path / "a.npz", joints=np.tile(places, (3, 1, 1)), names=np.array(names), fps=RATE_HZ)
+    read_joints(tmp_path / "a.npz", Given(unit="m", up="z"))
+    assert ("bend backwards" in caplog.text) == reported
+
+
 def write_npz(path, **arrays):
     np.savez(path, **arrays)
 
