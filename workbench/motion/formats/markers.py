@@ -84,7 +84,7 @@ def in_world(
 ) -> Markers:
     """Return markers in metres with z up, NaN where the file has a gap or 0 0 0, without a model's outputs.
 
-    A marker that is frozen in most of the frames is omitted, with a warning.
+    A marker that is frozen in most of the frames is omitted, with a warning, and one that is never measured.
 
     Parameters
     ----------
@@ -105,14 +105,16 @@ def in_world(
     for k in np.flatnonzero(frozen_markers(positions)):
         log.warning("%s: marker %s stands still in most frames while all others move; omitted", source, names[k])
         positions[:, k] = np.nan
+    measured = np.isfinite(positions).any(axis=(0, 2))  # others are only announced, as Cortex' virtual markers
+    names, positions = np.array(names)[measured].tolist(), positions[:, measured]
     joints = {
         joint: np.mean([positions[:, names.index(name)] for name in markers], axis=0)
         for joint, markers in marker_joints(names, source).items()
     }
     size = stature(joints)
     if size is None and not raw.unit:  # by the markers' extent
-        measured = positions[np.isfinite(positions[..., 0]).any(axis=1)]
-        size = float(np.median(np.linalg.norm(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1), axis=1)))
+        seen = positions[np.isfinite(positions[..., 0]).any(axis=1)]
+        size = float(np.median(np.linalg.norm(np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1), axis=1)))
     metres = metres_per_unit(source, size, raw.unit, unit)
     parts = {name: positions[:, k] for k, name in enumerate(names)}
     vertical = vertical_axis(source, upward(parts), raw.up, up)

@@ -164,6 +164,8 @@ def _of_markers(markers: Markers, times_s: FloatArray | None) -> JointMotion:
     """Return the joints of markers, at times (F,), s, or else at the markers' rate from 0."""
     centres = joint_centres(markers, markers.positions)
     measured = np.isfinite(centres).any(axis=(0, 2))
+    if not measured.any():
+        raise InputError(f"{markers.source}: no frame has all markers of a joint")
     names, centres = tuple(np.array(JOINT_NAMES)[measured].tolist()), centres[:, measured]
     times = np.arange(len(centres)) / markers.rate_hz if times_s is None else times_s
     return _motion(markers.source, names, times, centres)

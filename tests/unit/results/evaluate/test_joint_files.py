@@ -132,6 +132,22 @@ def test_slightly_overextended_knees_are_not_reported(tmp_path, caplog, angle_de
     assert ("bend backwards" in caplog.text) == reported
 
 
+def test_joint_centres_that_are_only_announced_do_not_hide_measured_markers(tmp_path):
+    """As Cortex writes virtual markers: the header has them, the frames end before them."""
+    names = [*LIMBS, "V_left_Knee_JC", "V_R.Knee_JC"]
+    header = ["t", *[f"{name}_{axis}" for name in names for axis in "xyz"]]
+    rows = [[str(time_s), *map(str, frame.ravel())] for time_s, frame in zip(TIMES_S, of(LIMBS), strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    check(read_joints(tmp_path / "a.csv"))
+
+
+def test_markers_of_a_joint_that_are_never_measured_together_are_refused(tmp_path):
+    columns = [f"{name}_{axis}" for name in ("R.Knee", "R.Knee.Medial") for axis in "xyz"]
+    (tmp_path / "a.csv").write_text(",".join(["t", *columns]) + "\n0,1,1,1,,,\n1,,,,1,1,1\n")
+    with pytest.raises(InputError, match="no frame has all markers of a joint"):
+        read_joints(tmp_path / "a.csv", Given(unit="m", up="z"))
+
+
 def write_npz(path, **arrays):
     np.savez(path, **arrays)
 
