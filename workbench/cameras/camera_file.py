@@ -1,6 +1,7 @@
 """Camera files: reading in the forms of several programs, and writing in the TOML form of Pose2Sim and Sports2D."""
 
 import json
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,8 @@ from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, check_places, parse_toml
 
+log = logging.getLogger(__name__)
+
 _N_COEFFICIENTS = (1, 4, 5, 8, 12, 14)
 """Numbers of coefficients of OpenCV's lens models, and of Anipose's with the first one only."""
 _ROUNDING = 0.01
@@ -31,18 +34,20 @@ def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     Each camera has size [w, h], matrix, distortions (1, 4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or
     matrix) and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D,
     Anipose, FreeMoCap, Caliscope) it is a table with these keys, for the other forms see `camera_tables` and
-    `laboratory_tables`. A camera whose file has no image size has the size 0, see `calibration.fitted`. A folder of
-    HumanEva's files is one calibration. Raises InputError if the file is missing, has another form, or a camera is
-    incomplete.
+    `laboratory_tables`. A camera whose file has no image size has the size 0, see `calibration.fitted`. Of cameras with
+    and without a pose, those with one are returned. A folder of HumanEva's files is one calibration. Raises InputError
+    if the file is missing, has another form, or a camera is incomplete.
     """
     tables = _tables(Path(path))
-    for key, table in tables.items():
-        if not _has_pose(table):
-            raise InputError(
-                f"{path}: camera [{key}] has no rotation and translation in the world, which the dataset video "
-                "determines from a person's height; add them for other datasets, see workbench calibrate"
-            )
-    return tuple(_camera(Path(path), key, table) for key, table in tables.items())
+    missing = [key for key, table in tables.items() if not _has_pose(table)]
+    if len(missing) == len(tables):
+        raise InputError(
+            f"{path}: camera [{missing[0]}] has no rotation and translation in the world, which the dataset video "
+            "determines from a person's height; add them for other datasets, see workbench calibrate"
+        )
+    if missing:
+        log.warning("%s: cameras without rotation and translation are ignored: %s", path, ", ".join(missing))
+    return tuple(_camera(Path(path), key, table) for key, table in tables.items() if _has_pose(table))
 
 
 def load_lenses(path: str | Path) -> tuple[Camera, ...]:
@@ -66,7 +71,7 @@ def stated_unit(path: str | Path) -> str | None:
 
 
 def _has_pose(table: Mapping[str, Any]) -> bool:
-    return not {"rotation", "translation"}.isdisjoint(table)
+    return any(table.get(key, "null") != "null" for key in ("rotation", "translation"))  # "null": of Caliscope
 
 
 def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
@@ -122,20 +127,15 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROUNDING and np.linalg.det(rotation) > 0.0):
         raise InputError(f"{path}: camera [{key}]: expected a rotation, found {table['rotation']!r}")
     coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
-    distortion = np.zeros(5)
+    matrix, distortion = numbers("matrix", (3, 3)), np.zeros(5)
     distortion[: min(5, coefficients.size)] = coefficients[:5]
     if fisheye or coefficients[5:].any():
-        if not is_sized:
-            raise InputError(
-                f"{path}: camera [{key}] has no image size, which its lens model needs; "
-                "add image_width and image_height, px"
-            )
-        distortion, error_px = five_coefficients(
-            (int(width), int(height)), numbers("matrix", (3, 3)), coefficients, fisheye
-        )
+        # OpenCV's stereo sample writes no size; the principal point is near the middle
+        extent = (int(width), int(height)) if is_sized else tuple(np.rint(2.0 * matrix[:2, 2]).astype(int).tolist())
+        distortion, matrix, error_px = five_coefficients(extent, matrix, coefficients, fisheye)
         check_lens_error(f"{path}: camera [{key}]", error_px)
     return Camera(
-        name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
+        name=str(table.get("name", key)), width=int(width), height=int(height), matrix=matrix,
         rotation=rotation, translation=translation, distortion=distortion,
     )  # fmt: skip
 

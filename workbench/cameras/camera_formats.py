@@ -32,6 +32,8 @@ _KEY = re.compile(rf"(left|right|cam(?:era)?\d+)?(?:{_ROLE})(left|right|l|r|(?:c
 _SIDES = {"l": "left", "r": "right"}
 _POLYNOMIAL = ("plumbbob", "radtan", "rationalpolynomial", "rational", "pinhole", "brownconrady", "none", "")
 _FISHEYE = ("equidistant", "fisheye", "kannalabrandt")
+_INNER = ("intrinsic", "intrinsics", "extrinsic", "extrinsics", "pose")
+"""Keys of mappings with a part of a camera's values."""
 _PARTS = {"intri": "extri", "Intri": "Extri", "INTRI": "EXTRI"}
 """Parts of the names of two files of the same cameras, with their lenses and with their poses."""
 
@@ -114,12 +116,16 @@ def _cameras(name: str, node: Any) -> Iterator[tuple[str, dict[str, Any]]]:
     node = {str(k): each for k, each in enumerate(node)} if isinstance(node, list) else node
     if not isinstance(node, dict):
         return
+    parts = [key for key, value in node.items() if _plain(key) in _INNER and isinstance(value, dict)]
+    for part in [key for key in parts if "data" not in node[key]]:
+        node = _merged({key: value for key, value in node.items() if key != part}, node[part])
     labelled: dict[str, dict[str, Any]] = {}
     for key, value in node.items():
         if match := _KEY.fullmatch(_plain(key)):
             label = match[1] or match[match.re.groups] or ""
             role = next(role for role in _ROLES if match[role])
-            labelled.setdefault(_SIDES.get(label, label), {})[role] = value
+            if value is not None or role not in ("rotation", "translation"):
+                labelled.setdefault(_SIDES.get(label, label), {})[role] = value
     common = labelled.pop("", {})
     if "matrix" in common:
         yield _word(common.get("name")) or name, common

@@ -30,9 +30,6 @@ _SUBPIXELS = 64.0
 """Qualisys' units of the image in a pixel; the coefficients of the lens have no unit."""
 _VIDEO = re.compile("video|vue", re.IGNORECASE)
 """Kinds of Qualisys' and Vicon's cameras that record images; the others see markers only."""
-_MAX_CORRECTION = 1.5
-"""Largest factor, and inverse of the smallest one, by which a lens moves a point of the image from its centre: below
-2/3, a polynomial of one term maps two distances to one."""
 _GRID = 41
 _ROUNDING = 0.01
 """Largest error of a rotation in a file, whose numbers may be rounded to three places."""
@@ -130,10 +127,10 @@ def _vicon(path: Path, elements: list[Element]) -> Tables:
             raise InputError(f"{place}: expected a positive FOCAL_LENGTH, PIXEL_ASPECT_RATIO and SENSOR_SIZE")
         if not abs(np.linalg.norm(quaternion) - 1.0) < _ROUNDING:
             raise InputError(f"{place}: expected an ORIENTATION of length 1, found {quaternion}")
-        rotation, focals = Rotation.from_quat(quaternion).as_matrix(), np.array([focal, focal / aspect])
+        rotation = Rotation.from_quat(quaternion).as_matrix()
+        matrix, coefficients = _vicon_lens(place, frame, size, np.array(_matrix(focal, focal / aspect, *centre)))
         tables[_new_name(path, tables, name)] = {
-            "size": size.tolist(), "matrix": _matrix(*focals, *centre),
-            "distortions": _vicon_lens(place, frame, size, centre, focals).tolist(),
+            "size": size.tolist(), "matrix": matrix.tolist(), "distortions": coefficients.tolist(),
             "rotation": rotation.tolist(), "translation": (-rotation @ position).tolist(), "unit": "mm",
         }  # fmt: skip
     if not tables:
@@ -141,9 +138,10 @@ def _vicon(path: Path, elements: list[Element]) -> Tables:
     return tables
 
 
-def _vicon_lens(place: str, frame: Element, size: FloatArray, centre: FloatArray, focal: FloatArray) -> FloatArray:
-    """Return OpenCV's coefficients of Vicon's polynomial: two terms about the principal point, or three about another
-    centre; pixels are scaled by 1 + k1 r² + k2 r⁴ + k3 r⁶ to those without distortion."""
+def _vicon_lens(place: str, frame: Element, size: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return OpenCV's matrix and coefficients of Vicon's polynomial: two terms about the principal point, or three
+    about another centre; offsets from it are scaled by 1 + k1 r² + k2 r⁴ + k3 r⁶ to those without distortion."""
+    focal, centre = matrix[[0, 1], [0, 1]], matrix[:2, 2]
     middle, terms = centre, [0.0, 0.0]
     if frame.get("VICON_RADIAL2") is not None:
         words = frame.get("VICON_RADIAL2", "").split()
@@ -156,22 +154,19 @@ def _vicon_lens(place: str, frame: Element, size: FloatArray, centre: FloatArray
     elif frame.get("VICON_RADIAL") is not None:
         terms = _numbers(place, frame, "VICON_RADIAL", 2)
     if not any(terms):
-        return np.zeros(5)
+        return matrix, np.zeros(5)
     columns, rows = (np.linspace(0.0, end, _GRID) for end in size - 1.0)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     offsets = pixels - middle
     squared = (offsets**2 * [1.0, (focal[0] / focal[1]) ** 2]).sum(axis=1)
-    factors = 1.0 + sum(term * squared ** (k + 1) for k, term in enumerate(terms))
-    least, most = float(factors.min()), float(factors.max())
-    if not (least >= 1.0 / _MAX_CORRECTION and most <= _MAX_CORRECTION):
-        raise InputError(
-            f"{place}: its lens scales the image by {least:.3g} to {most:.3g}, expected about 1: expected coefficients "
-            "of even powers of the distance in px"
-        )
+    powers = [(2.0 * k, term * squared**k) for k, term in enumerate(terms, 1)]
+    factors, growth = 1.0 + sum(each for _, each in powers), 1.0 + sum((n + 1.0) * each for n, each in powers)
+    if not growth.min() > 0.0:  # the derivative of the distance without distortion
+        raise InputError(f"{place}: expected a lens that moves points farther from its centre farther, found {terms}")
     rays = (offsets * factors[:, None] + middle - centre) / focal
-    coefficients, error_px = fitted_coefficients(rays, pixels, focal, centre)
+    coefficients, fitted, error_px = fitted_coefficients(rays, pixels, matrix)
     check_lens_error(place, error_px)
-    return coefficients
+    return fitted, coefficients
 
 
 def _humaneva(path: Path, text: str) -> Tables:

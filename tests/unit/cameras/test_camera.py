@@ -49,6 +49,15 @@ def test_projection_agrees_with_opencv(seed):
     np.testing.assert_allclose(camera.to_camera(world), points, atol=1e-12)
 
 
+@pytest.mark.parametrize("k1", [-0.35, -0.2, 0.2])
+def test_the_distortion_of_wide_lenses_is_removed_to_the_corners(k1):
+    """With x/z up to 0.8; the polynomial increases up to where 1 + 3 k1 r² is 0."""
+    camera = replace(random_camera(0), distortion=np.array([k1, 0.1, 0.0, 0.0, 0.0]))
+    rays = np.stack(np.meshgrid(*2 * [np.linspace(-0.8, 0.8, 21)]), axis=-1)
+    pixels = camera.pixels(np.concatenate([rays, np.ones((21, 21, 1))], axis=-1), 0.0)
+    np.testing.assert_allclose(camera.undistorted(pixels), rays, atol=1e-9)
+
+
 def test_projection_keeps_leading_axes():
     camera, points = random_camera(0), np.random.default_rng(0).normal(size=(3, 4, 5, 3))
     np.testing.assert_array_equal(camera.project(points)[1, 2, 3], camera.project(points[1, 2, 3]))

@@ -290,18 +290,28 @@ def test_vicons_lens_removes_distortion_by_a_polynomial_of_pixels(tmp_path, radi
     np.testing.assert_allclose(read.pixels(rays, -np.inf), pixels, atol=0.1)
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    (0.49, "its lens differs by"), (0.51, "its lens scales the image by 1 to 1.51"), (-0.33, "its lens differs by"),
-    (-0.34, "its lens scales the image by 0.66 to 1"),
-])  # fmt: skip
-def test_a_lens_of_vicon_scales_the_image_by_a_half_at_most(tmp_path, change, message):
-    """The corner farthest from the principal point is moved by the change."""
-    known = RIG[0]
-    offsets = known.matrix[:2, 2] * [1.0, 500.0 / 510.0]
-    offsets = np.maximum(offsets, (np.array(SIZE) - 1.0 - known.matrix[:2, 2]) * [1.0, 500.0 / 510.0])
-    vicon(tmp_path / "v.xcp", [known], f'VICON_RADIAL="{change / (offsets @ offsets)} 0"')
+def vicon_with_change(path, change):
+    """Write a lens by which the corner farthest from the principal point is moved by the change."""
+    offsets = RIG[0].matrix[:2, 2] * [1.0, 500.0 / 510.0]
+    offsets = np.maximum(offsets, (np.array(SIZE) - 1.0 - RIG[0].matrix[:2, 2]) * [1.0, 500.0 / 510.0])
+    vicon(path, [RIG[0]], f'VICON_RADIAL="{change / (offsets @ offsets)} 0"')
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [(2.0, "its lens differs by"), (-0.333, "its lens differs by"), (-0.334, "points farther")]
+)
+def test_a_lens_of_vicon_maps_two_distances_to_two(tmp_path, change, message):
+    """With r (1 - r² / 3), in units of the corner's distance, the corner's surroundings are at one distance."""
+    vicon_with_change(tmp_path / "v.xcp", change)
     with pytest.raises(InputError, match=message):
         load_cameras(tmp_path / "v.xcp")
+
+
+def test_a_wide_lens_of_vicon_is_read(tmp_path, caplog):
+    """Vicon's own wide cameras move the corners by six tenths."""
+    vicon_with_change(tmp_path / "v.xcp", 0.6)
+    load_cameras(tmp_path / "v.xcp")
+    assert float(caplog.text.split("coefficients to ")[1].split()[0]) < 2.0
 
 
 WRONG = [
@@ -319,7 +329,7 @@ WRONG = [
     ("rig.xcp", 'FOCAL_LENGTH="', 'FOCAL_LENGTH="-', "expected a positive FOCAL_LENGTH"),
     ("rig.xcp", 'ORIENTATION="', 'ORIENTATION="1', "expected an ORIENTATION of length 1, found"),
     ("rig.xcp", "VICON_RADIAL=", "VICON_RADIAL2=", "expected VICON_RADIAL2 Vicon3Parameter and 5 numbers, found '0 0'"),
-    ("rig.xcp", 'VICON_RADIAL="0', 'VICON_RADIAL="0.1', "scales the image by"),
+    ("rig.xcp", 'VICON_RADIAL="0', 'VICON_RADIAL="0.1', "its lens differs by"),
     ("rig.xcp", 'DEVICEID="c"', 'DEVICEID="b"', "expected different names of the cameras, found 'b' twice"),
     ("rig.xcp", "<Cameras", "<!DOCTYPE a [<!ENTITY b 'c'>]><Cameras", "expected XML without entities"),
     ("extri.yml", "data: [ 5", 'data: [ "a", 5', r"camera \[b\]: 'matrix' must hold 3×3 numbers"),
@@ -327,7 +337,6 @@ WRONG = [
     ("freemocap.toml", "distortions = [", "distortions = [0.1, ", "'distortions' must hold 1 or 4 or 5"),
     ("caliscope.toml", "translation", "shift", "'translation'"),
     ("multical.json", '"T": [', '"T": [1.0, ', r"camera_poses \[b\]: expected 3 numbers"),
-    ("mccalib.yml", "camera_pose_matrix", "pose", r"camera \[b\] has no rotation and translation in the world"),
     ("panoptic.json", '"K": [[500.0, ', '"K": [[', r"camera \[b\]: 'matrix' must hold 3×3 numbers"),
     ("b.cal", "\n0.0\n", "\n0.0 0.0\n", "expected the 22 numbers of a camera of HumanEva, found 23"),
     ("b.cal", "\n0.0\n", "\n0.5\n", "expected pixels without skew, found 0.5"),
@@ -346,6 +355,41 @@ def test_a_wrong_file_is_named_with_what_was_expected(tmp_path, name, old, new, 
         load_cameras(path)
     assert str(tmp_path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("named", ["intri.yml", "extri.yml"])
+def test_a_lens_of_easymocap_without_a_pose_is_ignored(tmp_path, caplog, named):
+    easymocap(tmp_path / "extri.yml", PLACED)
+    poses = (tmp_path / "extri.yml").read_text()
+    easymocap(tmp_path / "extri.yml", [*PLACED, camera("spare")])
+    (tmp_path / "extri.yml").write_text(poses)
+    assert [each.name for each in load_cameras(tmp_path / named)] == ["b", "c"]
+    assert ("without rotation and translation are ignored: spare" in caplog.text) == (named == "intri.yml")
+
+
+def test_a_camera_of_caliscope_without_a_pose_is_ignored(tmp_path, caplog):
+    caliscope(tmp_path / "c.toml", PLACED)
+    missing = 'matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\nrotation = "null"\ntranslation = "null"\n'
+    (tmp_path / "c.toml").write_text((tmp_path / "c.toml").read_text() + f"[cameras.9]\n{missing}")
+    assert [each.name for each in load_cameras(tmp_path / "c.toml")] == ["b", "c"]
+    assert "cameras without rotation and translation are ignored: 9" in caplog.text
+
+
+def test_a_fisheye_lens_of_anipose_projects_as_by_opencv(tmp_path):
+    """To the corners of an image 88° wide."""
+    known = camera("b", distortion=(-0.08, 0.0, 0.0, 0.0, 0.0))
+    known = replace(known, matrix=np.array([[410.0, 0.0, 319.5], [0.0, 410.0, 239.5], [0.0, 0.0, 1.0]]))
+    anipose(tmp_path / "a.toml", [known])
+    text = (tmp_path / "a.toml").read_text().replace("-0.08, 0.0, 0.0, 0.0, 0.0]", "-0.08, 0.0, 0.0, 0.0]")
+    (tmp_path / "a.toml").write_text(text.replace("[metadata]", "fisheye = true\n[metadata]"))
+    (read,) = load_cameras(tmp_path / "a.toml")
+    rays = np.random.default_rng(0).uniform(-1.4, 1.4, (500, 2))
+    rays = np.column_stack([rays, np.ones(500)])
+    expected = cv2.fisheye.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), known.matrix, known.distortion[:4])
+    expected = expected[0][:, 0]
+    inside = ((expected >= 0.0) & (expected < SIZE)).all(axis=1)
+    assert inside.sum() > 100
+    np.testing.assert_allclose(read.pixels(rays[inside], 0.0), expected[inside], atol=1.5)
 
 
 def test_cameras_of_several_groups_of_mccalib_are_rejected(tmp_path):

@@ -176,6 +176,16 @@ def test_files_of_all_frames_are_read(tmp_path, form, folder):
     assert people.joints[0][0, KNEE, :2] == pytest.approx(PIXELS["left_knee"])
 
 
+def test_a_folder_of_predictions_by_image_is_read(tmp_path):
+    """As MMPose writes them for images, and Sapiens."""
+    for k, people in enumerate(([mmpose(0)], [])):
+        content = {"meta_info": {"num_keypoints": 17}, "instance_info": people}
+        (tmp_path / f"{k:04d}.json").write_text(json.dumps(content))
+    people = read(tmp_path)
+    assert (people.layout, list(map(len, people.joints))) == ("COCO_17", [1, 0])
+    np.testing.assert_allclose(people.joints[0][0, KNEE], [*PIXELS["left_knee"], 0.8])
+
+
 def test_a_list_of_images_without_numbers_is_in_order(tmp_path):
     person = {"pose_keypoints_2d": COCO.ravel().tolist()}
     for content in ([{"people": []}, {"people": [person]}], [[], [person]]):
@@ -210,9 +220,38 @@ def test_tables_with_named_points_are_read(tmp_path, form):
     people = read(tmp_path / "a.csv")
     assert (people.frames.tolist(), list(map(len, people.joints))) == ([7, 9], [2, 1])
     np.testing.assert_allclose(people.joints[0][0, KNEE], [*PIXELS["left_knee"], 0.8])
+    by_hand = [",".join([values.format(8), *[f"{u},{v}," for u, v, _ in COCO]])]
+    (tmp_path / "a.csv").write_text("\n".join([*lines, *by_hand]))
+    np.testing.assert_allclose(read(tmp_path / "a.csv").joints[1][0, KNEE], [*PIXELS["left_knee"], 1.0])
     (tmp_path / "a.csv").write_text("\n".join([*lines, lines[-1].replace("0.8", "a")]))
     with pytest.raises(InputError, match=r"a\.csv: expected numbers in the columns of points"):
         read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("header", "numbered"), [
+    ("frame,landmark_index,landmark_name,x,y,z,visibility", False), ("Frame,Landmark,X,Y,Z,Visibility", True),
+])  # fmt: skip
+def test_tables_with_a_row_for_each_point_are_read(tmp_path, header, numbered):
+    keypoints = points("BLAZEPOSE_33", PIXELS)
+    names = [(str(k),) if numbered else (str(k), name) for k, name in enumerate(LAYOUTS["BLAZEPOSE_33"])]
+    lines = [",".join([str(frame), *name, str(u), str(v), "0.1", str(c)])
+             for frame in (9, 11) for name, (u, v, c) in zip(names, keypoints, strict=True)]  # fmt: skip
+    (tmp_path / "a.csv").write_text("\n".join([header, *lines]))
+    people = read(tmp_path / "a.csv")
+    assert people.layout == ("BLAZEPOSE_33" if numbered else "named points")
+    assert (people.frames.tolist(), list(map(len, people.joints))) == ([9, 11], [1, 1])
+    np.testing.assert_allclose(people.joints[0][0, KNEE, :3], [*PIXELS["left_knee"], 0.8])
+    (tmp_path / "a.csv").write_text("\n".join([header, *lines, lines[-1]]))
+    with pytest.raises(InputError, match=r"a\.csv: .*duplicate"):
+        read(tmp_path / "a.csv")
+
+
+def test_people_of_a_table_with_a_row_for_each_point_have_a_number(tmp_path):
+    named = list(zip(LAYOUTS["COCO_17"], COCO, strict=True))
+    lines = [f"3,{person},{name},{u},{v}" for person in (1, 2) for name, (u, v, _) in named]
+    (tmp_path / "a.csv").write_text("\n".join(["frame,person_id,keypoint,x,y", *lines]))
+    people = read(tmp_path / "a.csv")
+    assert (people.frames.tolist(), list(map(len, people.joints))) == ([3], [2])
 
 
 @pytest.mark.parametrize("columns", ["x_{0},y_{0}", "x{0},y{0},v{0}", "landmark_{0}_x,landmark_{0}_y", "{0}_x,{0}_y"])

@@ -169,3 +169,14 @@ def test_a_damaged_file_is_refused_with_the_line(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_mot(path)
+
+
+@pytest.mark.parametrize(("lowest_deg", "sign"), [(-19.9, 1.0), (-20.1, -1.0)])
+def test_knees_that_flex_by_negative_angles_change_their_sign(tmp_path, lowest_deg, sign):
+    """No knee hyperextends by 20°; the other angles keep their sign."""
+    rows = [f"{t}\t{lowest_deg}\t-3\t-40" for t in (0.0, 0.1)]
+    (tmp_path / "a.mot").write_text(
+        "\n".join(["a", "endheader", "time\tknee_angle_r\tknee_angle_l\thip_flexion_r", *rows])
+    )
+    _, angles = read_mot(tmp_path / "a.mot")
+    assert [each[0] for each in angles.values()] == [sign * lowest_deg, sign * -3.0, -40.0]

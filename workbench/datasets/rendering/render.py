@@ -118,9 +118,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
     """
     u, v = ((np.arange(size * samples) + 0.5) / samples - 0.5 for size in (camera.width, camera.height))
     if camera.distortion.any():
-        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
-        flat = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)
-        directions = flat.reshape(len(v), len(u), 2)
+        directions = camera.undistorted(np.stack(np.meshgrid(u, v), axis=-1))
     else:
         x = (u - camera.matrix[0, 2]) / camera.matrix[0, 0]
         y = (v - camera.matrix[1, 2]) / camera.matrix[1, 1]

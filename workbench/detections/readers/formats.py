@@ -45,8 +45,8 @@ number of points, see `matching_layout`."""
 SIZES = frozenset(map(len, LAYOUTS.values()))
 """Numbers of points of all layouts."""
 
-PEOPLE_KEYS = ("people", "bodies", "instances")
-"""Keys of the list of people of one image, of OpenPose, AlphaPose and MMPose."""
+PEOPLE_KEYS = ("people", "bodies", "instances", "instance_info")
+"""Keys of the list of people of one image, of OpenPose, AlphaPose, MMPose, and MMPose's and Sapiens' file by image."""
 FRAME_KEYS = ("image_id", "frame_id", "frame_idx", "frame_index", "frame_number", "frame", "image_name", "image", "img")
 """Keys of the image, by number or name, in a list of people (AlphaPose, COCO's results) or of images (MMPose's
 inferencer); and, in lower case, of the column of a table (SLEAP, MediaPipe)."""

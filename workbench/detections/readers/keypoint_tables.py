@@ -21,6 +21,11 @@ _COLUMN = re.compile(rf"(?:(.+?)[._ -])?({'|'.join(COORDINATES)})(?:[._ -]?(\d+)
 """A coordinate of a point: nose.x, nose_x, x_0, x0."""
 _MIN_POINTS = 3
 """Points of a table of detected people, which tables of other contents do not have."""
+_POINT_KEYS = tuple(f"{point}{suffix}" for suffix in ("_name", "", "_id", "_index") for point in (
+    "landmark", "keypoint", "joint", "bodypart", "point", "points"
+))  # fmt: skip
+"""Columns of the point's name or number, the preferred first, in tables with a row for each point."""
+_PERSON_KEYS = ("person_id", "person", "track_id", "track", "individual", "individuals")
 _INVALID = (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError, IndexError)
 
 
@@ -28,14 +33,15 @@ def is_table(path: Path) -> bool:
     """Return whether the first line of a CSV file is that of a table of detected people."""
     with path.open("rb") as file:
         line = file.readline(1 << 20).decode("utf-8-sig", "replace").strip()
-    return line.startswith("scorer,") or len(_points_of(line.split(","))) >= _MIN_POINTS
+    columns = line.split(",")
+    return line.startswith("scorer,") or len(_points_of(columns)) >= _MIN_POINTS or _has_rows_of_points(columns)
 
 
 def read_table(file: Path) -> DetectedPoints:
     """Return the points of a CSV table of detected people.
 
-    A row is a person in the frame of a column of FRAME_KEYS, or without one in the next frame. Raises InputError for
-    other content.
+    A row is a person in the frame of a column of FRAME_KEYS, or without one in the next frame; or a point of a person.
+    Raises InputError for other content.
     """
     check_file(file)
     with file.open("rb") as content:
@@ -43,6 +49,7 @@ def read_table(file: Path) -> DetectedPoints:
             return _deeplabcut(file)
     try:
         table = pd.read_csv(file, encoding="utf-8-sig", skipinitialspace=True)
+        table = _rows_of_people(table) if _has_rows_of_points(table.columns) else table
         columns = _points_of(table.columns)
         numbers = np.full((len(table), len(columns), 3), np.nan)
         for k, coordinates in enumerate(columns.values()):
@@ -50,8 +57,9 @@ def read_table(file: Path) -> DetectedPoints:
                 numbers[:, k, coordinate] = table[column].to_numpy(dtype=np.float64)
     except _INVALID as error:
         raise InputError(f"{file}: expected numbers in the columns of points: {error}") from None
-    numbers[..., 2] = np.where(np.isnan(numbers[..., 2]).all(axis=0), 1.0, numbers[..., 2])  # without confidences
-    key = next((column for key in FRAME_KEYS for column in table.columns if column.strip().lower() == key), None)
+    missing = np.isnan(numbers[..., 2])  # of a point in all rows, or of all points of a person labelled by hand
+    numbers[..., 2] = np.where(missing.all(axis=0) | missing.all(axis=1, keepdims=True), 1.0, numbers[..., 2])
+    key = _column(table.columns, FRAME_KEYS)
     frames = map(str, range(len(table)) if key is None else table[key])
     by_frame: dict[str, list[FloatArray]] = {}
     try:
@@ -61,6 +69,28 @@ def read_table(file: Path) -> DetectedPoints:
         raise InputError(f"{file}: frame {frame}: {error}") from None
     names = () if _are_numbered(columns) else tuple(columns)
     return ordered_points(file, list(by_frame), list(by_frame.values()), names)
+
+
+def _column(columns: Iterable[str], keys: Iterable[str]) -> str | None:
+    """Return the first column that has one of the keys as its name, in any case."""
+    names = {column.strip().lower(): column for column in columns}
+    return next((names[key] for key in keys if key in names), None)
+
+
+def _has_rows_of_points(columns: Iterable[str]) -> bool:
+    """Return whether a table has a row for each point: columns of frame, point, x and y."""
+    names = list(columns)
+    return all(_column(names, keys) is not None for keys in (FRAME_KEYS, _POINT_KEYS, ("x",), ("y",)))
+
+
+def _rows_of_people(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with a row for each point as one with a row for each person."""
+    people = [column for keys in (FRAME_KEYS, _PERSON_KEYS) if (column := _column(table.columns, keys)) is not None]
+    confidence = _column(table.columns, [name for name, k in COORDINATES.items() if k == 2])
+    values = [_column(table.columns, ("x",)), _column(table.columns, ("y",)), *([confidence] if confidence else [])]
+    wide = table.pivot(index=people, columns=_column(table.columns, _POINT_KEYS), values=values)
+    wide.columns = pd.Index([f"{point}_{coordinate}" for coordinate, point in wide.columns])
+    return wide.reset_index()
 
 
 def _points_of(columns: Iterable[str]) -> dict[str, dict[int, str]]:

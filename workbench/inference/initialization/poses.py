@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
-import cv2
 import numpy as np
 
 from workbench.body.kinematics import axis_rotations, joints
@@ -144,7 +143,7 @@ def placed_costs(
     heading : rad, by which all people are rotated.
     """
     camera, weights = keypoints.camera, np.sqrt(keypoints.detections[:, 2])
-    rays = cv2.undistortPoints(keypoints.detections[:, None, :2], camera.matrix, camera.distortion)[:, 0]  # (M, 2)
+    rays = camera.undistorted(keypoints.detections[:, :2])  # (M, 2)
     rotation = camera.rotation @ axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([heading]))[0]
     positions = positions @ rotation.T
     offsets = positions[..., :2] - rays * positions[..., 2:]  # (n, M, 2)

@@ -14,6 +14,7 @@ from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
 from workbench.motion.formats.hip_centres import hip_centres, pelvis_markers
 from workbench.motion.formats.joint_names import marker_joints
+from workbench.motion.formats.laboratory_markers import is_laboratory_table, read_laboratory_markers
 from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import BoolArray, FloatArray
@@ -63,14 +64,19 @@ class Markers:
 def read_markers(
     path: str | Path, unit: str | None = None, up: str | None = None, forward: str | None = None
 ) -> Markers:
-    """Return the markers of a .trc or .c3d file, or of our own .csv, with gaps; unit, up and forward as in `in_world`.
+    """Return the markers of a .trc or .c3d file, of a table of Qualisys, Motive or Vicon Nexus, or of our own, with
+    gaps; unit, up and forward as in `in_world`.
 
     Raises InputError if the file cannot be read; with the line, for a TRC file.
     """
-    path, readers = expanded(path), {".trc": read_trc, ".c3d": read_c3d, ".csv": read_joint_csv}
+    path, readers = expanded(path), {".trc": read_trc, ".c3d": read_c3d, ".csv": _read_table, ".tsv": _read_table}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: expected a marker file with the extension {' or '.join(readers)}")
     return in_world(str(path), readers[path.suffix.lower()](path), unit, up, forward)
+
+
+def _read_table(path: Path) -> RawMarkers:
+    return read_laboratory_markers(path) if is_laboratory_table(path) else read_joint_csv(path)
 
 
 def in_world(
@@ -78,7 +84,7 @@ def in_world(
 ) -> Markers:
     """Return markers in metres with z up, NaN where the file has a gap or 0 0 0, without a model's outputs.
 
-    A marker that is frozen in most of the frames is omitted, with a warning.
+    A marker that is frozen in most of the frames is omitted, with a warning, and one that is never measured.
 
     Parameters
     ----------
@@ -99,14 +105,16 @@ def in_world(
     for k in np.flatnonzero(frozen_markers(positions)):
         log.warning("%s: marker %s stands still in most frames while all others move; omitted", source, names[k])
         positions[:, k] = np.nan
+    measured = np.isfinite(positions).any(axis=(0, 2))  # others are only announced, as Cortex' virtual markers
+    names, positions = np.array(names)[measured].tolist(), positions[:, measured]
     joints = {
         joint: np.mean([positions[:, names.index(name)] for name in markers], axis=0)
         for joint, markers in marker_joints(names, source).items()
     }
     size = stature(joints)
     if size is None and not raw.unit:  # by the markers' extent
-        measured = positions[np.isfinite(positions[..., 0]).any(axis=1)]
-        size = float(np.median(np.linalg.norm(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1), axis=1)))
+        seen = positions[np.isfinite(positions[..., 0]).any(axis=1)]
+        size = float(np.median(np.linalg.norm(np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1), axis=1)))
     metres = metres_per_unit(source, size, raw.unit, unit)
     parts = {name: positions[:, k] for k, name in enumerate(names)}
     vertical = vertical_axis(source, upward(parts), raw.up, up)

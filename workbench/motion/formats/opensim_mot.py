@@ -1,5 +1,6 @@
 """OpenSim's motion files (.mot): joint angles by the names and conventions of its full-body model Rajagopal (2016)."""
 
+import logging
 import re
 import warnings
 from collections.abc import Collection
@@ -14,6 +15,8 @@ from workbench.motion.formats.text import fail, numbers, read_lines
 from workbench.utils.arrays import FloatArray
 from workbench.utils.input_limits import MAX_NUMBERS, check_number
 
+log = logging.getLogger(__name__)
+
 OPENSIM_FROM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From x ahead, y to the left, z up to x ahead, y up, z to the right."""
 _PELVIS = ("tilt", "list", "rotation")
@@ -23,6 +26,9 @@ _COORDINATES = {
     "knee_flexion": "knee_angle", "elbow_flexion": "elbow_flex", "ankle_flexion": "ankle_angle",
 }  # fmt: skip
 """OpenSim's names by our parameters, both without the side."""
+_KNEES = ("knee_angle_r", "knee_angle_l")
+MAX_HYPEREXTENSION_DEG = 20.0
+"""Beyond it a negative knee angle is flexion, as in gait2392: knees of hypermobile people reach 10° to 20°."""
 _ANGLE = re.compile(rf"pelvis_({'|'.join(_PELVIS)})|({'|'.join(_COORDINATES.values())})_[lr]")
 
 
@@ -85,8 +91,9 @@ def mot_text(
 def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the times (F,), s, and the angles (F,), degrees, without jumps by 360°, of a motion file by name.
 
-    Angles are those that `opensim_coordinates` names; the other columns are ignored. Raises InputError, with the line,
-    if the file has no times that increase, or none of the angles.
+    Angles are those that `opensim_coordinates` names; the other columns are ignored. Knees that flex by negative
+    angles change their sign, with a message. Raises InputError, with the line, if the file has no times that increase,
+    or none of the angles.
     """
     lines = read_lines(path)
     end = next((k for k, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
@@ -103,7 +110,12 @@ def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
         fail(path, end + 2, "expected times, s, that increase, in a first column time")
     is_radians = any(re.fullmatch(r"indegrees\s*=\s*no", line.strip().lower()) for line in lines[:end])
     scale = np.degrees(1.0) if is_radians else 1.0
-    return values[:, 0], {name: np.unwrap(scale * each, period=360.0) for name, each in angles.items()}
+    angles = {name: np.unwrap(scale * each, period=360.0) for name, each in angles.items()}
+    flexion = np.concatenate([[0.0], *(angles[knee] for knee in _KNEES if knee in angles)])
+    if -flexion.min() > max(MAX_HYPEREXTENSION_DEG, flexion.max()):
+        log.warning("%s: flexion of the knees is negative, as in the model gait2392; its sign is changed", path)
+        angles |= {knee: -angles[knee] for knee in _KNEES if knee in angles}
+    return values[:, 0], angles
 
 
 def _zxy(rotations: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ def read_trc(path: Path) -> RawMarkers:
         report_count(path, int(n_frames), len(table) if int(n_frames) != round(rows[-1]) + 1 else int(n_frames))
     is_own = tuple(names[: len(JOINT_NAMES)]) == JOINT_NAMES and set(names[len(JOINT_NAMES) :]) <= set(FOOT_POINTS)
     forward = "x" if is_own else None  # as of OpenSim and `trc_text`
-    return RawMarkers(names, rate_hz, _at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
+    return RawMarkers(names, rate_hz, at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
 
 
 def read_joint_csv(path: Path) -> RawMarkers:
@@ -102,7 +102,7 @@ def read_joint_csv(path: Path) -> RawMarkers:
     digits = max(len(cells[columns.index("time_s")].partition(".")[2]) for _, cells in table)
     rate_hz, at = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, None if len(values) > 1 else 1.0)
     check_rate(f"{path}: the rate", rate_hz)
-    return RawMarkers(names, rate_hz, _at_grid(path, at, values[:, 2:].reshape(len(values), -1, 3)), "m", "z")
+    return RawMarkers(names, rate_hz, at_grid(path, at, values[:, 2:].reshape(len(values), -1, 3)), "m", "z")
 
 
 def _cells(text: str, delimiter: str | None) -> list[str]:
@@ -164,7 +164,7 @@ def _timing(
     return rate_hz, rows if on_grid else time_s * rate_hz
 
 
-def _at_grid(path: Path, rows: FloatArray, positions: FloatArray) -> FloatArray:
+def at_grid(path: Path, rows: FloatArray, positions: FloatArray) -> FloatArray:
     """Return positions (G, M, 3) at 0, 1, … of those (F, M, 3) at increasing `rows` (F,), NaN more than 1.5 from the
     next row and next to a gap; logged."""
     n = int(np.floor(rows[-1] + 1e-9)) + 1

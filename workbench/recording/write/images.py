@@ -205,5 +205,4 @@ def undistorted(camera: Camera, pixels: FloatArray) -> FloatArray:
     """Return pixels (K, 2) of the camera's image in the undistorted image, (K, 2)."""
     if not camera.distortion.any() or not len(pixels):
         return pixels
-    undistorted_px = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion, P=camera.matrix)
-    return np.asarray(undistorted_px, dtype=np.float64)[:, 0]
+    return camera.undistorted(pixels) * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]

@@ -2,6 +2,7 @@
 
 import csv
 import logging
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,6 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
@@ -17,9 +19,11 @@ from workbench.body.stature import LIMBS, SIDES
 from workbench.datasets.point_formats import read_array, read_arrays
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
+from workbench.evaluation.comparison.scores import joint_angles
 from workbench.motion.formats.joint_names import skeleton_joints
+from workbench.motion.formats.laboratory_markers import is_laboratory_table
 from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
-from workbench.motion.formats.opensim_mot import opensim_coordinates, read_mot
+from workbench.motion.formats.opensim_mot import MAX_HYPEREXTENSION_DEG, opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
 from workbench.motion.formats.trc import RawMarkers
 from workbench.motion.sources import Reading, read_clip
@@ -34,8 +38,9 @@ from workbench.utils.run_files import RECORDING_SUFFIXES
 
 log = logging.getLogger(__name__)
 
-_MARKERS, _SKELETONS, _ARRAYS, _ANGLES = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".npy", ".npz"), ".mot"
-SUFFIXES = (*_MARKERS, *_SKELETONS, *_ARRAYS, _ANGLES, *RECORDING_SUFFIXES)
+_MARKERS, _SKELETONS, _TABLES, _ARRAYS = (".trc", ".c3d"), (".bvh", ".amc"), (".csv", ".tsv"), (".npy", ".npz")
+_ANGLES = ".mot"
+SUFFIXES = (*_MARKERS, *_SKELETONS, *_TABLES, *_ARRAYS, _ANGLES, *RECORDING_SUFFIXES)
 _SMPL = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
     "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
@@ -53,6 +58,8 @@ _UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
 _TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 """OpenSim's coordinates that are lengths."""
 _COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.IGNORECASE)
+_LONGEST_INTERVAL_S = 1.0
+"""Frames of a motion are at most so far apart; larger differences of times are in ms, µs or ns."""
 _TIMES = ("time_s", "time", "timestamp", "times_s", "t")
 _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
 _NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
@@ -82,10 +89,10 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
         return _of_recording(path, truth)
     if suffix in _SKELETONS:
         return _of_skeleton(path, given)
-    if suffix in _MARKERS or (suffix == ".csv" and _is_own(path)):
+    if suffix in _MARKERS or (suffix in _TABLES and (is_laboratory_table(path) or _is_own(path))):
         return _of_markers(read_markers(path, given.unit, given.up), None)
-    if suffix in _ARRAYS:
-        raw, times_s = (_csv if suffix == ".csv" else _arrays)(path, given.rate_hz)
+    if suffix in _TABLES + _ARRAYS:
+        raw, times_s = (_csv if suffix in _TABLES else _arrays)(path, given.rate_hz)
         return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
     if suffix == _ANGLES:
         times_s, angles = read_mot(path)
@@ -101,7 +108,26 @@ def _motion(
     ordered, places = with_pelvis(names, positions)
     if samples is None:
         samples = np.empty((0, *places.shape))
-    return JointMotion(str(source), ordered, times_s, places, samples)
+    motion = JointMotion(str(source), ordered, times_s, places, samples)
+    _report_mirrored(motion)
+    return motion
+
+
+def _report_mirrored(motion: JointMotion) -> None:
+    """Log a warning if the knees bend backwards, as with left-handed axes."""
+    leg = [f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle")]
+    if not set(leg) <= set(motion.names):
+        return
+    angles = joint_angles(motion.names, motion.positions)
+    hip, knee, ankle = np.moveaxis(motion.of_joints(leg).positions.reshape(-1, 2, 3, 3), 2, 0)  # each (F, side, 3)
+    ahead = np.cross(hip[:, :1] - hip[:, 1:], [0.0, 0.0, 1.0])
+    in_front = np.sum((knee - 0.5 * (hip + ankle)) * ahead, axis=-1)
+    bent = np.column_stack([angles[f"{side}_knee"] for side in SIDES]) > MAX_HYPEREXTENSION_DEG
+    if np.any(bent) and np.mean(in_front[bent] < 0.0) > 0.5:
+        log.warning(
+            "%s: the knees bend backwards: left and right are exchanged, or the axes are left-handed (as in Unity); "
+            "the joints are then a mirror image", motion.source,
+        )  # fmt: skip
 
 
 def _of_recording(path: Path, truth: bool) -> JointMotion:
@@ -138,6 +164,8 @@ def _of_markers(markers: Markers, times_s: FloatArray | None) -> JointMotion:
     """Return the joints of markers, at times (F,), s, or else at the markers' rate from 0."""
     centres = joint_centres(markers, markers.positions)
     measured = np.isfinite(centres).any(axis=(0, 2))
+    if not measured.any():
+        raise InputError(f"{markers.source}: no frame has all markers of a joint")
     names, centres = tuple(np.array(JOINT_NAMES)[measured].tolist()), centres[:, measured]
     times = np.arange(len(centres)) / markers.rate_hz if times_s is None else times_s
     return _motion(markers.source, names, times, centres)
@@ -166,14 +194,15 @@ def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     check_number(path, "numbers", len(table) * len(header), MAX_NUMBERS)
     columns = [axes_of[name][axis] for name in names for axis in "xyz"]
     time = next((k for k, column in enumerate(header) if column.lower() in _TIMES), None)
-    wanted = columns if time is None else [*columns, time]
-    cells = [[row[k].strip() if k < len(row) else "" for k in wanted] for row in table]
-    values = np.array([gap_numbers(path, k, points(row), len(wanted), "a frame") for k, row in enumerate(cells, 2)])
-    times_s = _times(path, None if time is None else values[:, -1], None, len(table), rate_hz)
+    cells = [points([row[k].strip() if k < len(row) else "" for k in range(len(header))]) for row in table]
+    places = [[row[k] for k in columns] for row in cells]
+    values = np.array([gap_numbers(path, k, row, len(columns), "a frame") for k, row in enumerate(places, 2)])
+    times = None if time is None else pd.to_numeric(pd.Series([row[time] for row in cells]), errors="coerce")
+    times_s = _times(path, times, None, len(table), rate_hz)
     unit, *others = sorted(set().union(*(units[name] for name in names)))
     if others:
         fail(path, 1, f"expected one unit of length in the names of the columns, found {', '.join([unit, *others])}")
-    return RawMarkers(names, 1.0, values[:, : len(columns)].reshape(len(table), -1, 3), unit), times_s
+    return RawMarkers(names, 1.0, values.reshape(len(table), -1, 3), unit), times_s
 
 
 def _arrays(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
@@ -222,7 +251,11 @@ def _times(path: Path, times_s: FloatArray | None, rate_hz: float | None, n: int
         times = np.asarray(times_s, dtype=float).ravel()
         if len(times) != n or not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
             raise InputError(f"{path}: expected {n} times, s, that increase, or give the rate: --rate HZ")
-        return times
+        interval = float(np.median(np.diff(times))) if n > 1 else 0.0
+        thousands = math.ceil(round(math.log(interval, 1000), 9)) if interval > _LONGEST_INTERVAL_S else 0
+        if thousands > 0:
+            log.warning("%s: frames are %g apart, times read in 10^-%d s", path, interval, 3 * thousands)
+        return times / 1000.0**thousands
     rate = given_hz or rate_hz
     if rate is None:
         raise InputError(f"{path}: has no times; give its rate: --rate HZ")

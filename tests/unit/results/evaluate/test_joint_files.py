@@ -87,6 +87,19 @@ def test_a_table_with_three_columns_for_each_joint(tmp_path, style, delimiter):
     check(read_joints(tmp_path / "a.csv"))
 
 
+@pytest.mark.parametrize(("interval", "expected_s"), [
+    (1.0, 1.0), (1.001, 1.001e-3), (40.0, 0.04), (1000.0, 1.0), (40_000.0, 0.04), (40_000_000, 0.04)
+])  # fmt: skip
+def test_times_more_than_a_second_apart_are_in_smaller_units(tmp_path, interval, expected_s):
+    """As sensors and cameras write them, s to ns, also since 1970."""
+    header = ["timestamp", *[f"JOINT_{name.upper()}.{axis}" for name in LIMBS for axis in "xyz"]]
+    first = 1_700_000_000_000_000_000 if interval == 40_000_000 else 0
+    rows = [[str(first + k * interval), *map(str, frame.ravel())] for k, frame in enumerate(of(LIMBS))]
+    (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    motion = read_joints(tmp_path / "a.csv")
+    np.testing.assert_allclose(np.diff(motion.times_s), expected_s, atol=1e-6)
+
+
 def test_empty_cells_of_a_table_are_missing(tmp_path):
     header = ["t", *[f"{name}_{axis}" for name in LIMBS for axis in "xyz"]]
     rows = [[str(time_s), *map(str, frame.ravel())] for time_s, frame in zip(TIMES_S, of(LIMBS), strict=True)]
@@ -96,6 +109,43 @@ def test_empty_cells_of_a_table_are_missing(tmp_path):
     missing = np.isnan(motion.positions).any(axis=2)
     assert missing.sum() == 1
     assert missing[3, motion.names.index(LIMBS[0])]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_knees_that_bend_backwards_are_reported(tmp_path, caplog, mirrored):
+    """As in files with left-handed axes."""
+    np.savez(tmp_path / "a.npz", joints=PLACES * [1.0, -1.0 if mirrored else 1.0, 1.0], names=np.array(JOINT_NAMES),
+             time_s=TIMES_S)  # fmt: skip
+    read_joints(tmp_path / "a.npz")
+    assert ("bend backwards" in caplog.text) == mirrored
+
+
+@pytest.mark.parametrize(("angle_deg", "reported"), [(19.0, False), (21.0, True)])
+def test_slightly_overextended_knees_are_not_reported(tmp_path, caplog, angle_deg, reported):
+    angle = np.radians(angle_deg)
+    leg = {side: np.array([[0.0, y, 0.9], [0.0, y, 0.5], [0.4 * np.sin(angle), y, 0.5 - 0.4 * np.cos(angle)]])
+           for side, y in (("left", 0.1), ("right", -0.1))}  # fmt: skip
+    names = [f"{side}_{joint}" for side in leg for joint in ("hip", "knee", "ankle")] + ["neck"]
+    places = np.concatenate([*leg.values(), [[0.0, 0.0, 1.4]]])
+    np.savez(tmp_path / "a.npz", joints=np.tile(places, (3, 1, 1)), names=np.array(names), fps=RATE_HZ)
+    read_joints(tmp_path / "a.npz", Given(unit="m", up="z"))
+    assert ("bend backwards" in caplog.text) == reported
+
+
+def test_joint_centres_that_are_only_announced_do_not_hide_measured_markers(tmp_path):
+    """As Cortex writes virtual markers: the header has them, the frames end before them."""
+    names = [*LIMBS, "V_left_Knee_JC", "V_R.Knee_JC"]
+    header = ["t", *[f"{name}_{axis}" for name in names for axis in "xyz"]]
+    rows = [[str(time_s), *map(str, frame.ravel())] for time_s, frame in zip(TIMES_S, of(LIMBS), strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    check(read_joints(tmp_path / "a.csv"))
+
+
+def test_markers_of_a_joint_that_are_never_measured_together_are_refused(tmp_path):
+    columns = [f"{name}_{axis}" for name in ("R.Knee", "R.Knee.Medial") for axis in "xyz"]
+    (tmp_path / "a.csv").write_text(",".join(["t", *columns]) + "\n0,1,1,1,,,\n1,,,,1,1,1\n")
+    with pytest.raises(InputError, match="no frame has all markers of a joint"):
+        read_joints(tmp_path / "a.csv", Given(unit="m", up="z"))
 
 
 def write_npz(path, **arrays):
