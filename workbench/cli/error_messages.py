@@ -16,8 +16,9 @@ from workbench.utils.process_limits import peak_bytes
 from workbench.utils.signals import Interrupted
 
 _BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
-_BAD_HEADER = "Expected header format: KEY VALUE"
-"""Hydra's ValueError for a configuration file whose first line is a header of another form."""
+_OF_HYDRA = ("Expected header format: KEY VALUE", "Config group override must be a string or a list")
+"""Hydra's ValueErrors for a configuration file whose first line is a header of another form, and for a number as an
+option."""
 _NO_MEMORY = re.compile("allocate memory|failed to map segment|out of memory|std::bad_alloc", re.IGNORECASE)
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
@@ -42,7 +43,7 @@ def report_error(error: BaseException) -> int | None:
         _print_error([f"interrupted by {signal.Signals(number).name}; the recording so far is saved"])
         return 128 + number
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
-    is_bad = isinstance(error, _BAD_INPUT) or str(error).startswith(_BAD_HEADER)
+    is_bad = isinstance(error, _BAD_INPUT) or str(error).startswith(_OF_HYDRA)
     if (reason := _memory_reason(error)) is not None:
         _print_error([f"not enough memory: {reason}, and this process has had {peak_bytes() / 1e6:.0f} MB"])
         return 1

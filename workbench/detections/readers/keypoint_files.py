@@ -26,6 +26,7 @@ from workbench.detections.readers.layout_by_anatomy import check_number_of_point
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file, parse_json
+from workbench.utils.text import read_text
 
 _HDF5 = (".h5", ".hdf5")
 _SUFFIXES = (".json", ".txt")
@@ -219,11 +220,8 @@ def _coordinates(point: Mapping[str, Any]) -> list[Any]:
 
 def _text_people(file: Path) -> list[FloatArray]:
     """Return the points of the people of one image, of Ultralytics' text with fractions of the image's size."""
-    check_file(file)
     people = []
-    for line, words in enumerate(
-        map(str.split, file.read_text(encoding="utf-8-sig", errors="replace").splitlines()), 1
-    ):
+    for line, words in enumerate(map(str.split, read_text(file).split("\n")), 1):
         n = len(words) - TEXT_COLUMNS
         forms = ((width, n - more) for width in (3, 2) for more in (0, 1, 2))
         width, size = next(((w, m) for w, m in forms if m % w == 0 and m // w in SIZES), (0, 0))
