@@ -31,8 +31,8 @@ CAMERA_FILES = {
     "mccalib.yml": valid_files.MC_CALIB, "b.toml": valid_files.TOML,
 }  # fmt: skip
 _ASF_LEG = "".join(
-    f"begin\n name {side}{bone}\n direction {f'{sign} 0 0' if bone in ('hipjoint', 'clavicle') else '0 -1 0'}\n length {length}\n"
-    f"axis 0 0 0 XYZ\n{dof}end\n"
+    f"begin\n name {side}{bone}\n direction {f'{sign} 0 0' if bone in ('hipjoint', 'clavicle') else '0 -1 0'}\n"
+    f"length {length}\naxis 0 0 0 XYZ\n{dof}end\n"
     for side, sign in (("l", 1), ("r", -1))
     for bone, length, dof in (
         ("hipjoint", 2.0, ""), ("femur", 7.3, "dof rx ry rz\n"), ("tibia", 7.3, "dof rx\n"), ("foot", 2.0, ""),
@@ -44,7 +44,8 @@ ASF = (
     f":bonedata\n{_ASF_LEG}begin\nname upperneck\ndirection 0 1 0\nlength 9\naxis 0 0 0 XYZ\nend\n"
     "begin\nname head\ndirection 0 1 0\nlength 3\naxis 0 0 0 XYZ\nend\n:hierarchy\nbegin\n"
     "root lhipjoint rhipjoint upperneck\n" + "".join(
-        f"{s}hipjoint {s}femur\n{s}femur {s}tibia\n{s}tibia {s}foot\n{s}clavicle {s}humerus\n{s}humerus {s}radius\n{s}radius {s}wrist\n"
+        f"{s}hipjoint {s}femur\n{s}femur {s}tibia\n{s}tibia {s}foot\n"
+        f"{s}clavicle {s}humerus\n{s}humerus {s}radius\n{s}radius {s}wrist\n"
         for s in "lr") + "upperneck head lclavicle rclavicle\nend\n"
 )  # fmt: skip
 AMC = ":FULLY-SPECIFIED\n:DEGREES\n" + "".join(
@@ -62,13 +63,21 @@ _POINTS = (
     "run experiment=custom dataset=point_files dataset.rate_hz=10 body=height body.height_m=1.69 prior=activity "
     "prior.n_components=2 likelihood=surface_points inference=least_squares hydra.run.dir=out dataset.n_frames=2"
 )
-DETECTORS = ("one.json", "alpha.json", "mmpose.json", "inferencer.json", "coco.json", "sleap.csv", "mediapipe.csv", "dlc.csv",
-             "annotations.csv", "text", "json/front")  # fmt: skip
+DETECTORS = (
+    "one.json", "alpha.json", "mmpose.json", "inferencer.json", "coco.json", "sleap.csv", "mediapipe.csv", "dlc.csv",
+    "annotations.csv", "text", "json/front",
+)  # fmt: skip
+_SHORT = "dataset.n_frames=2 inference.n_particles=8 hydra.run.dir=out paths.data=."
+_OWN = "conf/experiment/mine.yaml conf/prior/own.yaml"
 _COMMANDS = {
     "multi_view": (f"check-calibration {_MULTI} -o out", "json/*/*0003*.json calib.toml *.mp4"),
-    "fit": (f"run experiment=custom {_FIT} {_MULTI} dataset.truth=walk.trc", "json/*/*0003*.json calib.toml walk.trc"),
+    "fit": (
+        f"run experiment=custom {_FIT} {_MULTI} dataset.truth=walk.trc", "json/*/*0003*.json calib.toml walk.trc",
+    ),
     "video": (f"{_ONE} dataset.keypoints=json/front {_CALIBRATED}", "front.mp4"),
-    "images": (f"{_ONE} dataset.source=images dataset.rate_hz=15 dataset.keypoints=json/front {_CALIBRATED}", "images/1?.png"),
+    "images": (
+        f"{_ONE} dataset.source=images dataset.rate_hz=15 dataset.keypoints=json/front {_CALIBRATED}", "images/1?.png",
+    ),
     **{name: (f"{_ONE} dataset.keypoints={name} {_CALIBRATED}",
               f"{name}/*0003* {name}/3.txt" if "." not in name else name) for name in DETECTORS},
     **{name: (f"{_ONE} dataset.keypoints=json/front dataset.calibration_file={name}", name) for name in CAMERA_FILES},
@@ -77,7 +86,7 @@ _COMMANDS = {
        ("ply", "xyz", "csv", "npy", "npz", "pcd", "clouds.h5")},
     **{f"evaluate {each}": (f"evaluate walk.{each} --truth walk.trc --rate 15", f"walk.{each}") for each in
        ("trc", "csv", "bvh", "c3d", "mot", "npz", "npy", "rrd")},
-    "evaluate plain": ("evaluate plain.csv --truth walk.npy --truth-rate 15 --align rigid -o out", "plain.csv walk.npy"),
+    "evaluate plain": ("evaluate plain.csv --truth walk.npy --truth-rate 15 --align rigid", "plain.csv walk.npy"),
     "evaluate amc": ("evaluate 5_01.amc --truth walk.trc", "5.asf 5_01.amc"),
     "import bvh": ("import own.bvh -o out.h5", "own.bvh"),
     "export": ("export walk.rrd -o out.trc --intervals", "walk.rrd"),
@@ -86,22 +95,23 @@ _COMMANDS = {
     "check": ("check walk.rrd small.rrd", "walk.rrd small.rrd"),
     "repeat": ("run from=walk.rrd hydra.run.dir=out paths.data=.", "walk.rrd front.mp4"),
     "list": ("runs list . --columns varied", "runs/*/summary.json"),
-    "query": ("runs list . experiment=walk_straight mpjpe_abs_mm<50 seed=1,2 --sort -mpjpe_abs_mm --json", "runs/*/summary.json"),
+    "query": ("runs list . mpjpe_abs_mm<50 seed=1,2 --sort -mpjpe_abs_mm --json", "runs/*/summary.json"),
     "compare": ("runs compare walk.rrd small.rrd --latex", "walk.rrd small.rrd"),
     "report": ("report walk.rrd small.rrd -o out.html", "walk.rrd small.rrd"),
     "diff": ("runs diff walk.rrd small.rrd", "walk.rrd small.rrd"),
-    "board": (f"calibrate board one=boards --corners {COLUMNS}x{ROWS} --square-mm 50 -o out.toml --floor 0", "boards/1.png"),
+    "board": (f"calibrate board one=boards --corners {COLUMNS}x{ROWS} --square-mm 50 -o out.toml", "boards/1.png"),
     "height": ("calibrate height front.mp4 annotations.csv --height-m 1.7 -o out.toml", "annotations.csv front.mp4"),
-    "config": ("run --config-dir=conf experiment=mine hydra.run.dir=out --cfg job", "conf/experiment/mine.yaml conf/prior/own.yaml"),
-    "own": ("run --config-dir=conf experiment=mine hydra.run.dir=out", "conf/experiment/mine.yaml conf/prior/own.yaml"),
+    "config": ("run --config-dir=conf experiment=mine hydra.run.dir=out --cfg job", _OWN),
+    "own": ("run --config-dir=conf experiment=mine hydra.run.dir=out", _OWN),
     "sweep": ("run -m --config-dir=conf experiment=mine hydra.sweep.dir=out seed=1,2 sweep.objective=coverage_90",
               "conf/experiment/mine.yaml"),
-    "library": ("run experiment=walk_straight dataset=synthetic dataset.motion=library/motions.h5:walker_00_straight dataset.n_frames=2 inference.n_particles=8 "
-                "paths.data=. hydra.run.dir=out", "library/motions.h5"),
-    "data": ("run experiment=walk_straight dataset.motion=own.bvh dataset.n_frames=2 inference.n_particles=8 paths.data=. "
-             "prior=smooth hydra.run.dir=out", "own.bvh"),
+    "library": (
+        f"run experiment=walk_straight dataset.motion=library/motions.h5:walker_00_straight {_SHORT}",
+        "library/motions.h5",
+    ),
+    "data": (f"run experiment=walk_straight dataset.motion=own.bvh prior=smooth {_SHORT}", "own.bvh"),
     "components": ("components prior.smooth inference experiment", ""),
-    "track": ("track front.mp4 --height 1.7 dataset.keypoints=json/front dataset.n_frames=8 -o out", "json/front/*0003*.json"),
+    "track": ("track front.mp4 dataset.keypoints=json/front dataset.n_frames=8 -o out", "json/front/*0003*.json"),
 }  # fmt: skip
 COMMANDS = {name: (shlex.split(command), files.split()) for name, (command, files) in _COMMANDS.items()}
 """The arguments of each command, and patterns of the files that it reads."""
@@ -133,7 +143,8 @@ def write_inputs(folder):
     valid_files.library(folder / "library" / "motions.h5")
     for k in range(3):
         write_run(folder / "runs" / str(k), seed=k, error=10.0 + k)
-    np.save(folder / "walk.npy", WALK[:, [JOINT_NAMES.index(name) if name in JOINT_NAMES else 0 for name in SEVENTEEN["COCO"]]])
+    coco = [JOINT_NAMES.index(name) if name in JOINT_NAMES else 0 for name in SEVENTEEN["COCO"]]
+    np.save(folder / "walk.npy", WALK[:, coco])
     np.savez(folder / "walk.npz", joints=WALK, names=np.array(JOINT_NAMES), fps=15.0)
     header = ",".join(["time", *(f"{name}_{axis}" for name in JOINT_NAMES for axis in "xyz")])
     table = np.column_stack([np.arange(N_FRAMES) / 15.0, WALK.reshape(N_FRAMES, -1)])
@@ -167,7 +178,7 @@ def _write_cameras(folder):
         valid_files.written(folder / name, text)
     matrix = "   rows: 3\n   cols: 3\n   dt: d\n   data: [ 250., 0., 160., 0., 250., 120., 0., 0., 1. ]\n"
     vector = "   rows: 3\n   cols: 1\n   dt: d\n   data: [ 1.2, 0.1, 0.3 ]\n"
-    head = "%YAML:1.0\n---\nnames:\n   - \"1\"\n"
+    head = '%YAML:1.0\n---\nnames:\n   - "1"\n'
     (folder / "intri.yml").write_text(f"{head}K_1: !!opencv-matrix\n{matrix}H_1: 240\nW_1: 320\n")
     (folder / "extri.yml").write_text(f"{head}R_1: !!opencv-matrix\n{vector}T_1: !!opencv-matrix\n{vector}")
     pixels = VIEWS["front"].project(WALK)
@@ -202,9 +213,9 @@ def _write_detections(folder, rows):
     for name, header in columns.items():
         numbered = np.column_stack([np.arange(N_FRAMES), table])
         np.savetxt(folder / name, numbered, "%g", ",", header=",".join(header), comments="")
-    parts = [[f"{first}", *cells] for first, cells in (
-        ("scorer", ["net"] * 51), ("bodyparts", np.repeat(names, 3)), ("coords", ["x", "y", "likelihood"] * 17))]  # fmt: skip
-    lines = [*parts, *([str(k), *map(str, row)] for k, row in enumerate(table))]
+    parts = {"scorer": ["net"] * 51, "bodyparts": np.repeat(names, 3), "coords": ["x", "y", "likelihood"] * 17}
+    lines = [[first, *cells] for first, cells in parts.items()]
+    lines += [[str(k), *map(str, row)] for k, row in enumerate(table)]
     (folder / "dlc.csv").write_text("\n".join(map(",".join, lines)))
     marked = [f"{k},{name},{u:.1f},{v:.1f},1" for k in range(0, N_FRAMES, 3)
               for name, (u, v) in zip(JOINT_NAMES, VIEWS["front"].project(WALK[k]), strict=True)]  # fmt: skip

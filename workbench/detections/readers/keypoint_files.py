@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names, ordered_points
+from workbench.detections.readers.detected_points import (
+    MAX_NUMBER,
+    DetectedPoints,
+    keypoints_of,
+    numbers_in_names,
+    ordered_points,
+)
 from workbench.detections.readers.formats import (
     COORDINATES,
     DATASET_KEYS,
@@ -31,7 +37,6 @@ from workbench.utils.text import read_text
 _HDF5 = (".h5", ".hdf5")
 _SUFFIXES = (".json", ".txt")
 """Of files in a folder, of which the first kind that is there is read."""
-_MAX_NUMBER = 10**9
 _MAX_JSON = 150_000_000
 """Bytes of a JSON file: its numbers take up to ten times as much memory."""
 _INVALID = (ValueError, KeyError, TypeError, OverflowError, AttributeError)
@@ -106,7 +111,7 @@ def _numbered(folder: Path, files_in_folder: Sequence[Path]) -> dict[int, Path]:
             continue
         if number in files:
             raise InputError(f"{file}: frame {number} is already in {files[number].name}")
-        if number >= _MAX_NUMBER:
+        if number >= MAX_NUMBER:
             raise InputError(f"{file}: expected the frame's number in the file's name, found {number}")
         files[number] = file
     if files_in_folder and not files:
