@@ -219,10 +219,10 @@ def test_a_component_has_the_runs_seed_unless_it_sets_its_own(group, option):
 @pytest.mark.parametrize("override", ["prior.sigma=0.05", "prior.penalty=[1]", "prior.initial_uniform=[3]"])
 def test_values_of_another_type_than_the_parameter_are_refused(override):
     with pytest.raises(InputError, match=rf"smooth\.Smooth: {override[6:].partition('=')[0]}.*: expected .*found"):
-        build(composed_now("prior=smooth", override).prior)
+        build(composed_now(["prior=smooth", override]).prior)
 
 
 @pytest.mark.parametrize("height", ["nan", "inf", "1e10"])
 def test_numbers_out_of_bounds_are_refused_by_every_command(height):
     with pytest.raises(InputError, match=r"body\.height_m: expected a number"):
-        composed_now("body=height", f"body.height_m={height}")
+        composed_now(["body=height", f"body.height_m={height}"])

@@ -48,9 +48,8 @@ def _limbs(measured: RunMeasurements, given_m: float | None) -> Iterator[Finding
     pixels = observed.pixels(MIN_WEIGHT)[:, some_frames(len(measured.frames))]
     triangulated = limb_lengths(triangulate(observed.cameras, pixels)) if several else {}
     height_m = usual_height(measured.lengths_m)
-    is_measured = bool(triangulated and given_m) and (
-        abs(np.log(usual_height(triangulated) / given_m)) <= np.log1p(MAX_HEIGHT_ERROR)
-    )
+    ratio = usual_height(triangulated) / given_m if given_m and triangulated else np.inf
+    is_measured = abs(np.log(ratio)) <= np.log1p(MAX_HEIGHT_ERROR)
     if not is_measured and not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
         low, high = HEIGHTS_M
         text = f"the body has the limbs of a person of {height_m:.2f} m, expected {low:g} to {high:g} m"
