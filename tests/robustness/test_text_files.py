@@ -166,3 +166,19 @@ def test_more_joints_markers_and_coordinates_than_the_limits_are_refused(tmp_pat
     lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS))
     rows = ["1\t0"] * (MAX_NUMBERS // 3 // MAX_JOINTS + 1)  # empty cells at the end of the line
     assert "coordinates" in refusal(read_markers, written(tmp_path / "b.trc", "\n".join([*lines, *rows])))
+
+
+TABLES = ("a.csv", "a.trc", "a.toml", "a.bvh", "5_01.amc")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("name", TABLES)
+def test_text_in_the_encodings_of_windows_is_read(folder, name, encoding):
+    read, sound = FORMATS[name]
+    assert not refusal(read, written(folder / name, sound.replace("\n", "\r\n").encode(encoding)))
+
+
+@pytest.mark.parametrize(("focal", "is_refused"), [("-80.0", True), ("0.0", True), ("0.99", True), ("1.0", False)])
+def test_a_focal_length_is_a_pixel_or_more(tmp_path, focal, is_refused):
+    path = written(tmp_path / "a.toml", TOML.replace("80.0", focal, 1))
+    assert ("focal lengths of 1 px" in refusal(load_cameras, path)) == is_refused

@@ -216,7 +216,7 @@ def test_a_component_has_the_runs_seed_unless_it_sets_its_own(group, option):
             assert config[group].seed == seed
 
 
-@pytest.mark.parametrize("override", ["prior.sigma=0.05", "prior.penalty=[1]", "prior.initial_uniform=[3]"])
+@pytest.mark.parametrize("override", ["prior.sigma=0.05", "prior.penalty=[1]"])
 def test_values_of_another_type_than_the_parameter_are_refused(override):
     with pytest.raises(InputError, match=rf"smooth\.Smooth: {override[6:].partition('=')[0]}.*: expected .*found"):
         build(composed_now(["prior=smooth", override]).prior)
