@@ -1,5 +1,7 @@
 """Small valid files of every input format."""
 
+import json
+
 import h5py
 import numpy as np
 
@@ -83,6 +85,62 @@ PLY = (
     "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
     "1 2 3\n4 5 6\n"
 )
+
+STEREO = """%YAML:1.0
+---
+image_size: [ 640, 480 ]
+M1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500., 0., 320., 0., 500., 240., 0., 0., 1. ]
+M2: [ 500., 510., 320., 240. ]
+D1: [ -1.e-01, 2.e-02, 0., 0., 0. ]
+D2: [ 0., 0., 0., 0. ]
+R: [ 0., 0.1, 0. ]
+T: [ -0.5, 0., 0. ]
+"""
+LENS = """<?xml version="1.0"?>
+<opencv_storage>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>
+  <data>500. 0. 320. 0. 500. 240. 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients>-1.e-01 2.e-02 0. 0. 0. 0. 0. 0.</distortion_coefficients>
+</opencv_storage>
+"""
+QUALISYS = """<calibration><cameras>
+<camera serial="a" model="Miqus Video" viewrotation="0"><fov_video left="0" top="0" right="639" bottom="479"/>
+<transform x="1000" y="0" z="1500" r11="1" r12="0" r13="0" r21="0" r22="0" r23="1" r31="0" r32="-1" r33="0"/>
+<intrinsic focalLengthU="32000" focalLengthV="32000" centerPointU="20480" centerPointV="15360" radialDistortion1="-0.1"
+radialDistortion2="0.1" radialDistortion3="0" tangentalDistortion1="0.001" tangentalDistortion2="0"/></camera>
+</cameras></calibration>
+"""
+VICON = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
+<Cameras VERSION="1.0"><Camera DEVICEID="1" TYPE="VideoInputDevice" PIXEL_ASPECT_RATIO="1" SENSOR_SIZE="640 480">
+<KeyFrames><KeyFrame FOCAL_LENGTH="500" ORIENTATION="0.5 0.5 -0.5 0.5" POSITION="1000 0 1500"
+PRINCIPAL_POINT="320 240" VICON_RADIAL2="Vicon3Parameter 320 240 1e-7 1e-14 0"/></KeyFrames></Camera></Cameras>
+"""
+HUMANEVA = "500 500 320 240 0 -0.1 0.1 0.001 0 0 1 0 0 0 0 -1 0 1 0 100 200 3000\n"
+MULTICAL = json.dumps({
+    "cameras": {
+        name: {"model": "standard", "image_size": [640, 480], "K": [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0],
+               [0.0, 0.0, 1.0]], "dist": [[-0.1, 0.1, 0.0, 0.0, 0.0]]} for name in "ab"
+    },
+    "camera_poses": {name: {"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "T": [0.5, 0.0, 0.0]}
+                     for name in ("a", "b_to_a")},
+})  # fmt: skip
+MC_CALIB = """%YAML:1.0
+---
+camera_0:
+   camera_matrix: { rows: 3, cols: 3, data: [ 500., 0., 320., 0., 500., 240., 0., 0., 0. ] }
+   distortion_vector: [ -0.1, 0.1, 0., 0., 0. ]
+   distortion_type: 0
+   camera_group: 0
+   img_width: 640
+   img_height: 480
+   camera_pose_matrix: { rows: 4, cols: 4, data: [ 1., 0., 0., 2., 0., 1., 0., 3., 0., 0., 1., 4., 0., 0., 0., 1. ] }
+"""
 
 
 def written(path, content):

@@ -29,7 +29,7 @@ _LYING_DEG = 60.0
 """Angle between the person's long axis and z from which on another axis is nearer to it."""
 HEIGHTS_M = (1.2, 2.2)
 """Expected heights of a person whose height is not set, who is assumed to be of TYPICAL_M."""
-_MAX_HEIGHT_ERROR, _WRONG_HEIGHT_ERROR = 0.1, 0.25
+MAX_HEIGHT_ERROR, _WRONG_HEIGHT_ERROR = 0.1, 0.25
 """Relative difference between the configured height and that of an average person with the measured limbs. Lengths over
 the height differ by 5 % (one standard deviation) between people, and between a detector's joints and an anatomist's.
 Beyond the second one, no adult has the other's limbs."""
@@ -238,7 +238,7 @@ def _size(limbs: Mapping[str, float], height_m: float | None) -> Finding:
         level = DOUBTFUL if 0.5 * HEIGHTS_M[0] < measured_m < 1.5 * HEIGHTS_M[1] else NOT_USABLE
         return Finding("height mismatch", text, level)
     difference = abs(np.log(measured_m / height_m))
-    limits = {TRUSTWORTHY: _MAX_HEIGHT_ERROR, DOUBTFUL: _WRONG_HEIGHT_ERROR}
+    limits = {TRUSTWORTHY: MAX_HEIGHT_ERROR, DOUBTFUL: _WRONG_HEIGHT_ERROR}
     level = next((level for level, limit in limits.items() if difference <= np.log1p(limit)), NOT_USABLE)
     return Finding("height mismatch", f"{text}, expected {height_m:.2f} m", level)
 

@@ -11,18 +11,21 @@ import cv2
 import numpy as np
 
 from workbench.cameras.camera import Camera
-from workbench.cameras.camera_formats import SUFFIXES, camera_tables, read_text
+from workbench.cameras.camera_formats import SUFFIXES, camera_tables
 from workbench.cameras.distortion import check_lens_error, five_coefficients
 from workbench.cameras.laboratory_formats import HUMANEVA, laboratory_tables, refuse_pickle
 from workbench.utils.arrays import FloatArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import LARGEST_PX, check_places, parse_toml
+from workbench.utils.input_limits import LARGEST_PX, MAX_CONFIG, check_places, parse_toml
+from workbench.utils.text import read_text
 
 log = logging.getLogger(__name__)
 
 _N_COEFFICIENTS = (1, 4, 5, 8, 12, 14)
 """Numbers of coefficients of OpenCV's lens models, and of Anipose's with the first one only."""
+_MIN_FOCAL_PX = 1.0
+"""Below, the smallest image, of 16 px, would span more than 165°."""
 _ROUNDING = 0.01
 """Largest error of a rotation matrix, whose numbers may be rounded to three places."""
 
@@ -81,7 +84,7 @@ def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
     refuse_pickle(path)
     if path.is_dir() and (files := sorted(path.glob(f"*{HUMANEVA}"))):
         return {name: table for file in files for name, table in _tables(file).items()}
-    text = read_text(path)
+    text = read_text(path, MAX_CONFIG)
     if (laboratory := laboratory_tables(path, text)) is not None:
         return dict(laboratory)
     if path.suffix.lower() in SUFFIXES:
@@ -120,6 +123,10 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
         raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
     if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
         raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
+    if not (numbers("matrix", (3, 3)).diagonal()[:2] >= _MIN_FOCAL_PX).all():
+        raise InputError(
+            f"{path}: camera [{key}]: expected focal lengths of {_MIN_FOCAL_PX:g} px or more in the matrix"
+        )
     translation = numbers("translation", (3,))
     check_places(f"{path}: camera [{key}]", translation)
     turn = numbers("rotation", (3,), (3, 3))

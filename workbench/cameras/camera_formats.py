@@ -12,7 +12,8 @@ import numpy as np
 from workbench.body.units import UNITS
 from workbench.cameras.laboratory_formats import with_opencv_keys
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import DEEPEST, MAX_CONFIG, check_file, parse_json, parse_xml, parse_yaml
+from workbench.utils.input_limits import DEEPEST, MAX_CONFIG, parse_json, parse_xml, parse_yaml
+from workbench.utils.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -57,17 +58,6 @@ def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8 or Latin-1; raises InputError for a file that is none or cannot be read."""
-    check_file(path, MAX_CONFIG)
-    try:
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError:
-        return path.read_text(encoding="latin-1")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-
-
 def _of_both(path: Path, content: Any) -> Any:
     """Return the content of a file with that of the other one of a pair."""
     names = {path.name.replace(lens, pose, 1) for lens, pose in _PARTS.items()}
@@ -79,7 +69,7 @@ def _of_both(path: Path, content: Any) -> Any:
         if any(pose in path.name for pose in _PARTS.values()):
             raise InputError(f"{path}: has no lenses; expected these in {other.name} in the same folder, found none")
         return content
-    return _merged(_content(other, read_text(other)), content)
+    return _merged(_content(other, read_text(other, MAX_CONFIG)), content)
 
 
 def _merged(first: Any, second: Any) -> Any:

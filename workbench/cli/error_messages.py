@@ -16,8 +16,9 @@ from workbench.utils.process_limits import peak_bytes
 from workbench.utils.signals import Interrupted
 
 _BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
-_BAD_HEADER = "Expected header format: KEY VALUE"
-"""Hydra's ValueError for a configuration file whose first line is a header of another form."""
+_OF_HYDRA = ("Expected header format: KEY VALUE", "Config group override must be a string or a list")
+"""Hydra's ValueErrors for a configuration file whose first line is a header of another form, and for a number as an
+option."""
 _NO_MEMORY = re.compile("allocate memory|failed to map segment|out of memory|std::bad_alloc", re.IGNORECASE)
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
@@ -34,15 +35,16 @@ _EXTRAS = {"joblib": "sweep", "submitit_local": "cluster", "submitit_slurm": "cl
 def report_error(error: BaseException) -> int | None:
     """Print an expected error and return the exit code; None for any other error.
 
-    Expected errors are bad input (2), a full disk, a lack of memory and a failed run (1), and an interruption by signal
-    n (128 + n).
+    Expected errors are bad input (2), also a path that the system refuses (too long, without permission), a full disk,
+    a lack of memory and a failed run (1), and an interruption by signal n (128 + n).
     """
     if isinstance(error, KeyboardInterrupt):
         number = error.number if isinstance(error, Interrupted) else signal.SIGINT
         _print_error([f"interrupted by {signal.Signals(number).name}; the recording so far is saved"])
         return 128 + number
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
-    is_bad = isinstance(error, _BAD_INPUT) or str(error).startswith(_BAD_HEADER)
+    is_path = isinstance(error, OSError) and error.filename is not None and not is_full
+    is_bad = is_path or isinstance(error, _BAD_INPUT) or str(error).startswith(_OF_HYDRA)
     if (reason := _memory_reason(error)) is not None:
         _print_error([f"not enough memory: {reason}, and this process has had {peak_bytes() / 1e6:.0f} MB"])
         return 1

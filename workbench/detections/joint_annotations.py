@@ -18,7 +18,8 @@ from workbench.detections.readers.people import People, SourceImages, read_peopl
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes
-from workbench.utils.input_limits import LARGEST_PX, check_file
+from workbench.utils.input_limits import LARGEST_PX
+from workbench.utils.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -181,12 +182,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield line numbers and cells, by column, of the rows that are not blank."""
     if not path.exists():
         raise InputError(f"{path}: no such file of annotations")
-    check_file(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a text file of annotations: {error}") from None
-    reader = csv.reader(text.splitlines())
+    reader = csv.reader(read_text(path).split("\n"))
     try:
         header = [cell.strip() for cell in next(reader, [])]
         if sorted(header) != sorted(COLUMNS):

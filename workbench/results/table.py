@@ -14,7 +14,7 @@ import pandas as pd
 from workbench.recording.format import check_format
 from workbench.recording.settings import choices_of, leaves
 from workbench.utils.errors import InputError
-from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
+from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY, summary_text
 from workbench.utils.run_lock import is_locked
 
 FIELDS = ("path", "recording", "status", "experiment", "seed", "started", "sweep", "size", "error")
@@ -110,7 +110,7 @@ def _of_folder(folder: Path) -> dict[str, Any]:
         with suppress(FileNotFoundError):  # a run that ends renames its recording
             record |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        summary = json.loads(summary_text(folder))
         check_format(folder / SUMMARY, summary.get("format"), (summary.get("versions") or {}).get("workbench"))
         record |= _of_summary(summary)
     except InputError as error:

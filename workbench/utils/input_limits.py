@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # the command line reads this module before it needs arrays
 
 MAX_JOINTS, MAX_FRAMES = 1_000, 1_000_000  # of a motion file
 MAX_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-_MAX_TEXT, MAX_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
+MAX_TEXT, MAX_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
 DEEPEST = 50  # levels of nested lists and mappings
 MAX_COUNT, LARGEST, _MAX_SEED = 1_000_000, 1e9, 2**63 - 1  # integers and other numbers of a configuration
 MAX_JOBS = 100_000  # of a sweep
@@ -69,7 +69,7 @@ def check_sizes(value: object, place: str = "") -> None:
             raise InputError(f"config: {place}: expected a number of {lower:.9g} to {upper:.9g}, found {text}")
 
 
-def check_file(path: Path, max_bytes: int = _MAX_TEXT) -> None:
+def check_file(path: Path, max_bytes: int = MAX_TEXT) -> None:
     """Raise InputError for anything but a regular file of at most `max_bytes` bytes; a pipe would block."""
     try:
         status = os.stat(path)

@@ -1,10 +1,37 @@
-"""Text for a terminal, and comparison of names."""
+"""Text files, text for a terminal, and comparison of names."""
 
+import codecs
 import re
 from collections.abc import Sequence
+from pathlib import Path
+
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MAX_TEXT, check_file
 
 _NUMBER, _WHOLE = re.compile(r"(\d+(?:\.\d+)?)"), re.compile(r"(\d+)")
 _EXTENSION = re.compile(r"\.[A-Za-z]\w*$")
+
+
+def read_text(path: Path, max_bytes: int = MAX_TEXT) -> str:
+    """Return the text of a file, with lines that end in \\n.
+
+    Text that is neither UTF-8 nor UTF-16 with a byte-order mark is read as Windows' cp1252. Raises InputError, with the
+    file, if it is missing, unreadable, larger than max_bytes or not text.
+    """
+    check_file(path, max_bytes)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    is_utf_16 = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    for encoding in ("utf-16",) if is_utf_16 else ("utf-8-sig", "cp1252"):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text.replace("\r\n", "\n").replace("\r", "\n")
+    raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8")
 
 
 def printable(words: str) -> str:

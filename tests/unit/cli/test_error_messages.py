@@ -134,6 +134,9 @@ def test_hydra_syntax_is_not_quoted(argument):
         (OSError(12, "Cannot allocate memory"), 1), (RuntimeError("std::bad_alloc"), 1),
         (ImportError("No module named x"), None), (RuntimeError("other"), None),
         (ValueError("Expected header format: KEY VALUE, got '@package'"), 2), (ValueError("other"), None),
+        (ValueError("Config group override must be a string or a list. Got float"), 2),
+        (OSError(36, "File name too long", "x" * 5000), 2), (PermissionError(13, "Permission denied", "a.rrd"), 2),
+        (OSError(5, "Input/output error"), None),
     ],
 )  # fmt: skip
 def test_a_lack_of_memory_is_one_sentence(capsys, error, code):

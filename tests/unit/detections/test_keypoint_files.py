@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 from crowd_scenes import CAMERAS, walkers
+from damage import refusal
 from openpose_scenes import people_in, points, standing
+from valid_files import written
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.detected_points import keypoints_of, numbers_in_names
@@ -104,6 +106,9 @@ def test_invalid_points_are_missing_and_scores_are_at_most_one():
         (["walk_9_12", "walk_10_30"], [9, 10]),
         (["7"], [7]),
         (["metadata"], []),
+        (["1" * 18], [int("1" * 18)]),
+        (["1" * 19], []),
+        (["1" * 5000], []),
     ],
 )
 def test_the_frame_number_of_a_name_is_the_one_that_increases(names, numbers):
@@ -299,3 +304,9 @@ def test_of_a_crowd_the_likeliest_people_are_used(tmp_path, caplog, more):
     assert len(joints) == MAX_PEOPLE
     assert joints[0, KNEE, 2] == pytest.approx((1 + more) / 100.0)
     assert ("the likeliest are used" in caplog.text) == bool(more)
+
+
+@pytest.mark.parametrize(("frame", "message"), [(10**9 - 1, ""), (10**9, "expected frames below"), (10**30, "number")])
+def test_numbers_of_frames_are_bounded(tmp_path, frame, message):
+    rows = [{"image_id": f"{frame}.jpg", "keypoints": COCO.ravel().tolist(), "score": 2.0}]
+    assert message in refusal(read_points, written(tmp_path / "a.json", json.dumps(rows)))

@@ -13,6 +13,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.experiment.config.instantiate import build, check_targets, config_keys, import_target
 from workbench.experiment.config.options import GROUPS, Option, options
+from workbench.experiment.config.schema import composed as composed_now
 from workbench.experiment.config.schema import prepare_hydra, typed
 from workbench.utils.errors import InputError
 
@@ -213,3 +214,15 @@ def test_a_component_has_the_runs_seed_unless_it_sets_its_own(group, option):
         for overrides, seed in (((), 3), ((f"{group}.seed=1",), 1)):
             config = compose("config", overrides=["experiment=custom", f"{group}={option}", "seed=3", *overrides])
             assert config[group].seed == seed
+
+
+@pytest.mark.parametrize("override", ["prior.sigma=0.05", "prior.penalty=[1]"])
+def test_values_of_another_type_than_the_parameter_are_refused(override):
+    with pytest.raises(InputError, match=rf"smooth\.Smooth: {override[6:].partition('=')[0]}.*: expected .*found"):
+        build(composed_now(["prior=smooth", override]).prior)
+
+
+@pytest.mark.parametrize("height", ["nan", "inf", "1e10"])
+def test_numbers_out_of_bounds_are_refused_by_every_command(height):
+    with pytest.raises(InputError, match=r"body\.height_m: expected a number"):
+        composed_now(["body=height", f"body.height_m={height}"])

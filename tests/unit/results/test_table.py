@@ -1,6 +1,7 @@
 """Every run below a folder is a row of the table, also next to invalid summaries."""
 
 import json
+import os
 import shutil
 
 import pytest
@@ -13,6 +14,7 @@ import workbench as wb
 from workbench.recording.format import FORMAT
 from workbench.results.table import FIELDS, read_run, read_runs, records_of
 from workbench.utils.errors import InputError
+from workbench.utils.run_files import read_summary
 from workbench.utils.run_lock import locked
 
 
@@ -109,3 +111,12 @@ def test_a_summary_of_another_format_is_refused_with_the_version_that_wrote_it(t
         f"{tmp_path}/old/summary.json: expected format {FORMAT}, found format 2, written by workbench 0.0.1; "
         "repeat its experiment, or use that version"
     )
+
+
+@pytest.mark.parametrize("kind", ["a pipe", "a device", "a folder"])
+def test_a_summary_that_is_no_file_is_not_opened(tmp_path, kind):
+    path = tmp_path / "summary.json"
+    make = {"a pipe": os.mkfifo, "a device": lambda path: path.symlink_to("/dev/zero"), "a folder": os.mkdir}
+    make[kind](path)
+    assert read_summary(tmp_path) is None
+    assert "expected a file" in read_run(tmp_path)["error"]

@@ -16,6 +16,11 @@ from workbench.utils.input_limits import LARGEST_PX
 _UNIT_RANGE = 1.05
 """Largest coordinate of points that are scaled to the image's size: some lie outside the image."""
 
+MAX_NUMBER = 10**9
+"""Bound of the numbers of frames."""
+_NUMBER = re.compile(r"(?<!\d)\d{1,18}(?!\d)")
+"""A number that fits into 64 bits."""
+
 
 @dataclass(frozen=True, eq=False)
 class DetectedPoints:
@@ -81,7 +86,7 @@ def numbers_in_names(names: Iterable[str]) -> dict[str, int]:
     Of several numbers in a name it is the one that counts through all files without a gap, or else the last one that
     differs between all files, or else the last one.
     """
-    digits = {name: [int(text) for text in re.findall(r"\d+", name)] for name in names}
+    digits = {name: [int(text) for text in _NUMBER.findall(name)] for name in names}
     digits = {name: numbers for name, numbers in digits.items() if numbers}
     columns = list(zip(*digits.values(), strict=True)) if len({len(each) for each in digits.values()}) == 1 else []
     varying = [k for k, column in enumerate(columns) if len(set(column)) == len(column)]
@@ -101,6 +106,8 @@ def ordered_points(
     numbers = numbers_in_names(names)
     if len(set(numbers.values())) < len(names):
         raise InputError(f"{file}: expected a different number in the name of every image")
+    if (largest := max(numbers.values(), default=0)) >= MAX_NUMBER:
+        raise InputError(f"{file}: expected frames below {MAX_NUMBER}, found {largest}")
     frames = np.array([numbers[name] for name in names], dtype=np.intp)
     order = np.argsort(frames)
     return DetectedPoints(str(file), frames[order], tuple(people[row] for row in order), points)

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names, ordered_points
+from workbench.detections.readers.detected_points import (
+    MAX_NUMBER,
+    DetectedPoints,
+    keypoints_of,
+    numbers_in_names,
+    ordered_points,
+)
 from workbench.detections.readers.formats import (
     COORDINATES,
     DATASET_KEYS,
@@ -26,11 +32,11 @@ from workbench.detections.readers.layout_by_anatomy import check_number_of_point
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file, parse_json
+from workbench.utils.text import read_text
 
 _HDF5 = (".h5", ".hdf5")
 _SUFFIXES = (".json", ".txt")
 """Of files in a folder, of which the first kind that is there is read."""
-_MAX_NUMBER = 10**9
 _MAX_JSON = 150_000_000
 """Bytes of a JSON file: its numbers take up to ten times as much memory."""
 _INVALID = (ValueError, KeyError, TypeError, OverflowError, AttributeError)
@@ -105,7 +111,7 @@ def _numbered(folder: Path, files_in_folder: Sequence[Path]) -> dict[int, Path]:
             continue
         if number in files:
             raise InputError(f"{file}: frame {number} is already in {files[number].name}")
-        if number >= _MAX_NUMBER:
+        if number >= MAX_NUMBER:
             raise InputError(f"{file}: expected the frame's number in the file's name, found {number}")
         files[number] = file
     if files_in_folder and not files:
@@ -219,11 +225,8 @@ def _coordinates(point: Mapping[str, Any]) -> list[Any]:
 
 def _text_people(file: Path) -> list[FloatArray]:
     """Return the points of the people of one image, of Ultralytics' text with fractions of the image's size."""
-    check_file(file)
     people = []
-    for line, words in enumerate(
-        map(str.split, file.read_text(encoding="utf-8-sig", errors="replace").splitlines()), 1
-    ):
+    for line, words in enumerate(map(str.split, read_text(file).split("\n")), 1):
         n = len(words) - TEXT_COLUMNS
         forms = ((width, n - more) for width in (3, 2) for more in (0, 1, 2))
         width, size = next(((w, m) for w, m in forms if m % w == 0 and m // w in SIZES), (0, 0))

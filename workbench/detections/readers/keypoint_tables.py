@@ -4,6 +4,7 @@ import csv
 import re
 import string
 from collections.abc import Iterable
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from workbench.detections.readers.detected_points import DetectedPoints, keypoin
 from workbench.detections.readers.formats import COORDINATES, FRAME_KEYS
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_file
+from workbench.utils.text import read_text
 
 _DEEPLABCUT = ("scorer", "individuals", "bodyparts", "coords")
 """First cells of the header's lines."""
@@ -26,7 +27,7 @@ _POINT_KEYS = tuple(f"{point}{suffix}" for suffix in ("_name", "", "_id", "_inde
 ))  # fmt: skip
 """Columns of the point's name or number, the preferred first, in tables with a row for each point."""
 _PERSON_KEYS = ("person_id", "person", "track_id", "track", "individual", "individuals")
-_INVALID = (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError, IndexError)
+_INVALID = (csv.Error, ValueError, KeyError, IndexError)
 
 
 def is_table(path: Path) -> bool:
@@ -43,12 +44,11 @@ def read_table(file: Path) -> DetectedPoints:
     A row is a person in the frame of a column of FRAME_KEYS, or without one in the next frame; or a point of a person.
     Raises InputError for other content.
     """
-    check_file(file)
-    with file.open("rb") as content:
-        if content.read(16).decode("utf-8-sig", "replace").startswith("scorer,"):
-            return _deeplabcut(file)
+    text = read_text(file)
+    if text.startswith("scorer,"):
+        return _deeplabcut(file, text)
     try:
-        table = pd.read_csv(file, encoding="utf-8-sig", skipinitialspace=True)
+        table = pd.read_csv(StringIO(text), skipinitialspace=True)
         table = _rows_of_people(table) if _has_rows_of_points(table.columns) else table
         columns = _points_of(table.columns)
         numbers = np.full((len(table), len(columns), 3), np.nan)
@@ -120,10 +120,10 @@ def _coordinate(name: str, known: dict[int, str]) -> int:
     return 2 if name == "v" and 1 in known else COORDINATES[name]
 
 
-def _deeplabcut(file: Path) -> DetectedPoints:
+def _deeplabcut(file: Path, text: str) -> DetectedPoints:
     """Return the points of DeepLabCut's file, of one individual or several: columns by body part and coordinate."""
     try:
-        rows = [row for row in csv.reader(file.read_text(encoding="utf-8-sig").splitlines()) if any(row)]
+        rows = [row for row in csv.reader(text.split("\n")) if any(row)]
         header = {row[0]: row for row in rows[: len(_DEEPLABCUT)] if row[0] in _DEEPLABCUT}
         body, coordinates = rows[len(header) :], header["coords"]
         first = coordinates.index("x")

@@ -7,7 +7,7 @@ import numpy as np
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import limb_lengths, usual_height
-from workbench.cameras.calibration_findings import HEIGHTS_M, distance, upright
+from workbench.cameras.calibration_findings import HEIGHTS_M, MAX_HEIGHT_ERROR, distance, upright
 from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
@@ -30,22 +30,27 @@ _MAX_WALK_RATIO = 1.6
 that is wrong by two changes it by two."""
 
 
-def motion_findings(measured: RunMeasurements) -> Iterator[Finding]:
-    """Yield the findings on the estimated limbs, walk and place."""
-    yield from _limbs(measured)
+def motion_findings(measured: RunMeasurements, height_m: float | None = None) -> Iterator[Finding]:
+    """Yield the findings on the estimated limbs, walk and place; height_m: the person's, if it is configured."""
+    yield from _limbs(measured, height_m)
     yield from _steps(measured)
     yield from _walk(measured)
     yield from _place(measured)
 
 
-def _limbs(measured: RunMeasurements) -> Iterator[Finding]:
-    """Compare the body's limbs, and the triangulated ones, with those of people of their height."""
+def _limbs(measured: RunMeasurements, given_m: float | None) -> Iterator[Finding]:
+    """Compare the body's limbs, and the triangulated ones, with those of people of their height.
+
+    The height of an infant is expected where it is configured, and where the cameras measure it.
+    """
     observed = measured.observed
     several = len(observed.cameras) > 1 and measured.has_keypoints
     pixels = observed.pixels(MIN_WEIGHT)[:, some_frames(len(measured.frames))]
     triangulated = limb_lengths(triangulate(observed.cameras, pixels)) if several else {}
     height_m = usual_height(measured.lengths_m)
-    if not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
+    ratio = usual_height(triangulated) / given_m if given_m and triangulated else np.inf
+    is_measured = abs(np.log(ratio)) <= np.log1p(MAX_HEIGHT_ERROR)
+    if not is_measured and not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
         low, high = HEIGHTS_M
         text = f"the body has the limbs of a person of {height_m:.2f} m, expected {low:g} to {high:g} m"
         yield Finding("height mismatch", text)

@@ -56,6 +56,6 @@ def run_findings(measured: RunMeasurements, joints: JointStates, inputs: RunInpu
         yield Finding(MOVING_CAMERA, "the camera travels: positions are relative to the camera, not to the ground")
     if level_of(of_inputs) != NOT_USABLE:  # otherwise a consequence
         yield from joint_findings(measured, joints)
-        yield from motion_findings(measured)
+        yield from motion_findings(measured, inputs.height_m)
         yield from support_findings(measured)
     yield from uncertainty_findings(measured)

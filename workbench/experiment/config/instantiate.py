@@ -1,12 +1,12 @@
 """Build live objects from a configuration; targets of the workbench and of allowed packages only."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from importlib import import_module
 from pathlib import Path
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -16,6 +16,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_path import InputPath
 from workbench.utils.signals import deferred
 
+PLAIN = (str, int, float, bool)
 _LIVE = frozenset(
     {
         "config_yaml",
@@ -61,17 +62,19 @@ def build(node: DictConfig, **live: object) -> Any:
 
     Raises
     ------
-    InputError : a target that is not allowed, or a key that is no configuration key of the target: the run alone
-        supplies live objects.
+    InputError : a target that is not allowed, a key that is no configuration key of the target, as the run alone
+        supplies live objects, or a value of another type.
     """
     if not isinstance(node, DictConfig):
         raise InputError(f"config: expected a component with its keys, found {node!r}")
     component = import_target(node["_target_"])
     parameters = inspect.signature(component).parameters
     keys = [str(key) for key in node if key != "_target_"]
-    if unknown := sorted(set(keys) - set(config_keys(component))):
+    if unknown := sorted(set(keys) - set(types := config_keys(component))):
         raise InputError(f"config: {node['_target_']} has no key {unknown[0]!r}")  # +group.key=… skips the schema
     plain: Any = _with_text_keys(OmegaConf.to_container(node, resolve=True, throw_on_missing=True))
+    for key in keys:  # a schema cannot express all types
+        _check_type(plain[key], types[key][0], f"config: {node['_target_']}: {key}")
     built = {key: _built(node[key], live) for key in keys if _has_target(node[key])}
     matching = {name: value for name, value in live.items() if name in parameters}
     return component(**matching | {key: plain[key] for key in keys} | built)
@@ -139,3 +142,48 @@ def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
 
 def _has_target(node: object) -> bool:
     return isinstance(node, DictConfig) and ("_target_" in node or any(_has_target(node[name]) for name in node))
+
+
+def check_component(node: Any, place: str) -> None:
+    """Raise InputError unless plain values are a component with all keys that its class needs, and no others."""
+    if not (isinstance(node, Mapping) and isinstance(node.get("_target_"), str)):
+        raise InputError(f"{place}: expected a component with a _target_, found {node!r}")
+    target, keys = node["_target_"], config_keys(import_target(node["_target_"], f"{place}._target_ "))
+    if missing := [key for key, (_, default) in keys.items() if default is inspect.Parameter.empty and key not in node]:
+        raise InputError(f"{place}: {target} needs the key {missing[0]!r}, found none")
+    for key, value in node.items():
+        if key == "_target_":
+            continue
+        if key not in keys:
+            raise InputError(f"{place}.{key}: {target} has no such key; it has {', '.join(keys) or 'none'}")
+        _check_type(value, keys[key][0], f"{place}.{key}")
+
+
+def _check_type(value: Any, hint: Any, place: str) -> None:
+    """Raise InputError unless a plain value has the type of a parameter."""
+    if not _matches(value, hint, place):
+        expected = getattr(hint, "__name__", str(hint)) if inspect.isclass(hint) else str(hint)
+        raise InputError(f"{place}: expected {expected.replace('collections.abc.', '')}, found {value!r}")
+
+
+def _matches(value: Any, hint: Any, place: str) -> bool:
+    """Return whether a plain value has the type of a parameter; raises InputError for a wrong component in it."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (Any, object) or (value is None and hint is NoneType):
+        return True
+    if origin in (Union, UnionType):
+        return any(_matches(value, each, place) for each in inner)
+    if hint in PLAIN:
+        return type(value) is hint or (hint is float and type(value) is int)
+    if origin is Literal:
+        return value in inner
+    if origin in (tuple, list, Sequence, Collection, Iterable):
+        fixed = origin is tuple and Ellipsis not in inner
+        fits = isinstance(value, list) and (not fixed or len(value) == len(inner))
+        return fits and all(_matches(item, inner[0], f"{place}[{k}]") for k, item in enumerate(value))
+    if origin in (dict, Mapping):
+        named = isinstance(value, Mapping)
+        return named and all(_matches(item, inner[1], f"{place}.{key}") for key, item in value.items())
+    if isinstance(value, Mapping):  # a nested component
+        check_component(value, place)
+    return isinstance(value, Mapping)

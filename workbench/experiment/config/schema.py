@@ -27,11 +27,12 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from workbench.experiment.config import options
-from workbench.experiment.config.instantiate import config_keys, import_target
+from workbench.experiment.config.instantiate import PLAIN, check_component, config_keys, import_target
 from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MAX_CONFIG, check_sizes
+from workbench.utils.text import read_text
 
-_PLAIN = (str, int, float, bool)
 IF_CHOSEN = "if_chosen"
 """Key of an experiment's file with settings of particular components; group of the options generated from it."""
 
@@ -126,18 +127,22 @@ def prepare_hydra() -> None:
 def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
     """Return the composed configuration, as the command `workbench` composes it; works within a Hydra application.
 
-    with_hydra: include Hydra's settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra.
+    with_hydra: include Hydra's settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra, and
+    InputError for a number out of bounds.
     """
     prepare_hydra()
     application, base = GlobalHydra.instance().hydra, version.getbase()
     GlobalHydra.instance().clear()
     try:
         with initialize_config_module("workbench.conf", version_base="1.3"):
-            return compose("config", list(overrides), return_hydra_config=with_hydra)
+            config = compose("config", list(overrides), return_hydra_config=with_hydra)
     finally:
         GlobalHydra.instance().hydra = application
         if application is not None and base is not None:
             version.VersionBase.instance().setbase(base)
+    plain: Any = OmegaConf.to_container(config)
+    check_sizes({key: value for key, value in plain.items() if key != "hydra"})
+    return config
 
 
 @lru_cache(maxsize=256)
@@ -157,7 +162,7 @@ def _field(default: object) -> Any:
         return field(default_factory=lambda: deepcopy(dict(default)))
     if isinstance(default, tuple | list):
         return field(default_factory=lambda: deepcopy(list(default)))
-    return default if isinstance(default, (*_PLAIN, NoneType)) else None
+    return default if isinstance(default, (*PLAIN, NoneType)) else None
 
 
 def _schema_type(hint: Any) -> Any:
@@ -169,15 +174,15 @@ def _schema_type(hint: Any) -> Any:
         if one is Any or get_origin(one) is dict:  # OmegaConf cannot add keys to an optional dict that is null
             return Any
         return one | None
-    if hint in _PLAIN:
+    if hint in PLAIN:
         return hint
     if origin in (tuple, list, Sequence):
-        return list[inner[0] if inner[0] in _PLAIN else Any]  # type: ignore[misc]
+        return list[inner[0] if inner[0] in PLAIN else Any]  # type: ignore[misc]
     if origin is Literal:
         return str  # the component checks the choice
     if origin in (dict, Mapping):
         # any keys: a camera's name of digits alone is a number, which `build` turns into a text
-        return dict[Any, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
+        return dict[Any, inner[1] if inner[1] in PLAIN else Any]  # type: ignore[misc]
     return Any
 
 
@@ -303,9 +308,9 @@ class _ComponentSearchPath(SearchPathPlugin):
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except ValueError as error:
-        raise ConfigCompositionException(f"{path}: expected a text in UTF-8: {error}") from None
+        return read_text(path, MAX_CONFIG)
+    except InputError as error:
+        raise ConfigCompositionException(str(error)) from None
 
 
 @lru_cache(maxsize=512)
@@ -386,44 +391,4 @@ def check_recorded(settings: Mapping[str, Any]) -> None:
             raise InputError(f"{error.full_key or key}: {str(error.msg).splitlines()[0]}") from None
     for group in options.GROUPS:
         if settings.get(group) is not None:
-            _check_component(settings[group], group)
-
-
-def _check_component(node: Any, place: str) -> None:
-    """Raise InputError unless plain values are a component with all keys that its class needs, and no others."""
-    if not (isinstance(node, Mapping) and isinstance(node.get("_target_"), str)):
-        raise InputError(f"{place}: expected a component with a _target_, found {node!r}")
-    target, keys = node["_target_"], config_keys(import_target(node["_target_"], f"{place}._target_ "))
-    if missing := [key for key, (_, default) in keys.items() if default is inspect.Parameter.empty and key not in node]:
-        raise InputError(f"{place}: {target} needs the key {missing[0]!r}, found none")
-    for key, value in node.items():
-        if key == "_target_":
-            continue
-        if key not in keys:
-            raise InputError(f"{place}.{key}: {target} has no such key; it has {', '.join(keys) or 'none'}")
-        if not _matches(value, hint := keys[key][0], f"{place}.{key}"):
-            expected = getattr(hint, "__name__", str(hint)) if inspect.isclass(hint) else str(hint)
-            raise InputError(f"{place}.{key}: expected {expected.replace('collections.abc.', '')}, found {value!r}")
-
-
-def _matches(value: Any, hint: Any, place: str) -> bool:
-    """Return whether a plain value has the type of a parameter; raises InputError for a wrong component in it."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint is Any or (value is None and hint is NoneType):
-        return True
-    if origin in (Union, UnionType):
-        return any(_matches(value, each, place) for each in inner)
-    if hint in _PLAIN:
-        return type(value) is hint or (hint is float and type(value) is int)
-    if origin is Literal:
-        return value in inner
-    if origin in (tuple, list, Sequence):
-        fixed = origin is tuple and Ellipsis not in inner
-        fits = isinstance(value, list) and (not fixed or len(value) == len(inner))
-        return fits and all(_matches(item, inner[0], f"{place}[{k}]") for k, item in enumerate(value))
-    if origin in (dict, Mapping):
-        named = isinstance(value, Mapping)
-        return named and all(_matches(item, inner[1], f"{place}.{key}") for key, item in value.items())
-    if isinstance(value, Mapping):  # a nested component
-        _check_component(value, place)
-    return isinstance(value, Mapping)
+            check_component(settings[group], group)

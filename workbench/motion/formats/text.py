@@ -1,6 +1,5 @@
 """Text parsing of motion files, with errors that name the file and the line."""
 
-import codecs
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_file
+from workbench.utils.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -22,25 +21,8 @@ Statement = tuple[int, list[str]]
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, with any line ending; raises InputError if it is missing or not text.
-
-    Text that is neither UTF-8 nor UTF-16 with a byte-order mark is read as Windows' cp1252.
-    """
-    check_file(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    for encoding in (
-        ("utf-16",) if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ("utf-8-sig", "cp1252")
-    ):
-        try:
-            text = content.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
-    raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8")
+    """Return the lines of a text file, see `read_text`."""
+    return read_text(path).removesuffix("\n").split("\n")
 
 
 def statements(lines: Sequence[str]) -> Iterator[Statement]:

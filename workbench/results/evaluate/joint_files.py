@@ -34,6 +34,7 @@ from workbench.recording.read.reader import recording_at
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
+from workbench.utils.input_path import expanded
 from workbench.utils.run_files import RECORDING_SUFFIXES
 
 log = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
     truth: of a recording the true joints, if it has them, instead of the estimate. Raises InputError if the file cannot
     be read, has no joint by name, or no times and no rate is given.
     """
-    path = recording_at(path.expanduser())
+    path = recording_at(expanded(path))
     suffix = path.suffix.lower()
     if path.name.lower().endswith(RECORDING_SUFFIXES):
         return _of_recording(path, truth)

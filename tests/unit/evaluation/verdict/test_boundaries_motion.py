@@ -11,6 +11,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import LIMBS
+from workbench.evaluation.verdict.motion_findings import motion_findings
 from workbench.evaluation.verdict.run_measurements import foot_speeds, walking_velocity
 
 ONE, TWO, POINTS = (each.measurements() for each in (scene(1, 0.0), scene(2, 0.0), point_scene()))
@@ -24,6 +25,13 @@ def lengths(height_m, **factors):
 @pytest.mark.parametrize(("height_m", "expected"), [(1.19, "doubtful"), (1.21, ""), (2.19, ""), (2.21, "doubtful")])
 def test_the_body_is_12_to_22_metres_tall(height_m, expected):
     assert level(replace(ONE, lengths_m=lengths(height_m)), "height mismatch") == expected
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.09, False), (1.11, True), (1 / 1.09, False), (1 / 1.11, True)])
+def test_any_height_is_expected_that_is_configured_and_measured_by_the_cameras(factor, expected):
+    small = replace(TWO, lengths_m=lengths(0.62))
+    for measured, height_m, is_found in ((small, HEIGHT_M * factor, expected), (small, None, True)):
+        assert any(each.kind == "height mismatch" for each in motion_findings(measured, height_m)) == is_found
 
 
 # A limb that is longer by a factor raises the mean over the logarithms of four limbs, so that it exceeds the average
