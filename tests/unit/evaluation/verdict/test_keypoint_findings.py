@@ -10,7 +10,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.evaluation.verdict.keypoint_findings import _disorder, _longest_limb, _speed
+from workbench.evaluation.verdict.keypoint_findings import _disorder, _longest_limb, _speed, keypoint_findings
 from workbench.motion.synthetic.run_gait import average_runner, runner
 
 ONE, FOUR = scene(1), scene(4)
@@ -36,6 +36,16 @@ def test_shuffled_frames_random_points_and_permuted_joints_are_reported(intact):
     drawn = levels(with_pixels(intact, lambda pixels: RNG.uniform(0.0, 900.0, pixels.shape)))
     assert (drawn["impossible motion"], drawn["impossible proportions"]) == ("not usable", "not usable")
     assert "impossible proportions" in levels(with_pixels(intact, lambda pixels: pixels[:, permuted]))
+
+
+@pytest.mark.parametrize(("step_s", "n_findings"), [(0.04, 2), (0.0, 0), (-0.04, 0)])
+def test_times_that_do_not_increase_give_no_findings(step_s, n_findings):
+    drawn = with_pixels(ONE, lambda pixels: RNG.uniform(0.0, 900.0, pixels.shape))
+    times_s = ONE.times_s.copy()
+    times_s[30:] += times_s[29] + step_s - times_s[30]
+    findings = [each.kind for each in keypoint_findings(replace(drawn, times_s=times_s).measurements())]
+    assert findings.count("impossible proportions") == n_findings // 2
+    assert bool(findings) == bool(n_findings)
 
 
 @pytest.mark.parametrize("rate_hz", [15.0, 30.0, 60.0])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, scene, walk
 
 from workbench.body.kinematics import joints
@@ -66,10 +67,13 @@ def stepping(length_m, per_min, n_steps, height_m=1.7, apart_m=None):
     return places, times_s
 
 
+@pytest.mark.parametrize("heading_deg", [0.0, 60.0])
 @pytest.mark.parametrize("height_m", [1.2, 1.7])
-def test_the_walk_ratio_is_step_length_over_cadence(height_m):
+def test_the_walk_ratio_is_step_length_over_cadence(height_m, heading_deg):
     length_m = 0.65 * height_m / 1.7
-    steps = steps_of(*stepping(length_m, 100.0, 6, height_m), height_m)
+    places, times_s = stepping(length_m, 100.0, 6, height_m)
+    places = places @ Rotation.from_euler("z", heading_deg, degrees=True).as_matrix().T
+    steps = steps_of(places, times_s, height_m)
     assert (steps.length_m, steps.cadence_per_min) == pytest.approx((length_m, 100.0))
     assert steps.relative_ratio == pytest.approx((1.7 / height_m) ** 0.5)
 
