@@ -10,7 +10,7 @@ from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.recording.read.reader import read
 from workbench.recording.study.drawing import picture
 from workbench.recording.study.figures import figure_of, numbers
-from workbench.recording.study.study_recorder import eye, grid, pages, record_study
+from workbench.recording.study.study_recorder import _sticks, eye, grid, pages, record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import InputError
 
@@ -149,6 +149,18 @@ def test_figures_of_a_page_are_together_and_at_most_eight():
 @pytest.mark.parametrize(("n", "shape"), [(1, (1, 1)), (3, (3, 1)), (4, (2, 2)), (5, (3, 2)), (7, (4, 2)), (8, (4, 2))])
 def test_up_to_three_figures_are_in_one_row_and_more_in_two(n, shape):
     assert grid(n) == shape
+
+
+def test_bones_connect_joints_with_their_parents_in_the_shade_of_their_skeleton():
+    """The shades 0 and 1 are the darkest and the lightest colour, 0.5 is between."""
+    positions = np.arange(27.0).reshape(3, 3, 3)
+    drawn = dict(_sticks("world", Sticks("run", positions, np.array([-1, 0, 0]), np.array([0.0, 0.5, 1.0]))))
+    strips = drawn["world/skeletons"].strips.as_arrow_array().to_pylist()
+    expected = [positions[k, [0, joint]] for k in range(3) for joint in (1, 2)]
+    np.testing.assert_array_equal(strips, expected)
+    colors = [value >> 8 for value in drawn["world/skeletons"].colors.as_arrow_array().to_pylist()]
+    shades = [0x462D14, 0xA27637, 0xFFBE5A]  # (70, 45, 20), (162, 118, 55), (255, 190, 90)
+    assert colors == [shade for shade in shades for _ in range(2)]
 
 
 @pytest.mark.parametrize(("length", "across"), [(1.1, (1.0, 0.0)), (0.0, (0.0, -1.0))])
