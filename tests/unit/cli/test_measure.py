@@ -200,16 +200,6 @@ def test_three_strides_of_each_foot_are_not_few(measured, seconds, few):
     assert ("Fewer than 3 strides of a foot" in out) == few
 
 
-@pytest.mark.parametrize(("gap_s", "n"), [(0.5, 2), (0.51, 1)])
-def test_other_motion_is_interpolated_over_half_a_second(measured, gap_s, n):
-    """Two squats, of which the frames from 1 s on, at the deepest, are missing for a while."""
-    motion = squats(100.0).frames(slice(0, 401))
-    keep = (motion.times_s <= 1.0) | (motion.times_s >= 1.0 + gap_s - 1e-9)
-    out, table, _ = measured(motion.frames(np.flatnonzero(keep)))
-    assert "no frames in" in out
-    assert table.loc[("knee_flexion_range", "left")].n == n
-
-
 def test_lost_stretches_are_left_out_and_it_is_said(measured):
     motion = scene(walker(WALKER, 10.0, 30.0))
     whole = measured(motion)[1].loc[("cadence", "both")]

@@ -90,10 +90,6 @@ def test_a_person_is_detected_in_exactly_the_frames_with_the_person():
     assert [t for t, is_detected in enumerate(detected) if is_detected] == list(present)
 
 
-def test_empty_images_have_no_detections():
-    assert list(PeopleDetector(network, 4).detect([image()] * 6)) == [[]] * 6
-
-
 @pytest.fixture
 def options(tmp_path, monkeypatch):
     """Options of a dataset; `network` detects in chunks of four frames."""
@@ -168,13 +164,6 @@ def test_a_dataset_detects_joints_once(walk, options, monkeypatch):
     np.testing.assert_allclose(keypoints[JOINT_NAMES.index("left_hip"), :2], left_hip, atol=1.0)
     monkeypatch.setattr(detection_files, "LandmarkNetwork", lambda path: pytest.fail("detects again"))
     assert Video(walk, **options).info.has_keypoints
-
-
-def test_a_dataset_of_several_views_detects_joints_in_every_video(walk, options):
-    dataset = MultiView({"walk": walk}, **options)
-    assert np.isfinite(next(iter(dataset.frames())).views[0].keypoints).any()
-    with pytest.raises(InputError, match="expected files by camera or 'detect'"):
-        MultiView({"walk": walk}, **{**options, "keypoints": "unknown"})
 
 
 def test_the_moving_person_can_be_selected(tmp_path, options):
