@@ -47,11 +47,6 @@ def test_a_sudden_change_of_size_is_another_person(n_cameras, factor, is_other):
         assert ("larger" if factor > 1.0 else "smaller") in text
 
 
-def test_a_slower_rate_lets_a_person_come_nearer():
-    assert message(grown(1, 1.4, rate_hz=25.0))
-    assert not message(grown(1, 1.4, rate_hz=4.0))
-
-
 @pytest.mark.parametrize("n_cameras", [1, 4])
 def test_a_clip_of_a_few_frames_shows_no_change(n_cameras):
     intact = grown(n_cameras, 1.4)

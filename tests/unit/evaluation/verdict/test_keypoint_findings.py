@@ -69,16 +69,6 @@ def test_the_order_of_few_slow_or_still_frames_is_unknown(n, rate_hz, amplitude,
     assert (_disorder(drawn, np.arange(n) / rate_hz) > 0.0) == is_known
 
 
-@pytest.mark.parametrize(("disorder", "is_finding"), [(0.65, False), (0.75, True)])
-def test_neighbouring_frames_that_differ_as_any_two_are_in_no_order(disorder, is_finding):
-    """A first-order process of correlation ρ has steps of √(1 − ρ) of the distance between any two values."""
-    rho, n = 1.0 - disorder**2, 4000
-    noise, walk = np.random.default_rng(2).normal(size=(n, 15, 2)), np.zeros((n, 15, 2))
-    for t in range(1, n):
-        walk[t] = rho * walk[t - 1] + np.sqrt(1.0 - rho**2) * noise[t]
-    assert (_disorder(walk, np.arange(n) / 30.0) > 0.7) == is_finding
-
-
 @pytest.mark.parametrize(("speed", "is_finding"), [(6.9, False), (7.1, True)])
 def test_nobody_moves_faster_than_a_sprinter(speed, is_finding):
     times_s = np.arange(60) / 30.0
