@@ -183,15 +183,6 @@ def gap(tmp_path):
     return write_images(tmp_path / "gap", images)
 
 
-def test_long_gaps_are_omitted_and_short_ones_are_bridged(gap, options):
-    dataset = Video(gap, only_visible=True, **options)
-    assert [(frame.index, round(30.0 * frame.time_s)) for frame in dataset.frames()] == [(t, t) for t in PRESENT]
-    assert dataset.info.n_frames == len(PRESENT)
-    bridged = Video(gap, only_visible=True, **{**options, "rate_hz": 60.0})
-    assert [frame.index for frame in bridged.frames()] == list(range(2, 34))
-    assert Video(gap, **options).info.n_frames == 36
-
-
 def test_frames_between_annotations_are_used(gap, options, tmp_path):
     rows = [f"{frame},left_hip,90,90,1" for frame in (3, 30)]
     (tmp_path / "annotations.csv").write_text("\n".join(["frame,joint,u,v,visible", *rows]))
@@ -222,18 +213,6 @@ def test_only_the_chunks_of_the_frames_used_are_detected_and_a_longer_run_contin
     assert detected == {name: complete[name] for name in sorted(complete)[:8]}
     assert detect_video(Path(walk), tmp_path / "late", model, (6, 7)) == 4
     assert sorted(frames_of(tmp_path / "late")) == sorted(complete)[4:8]
-
-
-def test_a_limited_dataset_has_the_same_keypoints_before_and_after_the_whole_is_detected(walk, options):
-    def keypoints():
-        limited = Video(walk, first_frame=5, n_frames=2, **options)
-        return np.nan_to_num([frame.views[0].keypoints for frame in limited.frames()]).tolist()
-
-    before = keypoints()
-    (folder,) = (Path(options["cache"]) / "detections").iterdir()
-    assert len(frames_of(folder)) == 4
-    assert Video(walk, **options).info.n_frames == 11
-    assert keypoints() == before
 
 
 def test_numbers_of_people_who_left_are_not_given_again(options, tmp_path):
