@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 from feet_scenes import walker
 
-from analysis.tables.__main__ import main
 from analysis.tables.ankles import _Walk, ankle_angles, observed
 
 
@@ -28,8 +27,3 @@ def test_a_walk_is_observed_with_its_feet():
     assert view.keypoints.shape == (15, 3)
     toes, heels = view.feet[[1, 3]], view.feet[[0, 2]]
     assert (toes[:, 0] > heels[:, 0]).all()  # the walk is along x, to the right in the image
-
-
-def test_the_table_needs_recorded_motion(capsys, tmp_path):
-    assert main(["ankles", "-o", str(tmp_path)]) == 1
-    assert "ankles: needs recorded motion: --data FOLDER" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """Verdicts of claims on synthetic results, and the measures of claims."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,13 +13,12 @@ from analysis.claims.listed import (
     activity_right,
     raised_knee_deg,
     rotation_growth,
-    share_concentrating,
     spread_growth,
 )
 from analysis.claims.measures import arms_poorest, at_most, gait, own_motions_mm, separated
 from analysis.command import chosen
 from analysis.figures.recordings import Source
-from analysis.figures.step_values import step_values, wrong_signs
+from analysis.figures.step_values import wrong_signs
 from analysis.figures.unrecorded import Result
 from workbench.body.kinematics import joints
 from workbench.motion.models.activity_cycles import ActivityCycles
@@ -66,15 +63,6 @@ def test_limits_apply_to_metrics_and_to_values_of_several_setups():
     assert not within("undefined", lambda _: float("nan"), 0.0)(SOURCE, first).holds
     with pytest.raises(InputError, match="coverage"):
         within("missing", "coverage", 0.0)(SOURCE, first)
-
-
-def test_the_concentrating_fraction_counts_narrow_and_covering_twists():
-    width = np.concatenate([np.full(20, 150.0), np.full(30, 30.0)])
-    concentrated = run(twist_width_deg=width, twist_covered=np.ones(50))
-    biased = run(twist_width_deg=width, twist_covered=np.arange(50) < 29)
-    wide = run(twist_width_deg=np.full(50, 150.0), twist_covered=np.ones(50))
-    narrow = run(twist_width_deg=0.5 * width, twist_covered=np.ones(50))
-    assert share_concentrating([concentrated, biased, wide, narrow]) == 0.25
 
 
 def test_arms_are_poorest_by_their_error_over_their_own_motion():
@@ -124,18 +112,6 @@ def test_separation_by_a_line_is_the_fraction_of_correct_points():
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 2))
     assert separated(points, points @ [1.0, 2.0] > 0.3) == 1.0
     assert 0.4 < separated(points, points[:, 0] * points[:, 1] > 0.0) < 0.8
-
-
-def test_values_of_a_step_vanish_for_the_true_pose():
-    step = next(steps(1, n_particles=40))
-    values = step_values(step, BODY.skeleton)
-    assert 0.0 <= values["root_rotation_deg"] < 180.0
-    assert values["n_wrong_signs"] <= values["n_deep_limbs"] <= 8
-    assert values["mpjpe_arms_mm"] > 0.0
-    exact_step = replace(step, expected_pose=step.frame.truth.pose)
-    exact = step_values(exact_step, BODY.skeleton)
-    assert exact["root_rotation_deg"] == pytest.approx(0.0, abs=1e-6)
-    assert exact["mpjpe_arms_mm"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_limb_mirrored_in_depth_has_the_wrong_sign():

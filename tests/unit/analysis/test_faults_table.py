@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from analysis.tables import fault_clips, faults
-from analysis.tables.fault_clips import NO_CALIBRATION, ONE, SEVERAL
+from analysis.tables.fault_clips import ONE, SEVERAL
 from analysis.tables.fault_kinds import FAULTS, faulty
 from analysis.tables.faults import FAILED, REFUSED, Errors, Job, Outcome, is_right, is_worse
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, TRUSTWORTHY
@@ -41,13 +41,6 @@ def test_a_fault_changes_the_files_and_not_the_truth(name):
     assert is_equal(changed, faulty(clip(), name))
 
 
-def test_keypoints_have_the_errors_of_a_detector():
-    pixels = np.array([camera.project(clip().truth) for camera in clip().cameras])
-    errors = np.linalg.norm(clip().keypoints[..., :2] - pixels, axis=3) / clip().heights_px[:, None, None]
-    assert 0.01 < errors.mean() < 0.05
-    assert np.isfinite(clip().keypoints).all()
-
-
 def test_landmarks_lie_along_the_axes_of_the_camera():
     camera, landmarks = clip().cameras[0], clip().landmarks[0]
     seen = camera.to_camera(clip().truth)
@@ -55,13 +48,6 @@ def test_landmarks_lie_along_the_axes_of_the_camera():
     signs = np.sign(landmarks) == np.sign(seen)
     assert signs[..., :2][np.abs(seen[..., :2]) > 0.1].mean() > 0.97
     assert 0.7 < signs[..., 2][np.abs(seen[..., 2]) > 0.1].mean() < 1.0
-
-
-def test_frames_that_are_shown_keep_their_true_times():
-    dropped, frozen = (faulty(clip(), name) for name in ("dropped", "frozen in half"))
-    assert np.array_equal(dropped.times, dropped.images)
-    assert np.array_equal(frozen.times, clip().times)
-    assert (frozen.images[40:] == frozen.images[39]).all()
 
 
 def test_one_camera_gets_the_calibration_of_another():
@@ -100,27 +86,6 @@ def test_a_verdict_is_judged_by_the_result(fault, level, pose_m, right):
     clean = Outcome(Job("tall walker", ONE), TRUSTWORTHY, "", CLEAN)
     errors = None if pose_m is None else replace(CLEAN, pose_m=pose_m)
     assert is_right(Outcome(Job("tall walker", ONE, fault), level, "", errors), clean) is right
-
-
-def test_the_totals_count_faults_and_clean_clips():
-    clean = [Outcome(Job("tall walker", ONE), TRUSTWORTHY, "fine", CLEAN),
-             Outcome(Job("run", ONE, clean="run"), DOUBTFUL, "a | b", CLEAN)]  # fmt: skip
-    bad = [Outcome(Job("tall walker", ONE, name), TRUSTWORTHY, "", replace(CLEAN, pose_m=pose_m))
-           for name, pose_m in (("gap", 0.5), ("shuffled", 0.05))]  # fmt: skip
-    text = faults.text([*clean, *bad])
-    assert text.startswith(
-        "Called trustworthy wrongly: 1 of 2 faults; other wrong answers: 0; flagged without a fault: 1"
-    )
-    assert "| a / b | 50 | 60 | 0.95 | flagged |" in text
-    assert "| gap | tall walker | one camera | trustworthy |  | 50 → 500 | 60 → 60 | 0.95 → 0.95 | no |" in text
-
-
-def test_every_subject_has_every_possible_fault():
-    every = list(faults.jobs(None))
-    assert len(every) == len(set(every))
-    assert {job.setting for job in every if job.fault == "camera turned by 5°"} == {SEVERAL}
-    assert not any(job.setting == NO_CALIBRATION for job in every if job.fault.startswith("unit"))
-    assert fault_clips.MAN not in {job.subject for job in every}
 
 
 @pytest.mark.slow

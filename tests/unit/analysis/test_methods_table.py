@@ -1,10 +1,8 @@
 """The table of other methods and ours: perfect estimates have no error, in space or in the image's plane."""
 
 import numpy as np
-import pytest
 from view_scenes import swinging
 
-from analysis.tables.__main__ import main
 from analysis.tables.methods import LANDMARKS, OURS, PLANAR, cells, scored
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
@@ -49,16 +47,3 @@ def test_an_annotation_that_is_not_visible_and_a_frame_without_truth_do_not_coun
     rows = scored(some, [*PLACES])
     assert cells([rows[PLANAR]]) == ["–", "0.0", "–"]
     assert len(rows[OURS].distances_mm) == len(PLACES) - 1
-
-
-def test_the_table_needs_recorded_motion(capsys, tmp_path):
-    assert main(["methods", "-o", str(tmp_path)]) == 1
-    assert "methods: needs recorded motion: --data FOLDER" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("method", [LANDMARKS, PLANAR])
-def test_an_image_without_detections_is_a_gap(method):
-    some = frames(lambda place: Truth(joints=place))
-    some[1] = Frame(1, 1 / 30.0, (View(CAMERA, IMAGE),), some[1].truth)
-    scores = scored(some, [*PLACES])[method]
-    assert np.isnan(scores.angles_deg["left_knee"][0][1])

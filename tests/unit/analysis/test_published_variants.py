@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from analysis import deviations, literal_constants, open_constants
+from analysis import literal_constants, open_constants
 from analysis.figures import cached_runs
 from analysis.figures.unrecorded import Result
 
@@ -31,18 +31,6 @@ def test_the_curve_has_one_row_per_value(tmp_path, monkeypatch, capsys):
         assert (experiment, paper, config.likelihood.p_occluded) == ("walk_circle", "literal", 0.1)
         assert not config.dataset.perturb
         assert config.dataset.seed == config.seed
-
-
-@pytest.fixture(scope="module")
-def page():
-    return deviations.page().splitlines()
-
-
-@pytest.mark.parametrize("entry", deviations.DEVIATIONS, ids=lambda entry: f"{entry.paper} {entry.place}")
-def test_a_deviation_is_one_row_of_the_page(entry, page):
-    assert all(entry)
-    assert not any("|" in cell for cell in entry)
-    assert f"| {' | '.join(entry)} |" in page
 
 
 @pytest.mark.parametrize("entry", open_constants.OPEN_CONSTANTS, ids=lambda entry: f"{entry.paper} {entry.name}")

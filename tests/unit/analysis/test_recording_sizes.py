@@ -5,26 +5,14 @@ from pathlib import Path
 import pytest
 
 import workbench as wb
-from analysis.recording_sizes import FILE, group, main, sizes, table
+from analysis.recording_sizes import FILE, main, sizes, table
 
 BASELINE = Path(__file__).parents[3] / "recordings" / "baselines" / "walk_straight.rrd"
-
-
-def test_overlays_on_an_image_count_by_what_they_show():
-    assert group("/world/camera/image") == "image"
-    assert group("/world/camera/image/particles") == "particles"
-    assert group("/world/camera") == "all others"
 
 
 def test_sizes_are_per_frame():
     n_frames = len(wb.read(BASELINE).poses[0])
     assert sizes(BASELINE)[FILE] == pytest.approx(1e-3 * BASELINE.stat().st_size / n_frames)
-
-
-def test_the_table_has_a_column_for_each_recording_and_a_dash_for_a_missing_path():
-    rows = table({"one": {"metrics": 2.0, FILE: 3.0}, "two": {FILE: 4.0}}).splitlines()
-    assert "| `metrics` | 2.0 | – |" in rows
-    assert "| file | 3.0 | 4.0 |" in rows
 
 
 def test_the_command_writes_the_table_and_rejects_a_missing_recording(tmp_path):

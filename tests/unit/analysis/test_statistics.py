@@ -10,7 +10,7 @@ from analysis.figures import cached_runs, pairs, replicates
 from analysis.figures.recordings import Source
 from analysis.figures.unrecorded import Result
 from analysis.tables import __main__ as command
-from analysis.tables import listed, papers, table
+from analysis.tables import listed, table
 from analysis.tables.listed import TABLES
 from workbench.datasets.synthetic import Synthetic
 from workbench.experiment.config.requirements import first_conflict
@@ -52,25 +52,6 @@ def test_means_over_people_give_every_person_the_same_weight():
     assert table.between_people("mpjpe_px").cell(single) == table.mean("mpjpe_abs_mm").cell(single) == table.NONE
     assert table.between_seeds("mpjpe_px", 1).cell(single) == f"{10.0 * np.sqrt(2.0):.1f}"
     assert [column.cell(single) for column in table.interval("mpjpe_px", 0)] == ["10", "30"]
-
-
-def test_missing_runs_are_dashes_and_better_published_rows_are_marked():
-    near, far, missing = rows_of(**{"": (1.0, 2.0)}), rows_of(**{"": (3.0,)}), dict.fromkeys(rows_of(a=(1.0,)))
-    for results in (near, far):
-        for result in results.values():
-            result.metrics["mpjpe_abs_mm"] = result.metrics["mpjpe_px"]
-    results = {
-        ("A 5", "x", "as published"): near, ("A 5", "x", "ours"): far, ("A 6", "y", "as published"): far,
-        ("A 6", "y", "ours"): near, ("A 7", "z", "as published"): missing, ("A 7", "z", "ours"): near,
-    }  # fmt: skip
-    assert papers.nearer(results) == {("A 5", "x", "as published")}
-    columns = [table.mean("mpjpe_px", 1)]
-    text = table.Table(("figure", "experiment", "version"), lambda *_: {}, columns, papers.nearer, "nearer").text(
-        results
-    )
-    assert "| A 5 | x | as published † | 1.5 |\n| A 5 | x | ours | 3.0 |" in text
-    assert "| A 7 | z | as published | – |" in text
-    assert listed.lowest_nll({("p", "1"): missing, ("p", "2"): missing}) == set()
 
 
 def test_tables_replace_the_text_between_the_markers_of_a_page():
@@ -160,11 +141,3 @@ def test_the_command_makes_every_table_of_the_pages():
     readme = command.README.read_text(encoding="utf-8")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in command.FOLDER.glob("*.md")}
     assert command.with_tables(readme, texts) == readme
-
-
-def test_every_seed_has_another_generated_subject():
-    runs = papers.of_subjects("walk_circle", "ours", Source(None, None, quick=False), n_seeds=2)
-    assert [(table.person(run), run.own_configuration().dataset.motion) for run in runs] == [
-        ("generated 0", "builtin"), ("generated 1", "builtin")
-    ]  # fmt: skip
-    assert [run.own_configuration().dataset.seed for run in runs] == [0, 1]

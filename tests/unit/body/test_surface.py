@@ -128,13 +128,6 @@ def parts_at(surface, points, kind):
     return [surface.part_names[b] for b in attach(surface, frames, np.array(points, dtype=np.float64), kind)]
 
 
-def test_a_point_inside_a_part_is_attached_to_it():
-    """Deeper than 18 % of the radius f > 2 C, where |f − C| would be smaller for any distant ball."""
-    surface = two_balls(0.0, 10.0)
-    for kind in ("field", "distance"):
-        assert parts_at(surface, [[0.024, 0.0, 0.0], [0.0, 0.0, 0.0]], kind) == ["small", "small"]
-
-
 def test_the_distance_favours_the_nearer_part_and_the_field_the_bigger():
     surface = two_balls(-0.1, 0.3)  # skins at −0.07 and 0.15 m
     points = [[0.02, 0.0, 0.0], [0.06, 0.0, 0.0]]
@@ -149,12 +142,6 @@ def test_attachment_does_not_underflow(kind):
     assert parts_at(surface, [[999.0, 0.0, 0.0], [-999.0, 0.0, 0.0], [-3000.0, 0.0, 0.0]], kind) == [
         "big", "small", "small" if kind == "distance" else "big",
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", ["field", "distance"])
-def test_of_equally_near_parts_the_first_is_chosen(kind):
-    surface = replace(two_balls(-1.0, 1.0), half_sizes=np.full((2, 3), 0.1))
-    assert parts_at(surface, [[0.0, 0.0, 0.0], [0.0, 2.0, 1.0]], kind) == ["small", "small"]
 
 
 def test_invalid_input_is_rejected():

@@ -81,6 +81,15 @@ def test_rays_miss_each_other_by_0044_of_the_persons_height(share, expected):
     assert ("inconsistent cameras" in kinds(seen, explain=False)) == expected
 
 
+@pytest.mark.parametrize(("n_cameras", "n_more"), [(2, 0), (3, 1), (4, 4)])
+def test_two_pairs_that_contradict_each_other_are_named_and_the_others_counted(n_cameras, n_more):
+    seen = observed(camera_arc(n_cameras), np.tile(walker_joints(), (n_cameras, 1, 1, 1)))
+    seen = changed(0.1 * np.arange(n_cameras), 1.0, seen)  # rays of every two cameras miss each other
+    (finding,) = camera_findings(seen, explain=False)
+    assert finding.message.count("miss each other") == min(n_cameras, 2) - (n_cameras == 2)
+    assert (f"{n_more} more pairs" in finding.message) == bool(n_more)
+
+
 def test_a_point_behind_the_cameras_counts_as_the_persons_height():
     cameras = [plain_camera(1280, 960, 900.0, (-5.0, y, 1.0), (0.0, y, 1.0), f"c{y}") for y in (-1.0, 1.0)]
     seen = observed(cameras, np.tile(walker_joints()[:5], (2, 1, 1, 1)))

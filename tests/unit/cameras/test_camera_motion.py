@@ -14,9 +14,11 @@ from workbench.cameras.camera_motion import (
     TRAVELLING,
     TURNING,
     UNKNOWN,
+    _Rays,
     camera_motion,
     in_camera,
 )
+from workbench.cameras.person_height import FOCAL_MEDIAN, FOCAL_SPREAD
 
 WIDTH, HEIGHT, FOCAL_PX = 480, 270, 480.0
 SIZE, N = (WIDTH, HEIGHT), 25
@@ -240,13 +242,24 @@ def test_a_zoom_without_a_pan_is_compensated(rng, zoom):
     assert motion.zooms[-1] == pytest.approx(zoom, rel=0.005)
 
 
-def test_an_off_centre_principal_point_is_no_zoom(rng):
-    shift = np.array([[1.0, 0.0, 60.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    homographies = [shift @ _homography(angle) @ np.linalg.inv(shift) for angle in np.linspace(0.0, 15.0, 20)]
-    motion = camera_motion(_exact(homographies, rng))
+@pytest.mark.parametrize(("pan_deg", "tilt_deg", "shift_px"), [(15.0, 0.0, (60.0, 0.0)), (12.0, -10.0, (45.0, -45.0))])
+def test_an_off_centre_principal_point_is_no_zoom(rng, pan_deg, tilt_deg, shift_px):
+    shift = np.eye(3)
+    shift[:2, 2] = shift_px
+    turns = [shift @ _homography(k * pan_deg, k * tilt_deg) @ np.linalg.inv(shift) for k in np.linspace(0.0, 1.0, 20)]
+    motion = camera_motion(_exact(turns, rng))
     assert motion.kind == TURNING
     assert motion.zooms == pytest.approx(1.0)
-    assert np.degrees(Rotation.from_matrix(motion.rotations[-1]).magnitude()) == pytest.approx(15.0, rel=0.1)
+    angle_deg = np.degrees(Rotation.from_matrix(motion.rotations[-1]).magnitude())
+    assert angle_deg == pytest.approx(np.hypot(pan_deg, tilt_deg), rel=0.1)
+
+
+def test_tracks_that_do_not_move_leave_the_prior_of_the_focal_length(rng):
+    """Between −3 and 3 deviations of a normal distribution the standard deviation is 0.9866."""
+    rays = _Rays.of(_exact([np.eye(3)] * 4, rng), None)
+    for zooming in (False, True):
+        assert rays.estimated_focal(zooming) == pytest.approx((FOCAL_MEDIAN, 0.9866 * FOCAL_SPREAD), rel=5e-3)
+    assert rays.off_centre(0.8 * FOCAL_MEDIAN)[1] == pytest.approx(FOCAL_MEDIAN, rel=1e-2)
 
 
 def test_people_and_logos_are_no_background(rng):

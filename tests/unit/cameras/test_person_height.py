@@ -15,6 +15,7 @@ from workbench.cameras.camera import plain_camera
 from workbench.cameras.person_height import (
     Measurements,
     Segments,
+    _Problem,
     calibrate_by_height,
     detected_segments,
     head_foot_segments,
@@ -55,6 +56,20 @@ def test_exact_segments_determine_the_camera():
     assert calibration.focal_information > 0.75
     assert calibration.camera.position[2] == pytest.approx(calibration.values["height_m"])
     np.testing.assert_allclose(calibration.camera.matrix[:2, 2], (np.array(SIZE) - 1.0) / 2.0)
+
+
+@pytest.mark.parametrize(("tilt_deg", "rel"), [(0.0, 1e-9), (-10.0, 0.15), (10.0, 0.15)])
+def test_the_search_begins_near_the_camera_of_a_known_tilt(tilt_deg, rel):
+    """Lengths of segments determine the distances and the height, exactly of a level camera."""
+    camera = plain_camera(*SIZE, 1100.0, (0.0, 0.0, 1.5), (1.0, 0.0, 1.5 - np.tan(np.radians(tilt_deg))))
+    ankles = np.array([[6.0, -1.5, ANKLE_HEIGHT * HEIGHT_M], [8.0, 0.5, ANKLE_HEIGHT * HEIGHT_M]])
+    heads = ankles + np.array([0.0, 0.0, (HEAD_HEIGHT - ANKLE_HEIGHT) * HEIGHT_M])
+    segments = Segments((0, 1), camera.project(ankles), camera.project(heads))
+    x = _Problem(SIZE, segments, Measurements(HEIGHT_M, focal_px=1100.0)).initial(np.radians(tilt_deg))
+    assert x[[0, 1, 2, 4, 5, 6]] == pytest.approx([np.log(1100.0), np.radians(tilt_deg), 0.0, 0.0, 0.0, 0.0])
+    assert np.exp(x[3]) == pytest.approx(1.5, rel=rel)
+    assert np.exp(x[7::2]) == pytest.approx(ankles[:, 0], rel=rel)
+    assert x[8::2] == pytest.approx(ankles[:, 1] / ankles[:, 0], rel=rel)
 
 
 def test_the_pose_of_a_camera_with_known_intrinsics_is_recovered():

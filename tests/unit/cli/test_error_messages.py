@@ -89,15 +89,6 @@ def test_the_last_line_is_a_command_that_opens_the_recording(summary, tmp_path, 
         assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
 
 
-def test_metrics_follow_the_verdict_with_their_units_aligned(summary):
-    verdict, *lines = run_output.summary_lines(summary)
-    assert verdict == f"verdict: {summary.verdict.message}"
-    rows = [line for line in lines if line.split()[0] in run_output.TERMINAL]
-    assert [row.split()[:3] for row in rows] == [["mpjpe_abs_mm", "31.0", "mm"], ["pa_mpjpe_mm", "25.0", "mm"]]
-    assert len({row.index(" mm ") for row in rows}) == 1
-    assert any(line.split()[:2] == ["2", "more"] for line in lines)  # the marker offset and the uninformative metric
-
-
 def value_of(argument):
     return OverridesParser.create().parse_override(argument).value()
 

@@ -151,13 +151,6 @@ def test_joints_without_keypoints_are_exported_as_missing(tmp_path, caplog):
     assert np.isfinite(read_bvh(tmp_path / "out.bvh").positions).all()
 
 
-def test_joints_without_keypoints_are_exported_where_other_cues_are_used(tmp_path, caplog):
-    run = with_keypoints(tmp_path / "run.rrd", "workbench.likelihoods.product.Product")
-    assert exported(run, tmp_path / "out.trc") == 0
-    assert np.isfinite(read_markers(tmp_path / "out.trc").positions).all()
-    assert "no keypoint shows" not in caplog.text
-
-
 def test_the_written_frames_of_an_incomplete_run_are_exported(run, tmp_path, capsys, recwarn, monkeypatch):
     monkeypatch.setattr("workbench.recording.write.recorder.FLUSH_S", np.inf)
     monkeypatch.setattr("workbench.recording.write.recorder.MAX_FLUSH_EVERY", 3)
@@ -182,13 +175,6 @@ def test_the_written_frames_of_an_incomplete_run_are_exported(run, tmp_path, cap
             rows = np.loadtxt(tmp_path / "out.csv", skiprows=1, delimiter=",")
             assert rows[:, 0].tolist() == [step.frame.index for step in run[:n]]
     assert len(recwarn) == 0
-
-
-def test_frames_without_truth_are_omitted_and_counted(run, tmp_path, capsys):
-    recording = record(tmp_path / "run.rrd", [*run[:7], *map(without_truth, run[7:])])
-    assert exported(recording, tmp_path / "out.trc", "--truth") == 0
-    assert "5 frames without ground truth are omitted" in capsys.readouterr().err
-    assert len(np.loadtxt(tmp_path / "out.trc", skiprows=6)) == 7
 
 
 def test_unreadable_recordings_and_invalid_outputs_are_rejected(recorded, run, tmp_path, capsys):
@@ -220,12 +206,6 @@ def test_a_frame_without_truth_is_an_empty_row(run, tmp_path):
     assert exported(gap, tmp_path / "out.trc", "--truth") == 0
     rows = [line.split("\t")[2:] for line in (tmp_path / "out.trc").read_text().splitlines()[6:]]
     assert [set(row) == {""} for row in rows] == [k == 5 for k in range(len(run))]
-
-
-def test_the_folder_of_the_output_is_made(recorded, tmp_path):
-    for name in ("walk.mot", "walk.csv"):
-        assert exported(recorded, tmp_path / name[-3:] / "new" / name) == 0
-        assert (tmp_path / name[-3:] / "new" / name).is_file()
 
 
 @pytest.fixture(scope="module")
@@ -264,8 +244,3 @@ def test_an_impossible_state_or_format_is_rejected(judged, tmp_path, capsys, nam
     assert exported(judged, tmp_path / name, "--min-state", state) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / name).exists()
-
-
-def test_a_recording_without_states_of_joints_is_rejected(recorded, tmp_path, capsys):
-    assert exported(recorded, tmp_path / "a.trc", "--min-state", "tracked") == 2
-    assert "states" in capsys.readouterr().err

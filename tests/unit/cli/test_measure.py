@@ -15,8 +15,6 @@ from workbench.evaluation.gait.angle_cycles import N_POINTS
 from workbench.evaluation.gait.strides import SLIDING_SPEED
 from workbench.motion.synthetic.gait import average_subject, walker
 from workbench.motion.synthetic.run_gait import average_runner, runner
-from workbench.results.measure.display import headline
-from workbench.results.measure.measures import Measures
 
 WALKER = average_subject()
 RNG = np.random.default_rng(0)
@@ -123,22 +121,6 @@ def test_a_body_with_feet_has_ankle_angles_and_steps_by_its_heels(measured):
     assert "Conventions" not in out
 
 
-def test_the_headline_has_speed_and_cadence():
-    rows = [("speed", "both", "m/s", 1.2345, 1.1, 1.4, 8), ("cadence", "both", "steps/min", 106.04, np.nan, np.nan, 8)]
-    columns = ["measure", "side", "unit", "estimate", "low_90", "high_90", "n"]
-    measures = Measures("walk", pd.DataFrame(rows, columns=columns), (), ())
-    assert headline(measures) == "a walk at 1.23 (1.10 to 1.40) m/s and 106.0 steps/min"
-
-
-def test_without_samples_intervals_are_empty_and_it_is_said(measured):
-    out, table, angles = measured(scene(walker(WALKER, 6.0, 30.0)))
-    assert table.low_90.isna().all()
-    assert angles.high_90_deg.isna().all()
-    assert table.estimate.notna().all()
-    assert "no samples of the posterior" in out
-    assert "1.15" in out
-
-
 @pytest.mark.parametrize("make", ["walk", "squats"])
 def test_the_page_is_self_contained(measured, tmp_path, make):
     measured(with_samples(scene(walker(WALKER, 6.0, 30.0)) if make == "walk" else squats()))
@@ -201,25 +183,12 @@ def test_a_low_rate_is_no_walk_and_is_said(measured):
     assert "At 10 frames per second strikes" in measured(scene(walker(WALKER, 8.0, 10.0)))[0]
 
 
-def test_a_person_who_stands_has_no_repetitions(measured):
-    out, table, _ = measured(standing(3.0))
-    assert "No walk" in out
-    assert (table.n == 0).all()
-    assert (table.estimate.dropna() == 0.0).all()
-
-
 @pytest.mark.parametrize("n", [1, 2, 9])
 def test_a_clip_of_0_3_s_or_less_is_measured_as_far_as_possible(measured, tmp_path, n):
     out, table, _ = measured(scene(walker(WALKER, 6.0, 30.0)).frames(slice(0, n)))
     assert "No walk" in out
     assert np.isfinite(table.loc[("knee_flexion_range", "left")].estimate) == (n > 1)
     assert Page((tmp_path / "measures.html").read_text(encoding="utf-8")).open == []
-
-
-def test_two_strides_are_measured_and_it_is_said(measured):
-    out, table, _ = measured(scene(walker(WALKER, 6.0, 30.0)).frames(slice(0, 90)))
-    assert "Fewer than 3 strides of a foot" in out
-    assert table.loc[("cadence", "both")].estimate == pytest.approx(120.0 * WALKER.stride_hz, rel=0.02)
 
 
 @pytest.mark.parametrize(("seconds", "few"), [(4.4, True), (5.0, False)])
@@ -229,22 +198,6 @@ def test_three_strides_of_each_foot_are_not_few(measured, seconds, few):
     n = min(table.loc[("stride_time", side)].n for side in ("left", "right"))
     assert (n < 3) == few
     assert ("Fewer than 3 strides of a foot" in out) == few
-
-
-@pytest.mark.parametrize(("rate_hz", "said"), [(24.9, True), (25.1, False)])
-def test_low_rates_are_said(measured, rate_hz, said):
-    out, _, _ = measured(scene(walker(WALKER, 5.0, rate_hz)))
-    assert ("frames per second strikes and toe-offs are known to about a frame" in out) == said
-
-
-@pytest.mark.parametrize(("gap_s", "n"), [(0.5, 2), (0.51, 1)])
-def test_other_motion_is_interpolated_over_half_a_second(measured, gap_s, n):
-    """Two squats, of which the frames from 1 s on, at the deepest, are missing for a while."""
-    motion = squats(100.0).frames(slice(0, 401))
-    keep = (motion.times_s <= 1.0) | (motion.times_s >= 1.0 + gap_s - 1e-9)
-    out, table, _ = measured(motion.frames(np.flatnonzero(keep)))
-    assert "no frames in" in out
-    assert table.loc[("knee_flexion_range", "left")].n == n
 
 
 def test_lost_stretches_are_left_out_and_it_is_said(measured):
@@ -274,13 +227,6 @@ def test_a_part_is_measured_if_it_is_seen_in_half_of_the_frames(measured, n_hidd
     motion = squats().frames(slice(0, 90))
     table = measured(motion, states={"left_arm": ["lost"] * n_hidden + ["tracked"] * (90 - n_hidden)})[1]
     assert (("elbow_flexion_range", "left") in table.index) == shown
-
-
-def test_a_person_who_is_lost_throughout_is_not_measured(measured):
-    out, table, angles = measured(standing(1.0), lost=range(31))
-    assert "In 31 of 31 frames the person is lost" in out
-    assert table.estimate.isna().all()
-    assert len(angles) == 0
 
 
 def test_lengths_are_in_proportion_to_the_height(measured):

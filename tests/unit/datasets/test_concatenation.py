@@ -44,12 +44,6 @@ def test_phases_agree_with_those_of_the_synthetic_walker():
     assert np.diff(phases).min() > 0.0
 
 
-def test_a_motion_without_cycles_has_no_phases():
-    still = replace(WALK, poses=np.repeat(WALK.poses[:1], 200, axis=0))
-    assert np.isnan(gait_phases(still)).all()
-    assert np.isnan(gait_phases(replace(WALK, poses=WALK.poses[:5]))).all()
-
-
 @pytest.mark.parametrize(("first", "second"), [(WALK, OTHER), (WALK, RUN), (RUN, WALK)])
 def test_positions_and_angles_are_continuous(first, second):
     joined = concatenate([first, second], 200, 20)
@@ -85,14 +79,6 @@ def test_the_second_motion_begins_at_the_phase_of_the_first():
     # phases agree to 0.02 cycles and half a frame; angles change by up to 7.5 rad per cycle (the knee in its swing)
     assert np.abs(joined.motion.poses[:, 6:] - expected[:, 3:]).max() < 7.5 * (0.02 + 1 / 136)
     assert np.diff(joined.phases).min() > 0.0
-
-
-def test_the_world_position_of_the_second_motion_does_not_matter():
-    moved_motion = moved(OTHER, 2.0, [30.0, 4.0])
-    moved_motion.poses[:, 6:] += 2.0 * np.pi * np.round(np.random.default_rng(0).uniform(-2, 2, 19))
-    assert np.allclose(
-        concatenate([WALK, OTHER], 200).motion.poses, concatenate([WALK, moved_motion], 200).motion.poses, atol=1e-9
-    )
 
 
 def test_steps_are_scaled_to_the_legs_of_the_first_person():

@@ -1,7 +1,6 @@
 """Videos, keypoints and calibrations in the formats of other programs: triangulated joints are the true ones."""
 
 import json
-import tomllib
 from dataclasses import replace
 
 import cv2
@@ -245,35 +244,6 @@ def test_a_world_frame_of_the_first_camera_is_reported_and_rotated_by_an_option(
     assert rotated.views[0].camera.rotation[1] == pytest.approx([0.0, 0.0, -1.0])  # down in the image
     with pytest.raises(InputError, match=r"dataset.up: expected one of x, -x"):
         _ = dataset(folder, up="up").info
-
-
-def test_calibration_files_may_have_other_tables_and_encodings(tmp_path):
-    folder = scene(tmp_path)
-    text = (folder / "calib.toml").read_text()
-    others = '\n[charuco]\ncolumns = 4\nrows = 5\n[paths]\nname = "café"\n'
-    for k, content in enumerate((
-        b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(), (text + others).encode("latin-1"),
-        ("unit = 3\n" + text + others).encode(),
-    )):  # fmt: skip
-        (folder / f"{k}.toml").write_bytes(content)
-        views = dataset(folder, calibration_file=str(folder / f"{k}.toml"), keypoints={})
-        assert camera_positions(views) == TRUE_POSITIONS
-    assert set(tomllib.loads(text)) == {*VIEWS, "metadata"}
-
-
-def test_a_calibration_of_opencv_gives_the_same_person(tmp_path):
-    folder = scene(tmp_path)
-    storage = cv2.FileStorage(str(folder / "calib.yml"), cv2.FileStorage_WRITE)
-    for name, camera in VIEWS.items():
-        storage.startWriteStruct(name, cv2.FileNode_MAP)
-        size = np.array([camera.width, camera.height])
-        rotation, translation = cv2.Rodrigues(camera.rotation)[0], camera.translation[:, None]
-        values = {"K": camera.matrix, "D": camera.distortion, "size": size, "rvec": rotation, "tvec": translation}
-        for key, value in values.items():
-            storage.write(key, value)
-        storage.endWriteStruct()
-    storage.release()
-    assert error_mm(dataset(folder, calibration_file=str(folder / "calib.yml")))[0] < 0.5
 
 
 def test_camera_names_match_up_to_symbols_and_case(tmp_path):

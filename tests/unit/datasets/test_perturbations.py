@@ -85,18 +85,6 @@ def test_the_subject_has_the_same_height_with_other_lengths_and_radii():
         assert np.array_equal(radius_factors[left], radius_factors[right])
 
 
-def test_perturbations_are_independent_of_each_other():
-    body = person(from_height(1.7))
-    radii_only, both = (draw_subject(body, {**NONE, "radii": 0.1, **more}, 3) for more in ({}, {"lengths": 0.03}))
-    assert np.array_equal(radii_only.factors["radius_calf"], both.factors["radius_calf"])
-    assert np.array_equal(radii_only.body.limbs.radii, both.body.limbs.radii)
-
-
-def test_without_perturbations_the_subject_is_the_body():
-    body = person(from_height(1.7))
-    assert draw_subject(body, NONE, 5).at(0.3) is body
-
-
 def test_clothes_move_smoothly_with_their_standard_deviation():
     body = person(from_height(1.7))
     subject = draw_subject(body, {**NONE, "clothes_m": 0.005}, 2)

@@ -238,15 +238,6 @@ def test_a_range_of_frames_is_identical_to_those_of_the_sequence(tmp_path):
     )
 
 
-def test_the_truth_begins_at_its_first_frame(tmp_path):
-    folder = str(folder_of(tmp_path, [np.ones((5, 3))] * 6))
-    all_frames = PointFiles(folder, truth="builtin")
-    later = PointFiles(folder, truth="builtin", first_frame=4, truth_first_frame=3)
-    (_, second, *_), (frame, _) = all_frames.frames(), later.frames()
-    assert frame.index == 4
-    assert np.allclose(frame.truth.pose, second.truth.pose, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("files", "words"),
     [([], ["found none"]), (["note.txt"], ["found none"]), (["a.ply", "b.csv"], ["one format", ".csv, .ply"])],

@@ -66,12 +66,6 @@ def test_points_are_reproducible_and_depend_on_every_parameter():
         assert not np.array_equal(first[2], clouds(scene(**change))[2]), change
 
 
-def test_points_do_not_depend_on_rendered_images():
-    without_images = clouds(scene())
-    with_images = clouds(scene(images=True))
-    assert all(np.array_equal(a, b) for a, b in zip(without_images, with_images, strict=True))
-
-
 def test_a_bar_occludes_the_points_behind_it():
     unoccluded, occluded = (scene(outlier_fraction=0.0, occluder_width_m=width) for width in (0.0, 0.12))
     camera, root = occluded.true_camera, occluded.sequence.motion.poses[1, :3]

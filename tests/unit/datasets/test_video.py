@@ -199,16 +199,6 @@ def test_images_of_another_size_and_unreadable_images_are_an_error(scene):
         list(dataset.frames())
 
 
-def test_image_files_are_in_natural_order(tmp_path):
-    names = ["a2.png", "a10.png", "a1.PNG", "b.png", "10.png", "9.png", "a.png", "a02.png"]
-    for name in names:
-        (tmp_path / name).touch()
-    ordered = [file.name for file in image_files(tmp_path)]
-    assert ordered[:2] == ["9.png", "10.png"]
-    assert [name for name in ordered if name[0] == "a" and name[1].isdigit()][-1] == "a10.png"
-    assert sorted(ordered) == sorted(names)
-
-
 def write_video(path):
     """Write a small video under a file name that FFmpeg would take for an address."""
     writer = cv2.VideoWriter(str(path.parent / "clip.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))

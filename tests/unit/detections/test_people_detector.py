@@ -90,10 +90,6 @@ def test_a_person_is_detected_in_exactly_the_frames_with_the_person():
     assert [t for t, is_detected in enumerate(detected) if is_detected] == list(present)
 
 
-def test_empty_images_have_no_detections():
-    assert list(PeopleDetector(network, 4).detect([image()] * 6)) == [[]] * 6
-
-
 @pytest.fixture
 def options(tmp_path, monkeypatch):
     """Options of a dataset; `network` detects in chunks of four frames."""
@@ -170,13 +166,6 @@ def test_a_dataset_detects_joints_once(walk, options, monkeypatch):
     assert Video(walk, **options).info.has_keypoints
 
 
-def test_a_dataset_of_several_views_detects_joints_in_every_video(walk, options):
-    dataset = MultiView({"walk": walk}, **options)
-    assert np.isfinite(next(iter(dataset.frames())).views[0].keypoints).any()
-    with pytest.raises(InputError, match="expected files by camera or 'detect'"):
-        MultiView({"walk": walk}, **{**options, "keypoints": "unknown"})
-
-
 def test_the_moving_person_can_be_selected(tmp_path, options):
     images = [image((40.0, 50.0), (280.0 - 3.0 * t, 130.0)) for t in range(11)]
     dataset = Video(write_images(tmp_path / "two", images), person="moving", **options)
@@ -192,15 +181,6 @@ def gap(tmp_path):
     """A video with the person in the frames PRESENT."""
     images = [image((90.0 + 0.5 * t, 90.0)) if t in PRESENT else image() for t in range(36)]
     return write_images(tmp_path / "gap", images)
-
-
-def test_long_gaps_are_omitted_and_short_ones_are_bridged(gap, options):
-    dataset = Video(gap, only_visible=True, **options)
-    assert [(frame.index, round(30.0 * frame.time_s)) for frame in dataset.frames()] == [(t, t) for t in PRESENT]
-    assert dataset.info.n_frames == len(PRESENT)
-    bridged = Video(gap, only_visible=True, **{**options, "rate_hz": 60.0})
-    assert [frame.index for frame in bridged.frames()] == list(range(2, 34))
-    assert Video(gap, **options).info.n_frames == 36
 
 
 def test_frames_between_annotations_are_used(gap, options, tmp_path):
@@ -233,18 +213,6 @@ def test_only_the_chunks_of_the_frames_used_are_detected_and_a_longer_run_contin
     assert detected == {name: complete[name] for name in sorted(complete)[:8]}
     assert detect_video(Path(walk), tmp_path / "late", model, (6, 7)) == 4
     assert sorted(frames_of(tmp_path / "late")) == sorted(complete)[4:8]
-
-
-def test_a_limited_dataset_has_the_same_keypoints_before_and_after_the_whole_is_detected(walk, options):
-    def keypoints():
-        limited = Video(walk, first_frame=5, n_frames=2, **options)
-        return np.nan_to_num([frame.views[0].keypoints for frame in limited.frames()]).tolist()
-
-    before = keypoints()
-    (folder,) = (Path(options["cache"]) / "detections").iterdir()
-    assert len(frames_of(folder)) == 4
-    assert Video(walk, **options).info.n_frames == 11
-    assert keypoints() == before
 
 
 def test_numbers_of_people_who_left_are_not_given_again(options, tmp_path):

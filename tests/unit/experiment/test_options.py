@@ -108,14 +108,6 @@ def test_a_named_package_adds_its_options_and_is_imported_when_chosen(package):
     assert "sigmas" in str(error.value)
 
 
-def test_own_components_can_be_nested_and_own_experiments_can_extend(package):
-    options_module.allow_packages(["my_components"])
-    assert composed("experiment=holding").prior.sigma == 0.125
-    assert composed("experiment=holding").inference.n_particles == 7
-    assert "sigma" not in composed("experiment=holding", "prior=implicit").prior
-    assert composed("prior=ar_offsets", "prior@prior.base=still", "experiment=custom").prior.base.sigma == 0.25
-
-
 def test_an_own_option_is_checked_against_its_class(package):
     options_module.allow_packages(["my_components"])
     (package / "conf/prior/still.yaml").write_text(OPTION + "sigmas: 1\n")

@@ -72,17 +72,6 @@ def _plain(default):
     return list(default) if isinstance(default, tuple) else default
 
 
-@pytest.mark.parametrize("group", GROUPS)
-@pytest.mark.slow
-def test_a_typo_in_any_group_names_the_key(group):
-    overrides = ["experiment=learn_walk"] if group == "study" else []  # the only group that is empty by default
-    with pytest.raises(HydraException, match="no_such_key"):
-        compose("config", overrides=[*overrides, f"{group}.no_such_key=1"])
-    forced = compose("config", overrides=[*overrides, f"+{group}.no_such_key=1"])  # bypasses the schema
-    with pytest.raises(InputError, match="no_such_key"):
-        build(forced[group])
-
-
 @pytest.mark.parametrize(
     ("override", "match"),
     [

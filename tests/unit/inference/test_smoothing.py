@@ -97,18 +97,6 @@ def test_proposals_are_all_accepted_if_the_likelihood_ignores_the_previous_pose(
     assert all(step.diagnostics["acceptance_rate"] == 1.0 for step in steps[:-1]) == all_accepted
 
 
-def test_backward_simulation_has_more_distinct_first_states_than_the_ancestry():
-    measured = simulate(60, seed=0)
-    ancestry, simulated = (
-        next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["unique_particles"]
-        for inference in (
-            FixedLag(particle_filter(measured), n_particles=100, lag=100, min_effective_ancestors=1),
-            BackwardSimulation(particle_filter(measured), n_particles=100, n_paths=100, min_effective_ancestors=1),
-        )
-    )
-    assert ancestry < 10 < 30 < simulated
-
-
 SMOOTHERS = {
     "fixed lag": lambda y, min_ancestors: FixedLag(
         ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, min_effective_ancestors=min_ancestors

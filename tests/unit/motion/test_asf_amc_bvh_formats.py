@@ -262,13 +262,6 @@ def test_a_missing_bone_repeats_its_last_value(tmp_path, caplog):
     np.testing.assert_allclose(always_missing.rotations[:, 1], np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-15)
 
 
-def test_the_unit_and_the_vertical_axis_can_be_chosen(tmp_path):
-    path = amc(tmp_path, valid_files.AMC)
-    default, metres, z_up = read_amc(path), read_amc(path, unit="m"), read_amc(path, up="z")
-    np.testing.assert_allclose(metres.offsets, default.offsets * 0.45 / 0.0254)
-    np.testing.assert_allclose(z_up.positions[..., [2, 0, 1]], default.positions, atol=1e-15)
-
-
 LEG = "".join(
     f"  begin\n    name {side}{bone}\n    direction 0 -1 0\n    length {length}\n    axis 0 0 0 XYZ\n  end\n"
     for side in "lr"

@@ -267,16 +267,3 @@ def test_times_are_equal_within_the_rounding_of_containers(late_s, resampled):
 def test_longer_intervals_than_the_bridged_one_are_missing(gap_s, missing):
     times_s = np.concatenate([np.arange(20) / 30.0, 19.0 / 30.0 + gap_s + np.arange(20) / 30.0])
     assert np.isnan(at_one_rate(moving_at(times_s)).positions).any() == missing
-
-
-def test_trc_and_mot_share_their_axes(tmp_path):
-    exported = moving_at(np.arange(10) / 30.0)
-    exported.poses[:, 1:3] = 0.3, 0.9
-    exported = replace(exported, positions=joints(SKELETON, exported.poses))
-    rows = []
-    for suffix, columns in ((".trc", slice(2, 5)), (".mot", slice(4, 7))):
-        export(tmp_path / f"walk{suffix}", exported)
-        lines = (tmp_path / f"walk{suffix}").read_text().splitlines()
-        numbers = [line.split("\t") for line in lines[-10:]]
-        rows.append(np.array([[float(cell) for cell in row[columns]] for row in numbers]))
-    np.testing.assert_allclose(rows[0] / 1000.0, rows[1], atol=1e-6)

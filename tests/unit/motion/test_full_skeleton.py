@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.body.skeleton import POSE_NAMES
 from workbench.body.surface import OVERHANG, attach, person_surface, residuals
 from workbench.datasets.rendering.visible import surface_points
 from workbench.motion.full_skeleton import full_body, full_poses, full_skeleton
@@ -37,17 +36,6 @@ def test_forward_kinematics_gives_the_clips_positions(seed):
     skeleton, poses = full_skeleton(clip), full_poses(clip)
     assert poses.shape == (60, 66)
     np.testing.assert_allclose(joints(skeleton, poses), positions_of(clip, skeleton.names), atol=1e-12)
-
-
-def test_names_and_degrees_of_freedom():
-    skeleton = full_skeleton(bandai_like(0))
-    assert skeleton.names == tuple(n for n in clips.BANDAI_LIKE if n not in (*ENDS, "joint_Root"))
-    assert skeleton.dof_names[:6] == POSE_NAMES[:6]
-    assert skeleton.dof_names[6:9] == ("Spine_y", "Spine_x", "Spine_z")  # the bone is upright: its twist comes last
-    assert [n for n in skeleton.dof_names if n.startswith("Foot_L")] == ["Foot_L_y", "Foot_L_z", "Foot_L_x"]
-    assert [n for n in skeleton.dof_names if n.startswith("Shoulder_R")] == [f"Shoulder_R_{a}" for a in "xzy"]
-    assert np.all(np.diff(skeleton.dof_joints) >= 0)
-    assert np.all(skeleton.parents < np.arange(len(skeleton.names)))
 
 
 def test_the_neutral_pose_stands_upright():

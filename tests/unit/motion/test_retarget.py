@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tests.oracles.kinematics import forward as forward_oracle
-from workbench.body.kinematics import axis_rotations, forward, joints
+from workbench.body.kinematics import forward, joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.motion.clip import MotionClip
@@ -193,36 +193,3 @@ def test_angles_within_the_limits_are_recovered(seed, height):
     turns = np.round((motion.poses - poses)[0] / (2 * np.pi)) * 2 * np.pi  # angles are unique up to full turns
     turns[:3] = 0.0
     np.testing.assert_allclose(motion.poses, poses + turns, atol=1e-6)
-
-
-@FEW_EXAMPLES
-@given(seed=SEEDS, yaw=st.floats(-3.0, 3.0))
-def test_turning_the_world_turns_only_the_root(seed, yaw):
-    rng = np.random.default_rng(seed)
-    skeleton = person_skeleton(from_height(1.7))
-    clip = own_clip(skeleton, poses_inside_the_limits(rng, skeleton))
-    clip = replace(clip, positions=clip.positions + rng.normal(0.0, 0.01, clip.positions.shape))
-    turn, shift = axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([yaw]))[0], rng.uniform(-5, 5, 3)
-    rotations = clip.rotations.copy()
-    rotations[:, 0] = turn @ rotations[:, 0]
-    turned = replace(clip, rotations=rotations, positions=clip.positions @ turn.T + shift)
-    before, after = retarget(clip, OWN), retarget(turned, OWN)
-    np.testing.assert_allclose(after.joint_error_mm, before.joint_error_mm, atol=1e-3)
-    np.testing.assert_allclose(after.poses[:, :3], before.poses[:, :3] @ turn.T + shift, atol=1e-6)
-    np.testing.assert_allclose(after.poses[:, 4:], before.poses[:, 4:], atol=1e-5)
-    turns = (after.poses[:, 3] - before.poses[:, 3] - yaw) / (2 * np.pi)
-    np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-6)
-
-
-@FEW_EXAMPLES
-@given(seed=SEEDS, order=st.sampled_from(["XYZ", "YXZ", "ZYX"]))
-def test_continuous_angles_give_the_same_rotations(seed, order):
-    rng = np.random.default_rng(seed)
-    angles = np.cumsum(rng.normal(0.0, 0.3, (40, 3)), axis=0)
-    limits = np.sort(rng.uniform(-3, 3, (3, 2)), axis=1)
-    continuous = continuous_angles(Rotation.from_euler(order, angles).as_euler(order), limits)
-    expected = Rotation.from_euler(order, angles).as_matrix()
-    np.testing.assert_allclose(Rotation.from_euler(order, continuous).as_matrix(), expected, atol=1e-9)
-    # of two equivalent angle triples the nearer is chosen: no step is longer than the true one
-    steps = np.linalg.norm(np.diff(continuous, axis=0), axis=1)
-    assert np.all(steps <= np.linalg.norm(np.diff(angles, axis=0), axis=1) + 1e-9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.skeleton import person_skeleton
 from workbench.motion.models.activities import held_out_accuracy, learn_activities
 from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT, builtin_motions
@@ -79,10 +79,3 @@ def test_runs_have_running_cycles_and_are_classified():
     assert cycles.curves[runs][:, :, knee].max() > np.radians(80.0) > cycles.curves[~runs][:, :, knee].max()
     assert held_out_accuracy(cycles, cycles.sources, 2) == 1.0
     assert len(learn_activities(cycles).scales) < 5
-
-
-def test_the_thighs_alternate():
-    motion = runner(average_runner(), 3.0, 60.0)
-    left, right = (motion.poses[:, POSE_NAMES.index(f"{side}_hip_flexion")] for side in ("left", "right"))
-    half = round(30.0 / 1.4)
-    assert left[half : half + 60] == pytest.approx(right[:60], abs=np.radians(8.0))  # half a frame at 700°/s

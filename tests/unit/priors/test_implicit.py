@@ -39,16 +39,6 @@ def test_a_known_motion_is_replayed(windows, poses, prediction):
         assert prior.pose(state) == pytest.approx(np.repeat(poses[k : k + 1], 3, axis=0), abs=1e-4)  # float32 rows
 
 
-def test_predictions_turn_with_the_body(windows, poses):
-    turned = poses.copy()
-    c, s = np.cos(2.0), np.sin(2.0)
-    turned[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]]) + [5.0, 1.0]
-    turned[:, 3] += 2.0
-    prior = Implicit(windows, **NEAREST_ENTRY)
-    state = prior.sample_transition(prior.start_after(turned[20:31], 1), DT, np.random.default_rng(0))
-    assert prior.pose(state)[0] == pytest.approx(turned[31], abs=1e-4)
-
-
 def test_predictions_follow_their_definitions(windows, poses):
     """Copy gives ψ_{i+1}, increment adds ψ_{i+1} − ψ_i, and blend also a quarter of the difference to ψ_i."""
     entries, offset = np.array([40, 90]), 0.2

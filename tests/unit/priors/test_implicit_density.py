@@ -140,21 +140,6 @@ def test_reweighted_children_of_a_body_have_the_moments_of_the_other_parents_chi
         assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-9).all()
 
 
-def test_the_density_does_not_depend_on_place_and_heading(body, poses):
-    prior = Implicit(body)
-    density, turn = prior.capabilities.density, 2.0
-    before = parent(prior, poses, 20)
-    after = prior.sample_transition(before, DT, np.random.default_rng(0))
-    c, s = np.cos(turn), np.sin(turn)
-    moved_states = []
-    for state in (before, after):
-        moved = state.copy()
-        moved[:, :2] = state[:, :2] @ np.array([[c, s], [-s, c]]) + [3.0, -1.0]
-        moved[:, 3] += turn
-        moved_states.append(moved)
-    np.testing.assert_allclose(density.log_transition(*moved_states, DT), density.log_transition(before, after, DT))
-
-
 def test_the_mean_is_the_nearest_windows_prediction(body, poses):
     prior = Implicit(body)
     before = prior.sample_initial(poses[30], 8, np.random.default_rng(0))

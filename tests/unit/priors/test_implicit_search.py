@@ -1,6 +1,5 @@
 """The searches of the implicit prior against enumeration."""
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -167,24 +166,6 @@ def test_the_leaves_and_boxes_hold_their_entries(n):
     places = np.arange(tree.leaf_boxes.shape[0] * LANES)
     empty = tree.leaf_boxes[places // LANES, :, :, places % LANES][len(leaves) :]
     assert np.isinf(empty).all()
-
-
-@pytest.mark.slow
-def test_results_do_not_depend_on_the_number_of_threads():
-    coefficients, rng = database(3000, 7), np.random.default_rng(6)
-    probes, counts, uniforms = rng.normal(size=(70, 7)), np.full(70, 9), rng.random((630, 8))
-    tree, paper = kd_tree(coefficients), sign_tree(coefficients)
-    before, results = numba.get_num_threads(), []
-    try:
-        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
-            numba.set_num_threads(threads)
-            exact = search(tree, probes, counts, 0.1, uniforms[:, 0])
-            entries = draw(paper, np.repeat(probes, 9, axis=0), 0.1, uniforms)
-            results.append((exact.entries, exact.visited, exact.log_mass, entries))
-    finally:
-        numba.set_num_threads(before)
-    for serial, parallel in zip(*results, strict=True):
-        assert (serial == parallel).all()
 
 
 def test_the_table_of_phi_branches_as_phi():

@@ -80,26 +80,6 @@ def test_one_step_away_from_limits(dt_s):
     check_moments(velocity, np.exp(-2.0 * dt_s) * velocities, growth * prior.sigma_velocity)
 
 
-def test_ten_steps_away_from_limits_follow_the_linear_model():
-    """The mean is F^t x and the covariance Σ F^i Q F^iᵀ, as a Kalman filter predicts."""
-    low, high = dict.fromkeys(ARM, -1e6), dict.fromkeys(ARM, 1e6)
-    prior, dt_s = Smooth(parameters=ARM, lower=low, upper=high, damping=1.5), 1 / 25
-    state = repeated_state(prior, POSE, np.full(25, 0.7))
-    i = ARM.index("right_elbow_flexion")
-    q = 30 * dt_s * np.diag([prior.sigma[i] ** 2, prior.sigma_velocity[i] ** 2])
-    f = np.array([[1.0, dt_s], [0.0, np.exp(-1.5 * dt_s)]])
-    mean, cov = np.array([POSE[POSE_NAMES.index(ARM[i])], 0.7]), np.zeros((2, 2))
-    rng = np.random.default_rng(1)
-    for _ in range(10):
-        state = prior.sample_transition(state, dt_s, rng)
-        mean, cov = f @ mean, f @ cov @ f.T + q
-    drawn = np.stack([column(prior, state, ARM[i]), column(prior, state, f"{ARM[i]}_velocity")], axis=1)
-    check_moments(drawn, mean, np.sqrt(np.diag(cov)))
-    # standard error of a correlation r is (1 − r²)/√N, at most 1/√N
-    r = cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1])
-    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(r, abs=5 / np.sqrt(N))
-
-
 @pytest.mark.parametrize("velocity", [0.0, 1.0, 20.0, -300.0])
 def test_draws_near_a_limit_follow_the_truncated_normal(velocity):
     """A step from just under the elbow's upper limit is truncated as by SciPy, not clipped."""
@@ -206,26 +186,3 @@ def test_no_draw_leaves_the_limits(a, b, sigma, sigma_velocity, pose, dt_s, seed
         for i, (low, high) in enumerate((a, b)):
             assert ((low <= state[:, i]) & (state[:, i] <= high)).all()
         state = prior.sample_transition(state, dt_s, rng)
-
-
-@settings(max_examples=100)
-@given(
-    mean=st.floats(-1e12, 1e12), deviation=st.floats(0.0, 1e9), ends=limits,
-    u=st.lists(st.floats(2.0**-53, 1.0 - 2.0**-53), min_size=2, max_size=20),
-)  # fmt: skip
-def test_quantiles_are_ordered_and_inside(mean, deviation, ends, u):
-    low, high = ends
-    draws = truncated_normal(np.float64(mean), deviation, low, high, np.sort(u))
-    assert (low <= draws).all()
-    assert (draws <= high).all()
-    # rounding may swap neighbours by the precision of mean + deviation·z
-    assert (np.diff(draws) >= -4e-16 * (abs(mean) + 50.0 + 40.0 * deviation)).all()
-
-
-@settings(max_examples=50)
-@given(mean=finite, deviation=st.floats(1e-3, 10.0), ends=limits, u=st.floats(1e-6, 1.0 - 1e-6))
-def test_mirrored_limits_give_mirrored_quantiles(mean, deviation, ends, u):
-    low, high = ends
-    draw = truncated_normal(np.array([mean]), deviation, low, high, np.array([u]))
-    mirrored = truncated_normal(np.array([-mean]), deviation, -high, -low, np.array([1.0 - u]))
-    assert np.allclose(draw, -mirrored, rtol=0.0, atol=1e-8 * (high - low) + 1e-13 * (abs(mean) + deviation))

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 from recorded import record, static
 from recording_steps import CAMERA, steps
 from rerun.chunk import RrdReader
@@ -77,6 +78,31 @@ def test_only_recorded_quantities_have_panels():
     with_ranks = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
     assert f"/{RANKS}" in [view.origin for view in views_by_name(with_ranks).values()]
     assert f"/{RANKS}" not in [view.origin for view in views_by_name(SHOWN).values()]
+
+
+def heights(shown, name):
+    """Return the relative heights of the stack that holds the view of a name, that view's first."""
+    stacks = [layout.layout(shown).root_container]
+    for block in stacks:
+        stacks += [child for child in block.contents if isinstance(child, rrb.Container)]
+    ((stack, k),) = [(each, k) for each in stacks for k, child in enumerate(each.contents) if child.name == name]
+    return [stack.row_shares[k], *np.delete(stack.row_shares, k)]
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_lanes_have_008_of_the_height_of_images_and_world_each_and_so_has_their_axis(n):
+    cameras = [recorded_camera(CAMERA)]
+    lane, *others = heights(
+        replace(SHOWN, cameras=cameras, lanes=("tracking",) * n), "states: tracked, doubtful or lost"
+    )
+    assert lane == pytest.approx(0.08 * (n + 1) * sum(others))
+    assert others == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(("n_characters", "height"), [(0, 1.0), (190, 1.0), (191, 1.3), (380, 1.3), (381, 1.6)])
+def test_a_verdict_of_several_lines_is_higher(n_characters, height):
+    verdict, rest = heights(replace(SHOWN, n_characters=n_characters), "verdict")
+    assert verdict / rest == pytest.approx(height / 12.0)
 
 
 @pytest.mark.parametrize(("first_frame", "n_layouts"), [(10, 1), (12, 1), (13, 2)])

@@ -44,6 +44,23 @@ def test_the_verdict_is_recorded_as_text_property_and_states(tmp_path):
     assert values(path, "/state/large_expected_error", "StateChange:state") == ["none", "arms"]
 
 
+@pytest.mark.parametrize(("n_values", "is_curve", "is_sparse"), [(1, False, False), (2, True, True), (3, True, False)])
+def test_metrics_of_two_frames_are_curves_and_those_of_less_than_half_of_the_frames_points(
+    tmp_path, n_values, is_curve, is_sparse
+):
+    run = steps(6, n_particles=5)
+    collector = MeasurementCollector(BODY)
+    with Recorder(tmp_path / "run.rrd", BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
+        for k, step in enumerate(run):
+            recorder.log(step, {"ess": 5.0} | ({"mpjpe_px": 3.0} if k < n_values else {}))
+            collector.add(step, {})
+        recorder.set_verdict(LOST, collector.measurements())
+        drawn = recorder._layout_input
+    assert drawn is not None
+    assert [name in drawn.metrics for name in ("ess", "mpjpe_px")] == [True, is_curve]
+    assert ("mpjpe_px" in drawn.sparse) == is_sparse
+
+
 @pytest.mark.parametrize(("every", "n", "style"), [(1, 8, "SeriesLines"), (4, 2, "SeriesPoints")])
 def test_reprojection_errors_are_curves_or_points_where_few_frames_have_keypoints(tmp_path, every, n, style):
     """The steps have no truth; one of `every` frames has keypoints, at a distance of 5 px from the estimate."""

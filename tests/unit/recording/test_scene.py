@@ -54,13 +54,21 @@ def test_the_solids_of_a_limb_end_with_it_or_within_its_smallest_radius_beyond()
     assert n_per_cone > 1
 
 
-def test_overlays_are_the_joints_projected_without_distortion():
-    camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
+@pytest.mark.parametrize("is_true", [False, True])
+def test_overlays_are_the_joints_projected_without_distortion(is_true):
+    """The middle one of three persons stands behind the camera; the truth has a camera of its own."""
+    camera, other = (plain_camera(640, 480, 600.0, (x, -4.0, 1.0), (0.0, 0.0, 1.0)) for x in (0.0, 1.0))
+    poses = np.stack([random_pose(seed) for seed in range(3)])
+    poses[1, 1] = -9.0
+    positions, chains = joints(BODY.skeleton, poses), scene.figure(BODY).chains
+    shades = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]], np.uint8)
+    true_camera = replace(other, distortion=LENS) if is_true else None
     recorded_camera = images.recorded_camera(replace(camera, distortion=LENS))
-    positions = joints(BODY.skeleton, random_pose()[None])
-    chains = scene.figure(BODY).chains
-    (drawn,) = fields_of(images.overlay(recorded_camera, "estimate", positions, chains)).values()
-    assert drawn["strips"] == pytest.approx(camera.project(positions)[0][chains], abs=1e-3)  # float32
+    rows = images.overlay(recorded_camera, "estimate", positions, chains, shades, true_camera)
+    (drawn,) = fields_of(rows).values()
+    expected = (other if is_true else camera).project(positions[[0, 2]])[:, chains]
+    assert drawn["strips"] == pytest.approx(np.concatenate(expected), abs=1e-3)  # float32
+    assert drawn["colors"].tolist() == [[255, 0, 0]] * len(chains) + [[0, 0, 255]] * len(chains)
 
 
 def test_a_camera_that_turns_is_recorded_in_every_frame():

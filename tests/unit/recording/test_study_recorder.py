@@ -10,7 +10,7 @@ from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.recording.read.reader import read
 from workbench.recording.study.drawing import picture
 from workbench.recording.study.figures import figure_of, numbers
-from workbench.recording.study.study_recorder import record_study
+from workbench.recording.study.study_recorder import _sticks, eye, grid, pages, record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import InputError
 
@@ -136,3 +136,44 @@ def test_the_numbers_of_points_are_read_back_bitwise():
     assert list(restored.points) == ["walk", "run"]
     for label, points in figure.points.items():
         assert restored.points[label].tobytes() == points.tobytes()
+
+
+def test_figures_of_a_page_are_together_and_at_most_eight():
+    names = ["a", *(f"walk/{k}" for k in range(9)), "b", "run/legs/left"]
+    figures = [Bars(name, np.zeros(1), np.ones(1), "x") for name in names]
+    expected = [("figures", 1), ("walk", 8), ("walk", 1), ("figures", 1), ("run/legs", 1)]
+    assert [(title, len(group)) for title, group in pages(figures)] == expected
+    assert [figure.name for _, group in pages(figures) for figure in group] == names
+
+
+@pytest.mark.parametrize(("n", "shape"), [(1, (1, 1)), (3, (3, 1)), (4, (2, 2)), (5, (3, 2)), (7, (4, 2)), (8, (4, 2))])
+def test_up_to_three_figures_are_in_one_row_and_more_in_two(n, shape):
+    assert grid(n) == shape
+
+
+def test_bones_connect_joints_with_their_parents_in_the_shade_of_their_skeleton():
+    """The shades 0 and 1 are the darkest and the lightest colour, 0.5 is between."""
+    positions = np.arange(27.0).reshape(3, 3, 3)
+    drawn = dict(_sticks("world", Sticks("run", positions, np.array([-1, 0, 0]), np.array([0.0, 0.5, 1.0]))))
+    strips = drawn["world/skeletons"].strips.as_arrow_array().to_pylist()
+    expected = [positions[k, [0, joint]] for k in range(3) for joint in (1, 2)]
+    np.testing.assert_array_equal(strips, expected)
+    colors = [value >> 8 for value in drawn["world/skeletons"].colors.as_arrow_array().to_pylist()]
+    shades = [0x462D14, 0xA27637, 0xFFBE5A]  # (70, 45, 20), (162, 118, 55), (255, 190, 90)
+    assert colors == [shade for shade in shades for _ in range(2)]
+
+
+@pytest.mark.parametrize(("length", "across"), [(1.1, (1.0, 0.0)), (0.0, (0.0, -1.0))])
+def test_skeletons_are_seen_perpendicular_to_their_path(length, across):
+    """The root moves along y, or stays; the trail spans a box of 2 m by 4 m by 4 m about (0, 0, 1)."""
+    roots = np.array([0.0, length, 0.0])[None] * np.linspace(-0.5, 0.5, 5)[:, None]
+    positions = np.stack([roots + np.array([0.0, 0.0, 1.0]), roots], axis=1)
+    trail = np.array([[-1.0, -2.0, -1.0], [1.0, 2.0, 3.0]])
+    shown = eye(Sticks("run", positions, np.array([-1, 0]), np.zeros(5), {"hand": trail}))
+    position, target = (
+        np.array(field.as_arrow_array().to_pylist()[0]) for field in (shown.position, shown.look_target)
+    )
+    np.testing.assert_allclose(target, [0.0, 0.0, 1.0], atol=1e-6)
+    seen_from = np.array([*across, 0.2]) * 1.15 * 6.0
+    away = position - target
+    np.testing.assert_allclose(away * np.sign(away @ seen_from), seen_from, atol=1e-5)

@@ -48,14 +48,6 @@ def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
             assert (blue > red + 20) if side == "left" else (red > green + 20)  # cyan and pink in a grey image
 
 
-def test_a_video_without_truth_does_not_name_its_colour(tmp_path, capsys):
-    with Recorder(tmp_path / "run.rrd", BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(2, n_particles=20):
-            recorder.log(replace(step, frame=replace(step.frame, truth=None)), {})
-    assert main(["export", str(tmp_path / "run.rrd"), "-o", str(tmp_path / "overlay.mp4")]) == 0
-    assert capsys.readouterr().out.endswith("left cyan, right pink\n")
-
-
 def test_pictures_are_those_of_the_chosen_frames_and_camera(run):
     recorded, _ = run
     frames = recorded.poses[0][[3, 1]].tolist()

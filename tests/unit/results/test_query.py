@@ -1,12 +1,10 @@
 """Conditions on runs, their order, the columns of a list, and numbers as text."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from run_folders import write_run, write_sweep
 
-from workbench.results.formatting import number
 from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps, values_of
 from workbench.results.table import read_runs
 from workbench.utils.errors import InputError
@@ -78,14 +76,3 @@ def test_a_listing_omits_empty_columns(runs):
 def test_a_sweep_is_a_row_with_its_jobs_and_its_best_metric(runs):
     (row,) = sweeps(runs).to_dict("records")
     assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "mpjpe_abs_mm 10.00")
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (0.0, "0"), (5e-17, "0"), (28.697, "28.70"), (0.26182, "0.2618"), (-12.34567, "-12.35"), (999.96, "1000"),
-        (1000.0, "1000"), (11000.4, "11000"), (1.0, "1.000"), (np.nan, "–"), (np.inf, "–"), (1.234e-7, "1.234e-07"),
-    ],
-)  # fmt: skip
-def test_numbers_have_four_digits(value, expected):
-    assert number(value) == expected

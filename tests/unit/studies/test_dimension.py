@@ -16,7 +16,6 @@ from workbench.studies.dimension import (
     paper_alpha,
     run_filter,
 )
-from workbench.utils.errors import InputError
 
 TRANSITION = np.array([[1.0, 1.0], [0.0, 1.0]])
 
@@ -101,12 +100,3 @@ def test_more_angles_need_more_particles(result):
 def test_alpha_is_nan_if_too_few_particles_survive():
     study = ParticlesByDimension(dims=(1, 2), dims_body=(1, 2), max_particles=256, n_frames=2, n_seeds=2)
     assert np.isnan(study.run(rng()).metrics["alpha_independent"])
-
-
-def test_equal_generators_give_equal_metrics_and_bad_input_is_rejected(result):
-    small = {"dims": (1, 2), "dims_body": (1, 2), "max_particles": 512, "n_frames": 3, "n_seeds": 2}
-    first, repeated = (ParticlesByDimension(**small).run(rng()).metrics for _ in range(2))
-    assert repr(first) == repr(repeated)
-    for invalid in ({"max_particles": 0}, {"tolerance_std": 0.0}, {"dims": (1,)}, {"dims_body": (1, 17)}):
-        with pytest.raises(InputError, match="study"):
-            ParticlesByDimension(**invalid)

@@ -60,7 +60,3 @@ def test_recorded_motion_fills_fewer_leaves_than_independent_components(result, 
     assert metrics["largest_leaf_median"] == np.ceil(n / 2**b)
     # independent signs: a leaf is empty with probability (1 − 2^−b)^n
     assert metrics["empty_pct_gaussian"] == pytest.approx(100.0 * (1.0 - 0.5**b) ** n, rel=0.1)
-
-
-def test_equal_generators_give_equal_metrics(result, prior):
-    assert TreeBalance(prior).run(np.random.default_rng(0)).metrics == result.metrics

@@ -30,11 +30,6 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[fl
     method="inverted_cdf" takes 1.7 times as long and, where a sum of even weights rounds, gives the next value.
     """
     columns = np.ascontiguousarray(values.T)
-    if len(weights) and (weights == weights[0]).all():  # the same ranks in all columns: a partition does
-        cumulative = np.cumsum(weights)
-        cumulative /= cumulative[-1]
-        positions = [min(int((cumulative < level - 1e-12).sum()), len(values) - 1) for level in levels]
-        return np.partition(columns, positions, axis=1)[:, positions].T
     order = np.argsort(columns, axis=1)  # not the stable sort, which takes four times as long
     reached = np.cumsum(weights[order], axis=1)
     reached /= reached[:, -1:]

@@ -43,7 +43,7 @@ def another_person(measured: RunMeasurements) -> BoolArray:
     another: BoolArray = np.zeros(len(measured.times_s), dtype=bool)
     sign = 0.0  # of the change from the first person to the one who is shown, 0 for the first one
     for change, t in _changes(measured):
-        sign = 0.0 if sign * change < 0.0 else float(np.sign(change))
+        sign = 0.0 if sign == -np.sign(change) else np.sign(change)
         another[t:] = sign != 0.0
     return another
 

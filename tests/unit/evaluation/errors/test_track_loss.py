@@ -15,45 +15,27 @@ from workbench.evaluation.errors.track_loss import (
     track_metrics,
 )
 
-WIDTH = [10.0] * 20
 
-
-def test_small_errors_are_no_loss():
-    assert track_events([9.0] * 20, WIDTH) == []
-    assert lost_states([9.0] * 20, WIDTH).mean() == 0.0
-    assert track_events([], []) == []
-    assert not len(lost_states([], []))
-
-
-def test_one_large_error_is_no_loss():
-    errors = [5.0] * 20
-    errors[8] = 29.0  # the mean of five frames is 9.8
-    assert track_events(errors, WIDTH) == []
-
-
-def test_losses_and_recoveries_start_with_their_first_frames():
-    errors = [2.0] * 6 + [40.0] * 8 + [2.0] * 6
-    assert track_events(errors, WIDTH) == [TrackEvent("lost", 6), TrackEvent("recovered", 14)]
-    assert lost_states(errors, WIDTH).mean() == pytest.approx(8 / 20)
-
-
-def test_losses_at_the_end_and_from_the_beginning():
-    assert track_events([2.0] * 10 + [50.0] * 10, WIDTH) == [TrackEvent("lost", 10)]
-    assert lost_states([2.0] * 10 + [50.0] * 10, WIDTH).mean() == pytest.approx(0.5)
-    assert track_events([50.0] * 20, WIDTH) == [TrackEvent("lost", 0)]
-    assert lost_states([50.0] * 2, WIDTH[:2]).mean() == 1.0
-
-
-def test_frames_without_truth_are_ignored():
-    errors = [2.0] * 3 + [np.nan] * 4 + [40.0] * 6
-    assert track_events(errors, WIDTH[:13]) == [TrackEvent("lost", 7)]
-    assert track_events([np.nan] * 5, WIDTH[:5]) == []
-
-
-def test_a_recovery_follows_its_loss():
-    errors = [9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0]  # the window after frame 4 is below the threshold again
-    assert track_events(errors, WIDTH[:8]) == [TrackEvent("lost", 4), TrackEvent("recovered", 5)]
-    assert lost_states(errors, WIDTH[:8]).mean() == pytest.approx(1 / 8)
+@pytest.mark.parametrize(
+    ("errors", "events", "n_lost"),
+    [
+        ([], [], 0),
+        ([9.0] * 20, [], 0),
+        ([5.0] * 8 + [29.0] + [5.0] * 11, [], 0),  # the mean of five frames is 9.8
+        ([2.0] * 6 + [40.0] * 8 + [2.0] * 6, [("lost", 6), ("recovered", 14)], 8),
+        ([2.0] * 10 + [50.0] * 10, [("lost", 10)], 10),
+        ([50.0] * 20, [("lost", 0)], 20),
+        ([50.0] * 2, [("lost", 0)], 2),
+        ([2.0] * 3 + [np.nan] * 4 + [40.0] * 6, [("lost", 7)], 6),
+        ([np.nan] * 5, [], 0),
+        ([9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0], [("lost", 4), ("recovered", 5)], 1),
+    ],
+)
+def test_losses_and_recoveries_start_with_their_first_frames(errors, events, n_lost):
+    """The threshold is 10, and frames without truth do not count."""
+    widths = [10.0] * len(errors)
+    assert track_events(errors, widths) == [TrackEvent(*event) for event in events]
+    assert lost_states(errors, widths).sum() == n_lost
 
 
 @given(st.lists(st.sampled_from([0.0, 15.0, 21.0, 60.0]), max_size=30))

@@ -57,6 +57,15 @@ def test_one_repetition_has_no_time():
     assert np.isnan(measured.seconds[0, 0])
 
 
+@pytest.mark.parametrize(("factor", "seconds"), [(1.1, 2.2), (1.2, 2.0 + 2.0 * 0.5 / 3.0)])
+def test_every_sample_is_timed_within_a_quarter_of_a_repetition(factor, seconds):
+    """A sample whose squats are slower, about the middle of the clip; their tops are within 0.5 s of the expected."""
+    times_s = np.arange(0.0, 8.01, 1.0 / 30.0)
+    angles = np.stack([squats(times_s), squats(4.0 + (times_s - 4.0) / factor)])
+    measured = angle_measures(times_s, angles[..., None], rows_of_stretches(times_s, np.ones(len(times_s), bool)))
+    assert measured.seconds[:, 0] == pytest.approx([2.0, seconds], abs=0.02)
+
+
 def test_speeds_do_not_bridge_gaps():
     times_s = np.arange(0.0, 2.0, 1.0 / 30.0)
     angle = np.where(times_s < 1.0, 0.0, 2.0)

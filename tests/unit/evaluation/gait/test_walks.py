@@ -7,7 +7,7 @@ import pytest
 from walking_scenes import HEIGHT_M, Scene, on_treadmill, scene, standing
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.evaluation.gait.foot_events import MIN_SEPARATION, MIN_STRIDE_S, foot_events
+from workbench.evaluation.gait.foot_events import MIN_SEPARATION, MIN_STRIDE_S, _strike, _toe_off, foot_events
 from workbench.evaluation.gait.stretches import CUTOFF_HZ, low_passed
 from workbench.evaluation.gait.strides import BELT_SPEED, MAX_STRIDE_S, MAX_TURN_RAD, Strides, is_run
 from workbench.motion.synthetic.gait import average_subject, subjects, walker
@@ -191,6 +191,33 @@ def test_a_run_flies_and_sinks(support, rise):
     values |= {"ends_s": np.ones((1, 1)), "toe_offs_s": np.full((1, 1), 0.5 + support)}
     values |= {"other_strikes_s": np.full((1, 1), 0.5), "rises_m": np.full((1, 1), rise)}
     assert is_run(Strides(**values)) == (support < 0.0 and rise < 0.0)
+
+
+def parabolas(n, *tops):
+    """Return values (1, n) of the largest of parabolas with tops (frame, height), and 0 elsewhere."""
+    frames = np.arange(n)
+    return np.max([np.zeros(n), *(height - 0.1 * (frames - top) ** 2 for top, height in tops)], axis=0)[None]
+
+
+@pytest.mark.parametrize(("other", "expected"), [(21.7, 30.3), (23.3, 23.3), (36.7, 36.7), (38.3, 30.3)])
+def test_a_strike_is_nearest_to_where_the_feet_are_farthest_apart(other, expected):
+    """Of tops of the distance ahead, the highest within a fifth of the stride of 35 frames; 0.045 of it later."""
+    strike = _strike(parabolas(60, (30.3, 1.0), (other, 1.1)), peak=30, stride=35.0)
+    assert strike == pytest.approx([expected + 0.045 * 35.0])
+
+
+@pytest.mark.parametrize(("other", "expected"), [(27.7, 40.3), (29.3, 29.3), (50.6, 50.6), (52.3, 40.3)])
+def test_a_toe_off_is_between_three_quarters_and_a_fifth_of_a_stride_before_the_strike(other, expected):
+    """Of a stride of 40 frames that ends at frame 59, the frames 29 to 51."""
+    assert _toe_off(parabolas(80, (40.3, 1.0), (other, 1.1)), 59.0, 40.0) == pytest.approx([expected])
+
+
+@pytest.mark.parametrize(("strike", "known"), [(9.0, False), (10.0, True)])
+def test_a_toe_off_before_the_stretch_is_unknown(strike, known):
+    """Of a stride of 40 frames, the last one of its frames is 8 before the strike; it needs three."""
+    rising = np.arange(60.0)[None] ** 2
+    assert np.isfinite(_toe_off(rising, strike, 40.0)).all() == known
+    assert np.isnan(_toe_off(-rising, 30.0, 40.0)).all()  # largest in the first frame
 
 
 def test_low_rates_are_not_filtered():

@@ -42,10 +42,6 @@ def ranks_of(values, weights, truth):
     return ranks(weight_below(values, weights, truth))
 
 
-def nll_of(values, weights, truth):
-    return gaussian_nll(*moments(values, weights), truth)
-
-
 @pytest.mark.parametrize("z", [-2.0, 0.0, 0.7])
 def test_crps_and_nll_of_normal_particles(z):
     truth = np.array([z, 10.0 + 3.0 * z])
@@ -53,15 +49,6 @@ def test_crps_and_nll_of_normal_particles(z):
     np.testing.assert_allclose(crps(NORMAL, UNIFORM, truth), closed * np.array([1.0, 3.0]), rtol=1e-3)
     expected = -norm.logpdf(truth, loc=[0.0, 10.0], scale=[1.0, 3.0])
     np.testing.assert_allclose(gaussian_nll(*moments(NORMAL, UNIFORM), truth), expected, atol=1e-3)
-
-
-def test_integer_weights_equal_repetitions():
-    rng = np.random.default_rng(0)
-    values, truth = rng.standard_normal((5, 3)), rng.standard_normal(3)
-    counts = np.array([1, 4, 2, 0, 3])
-    repeated, uniform = np.repeat(values, counts, axis=0), np.full(10, 0.1)
-    for score in (crps, ranks_of, nll_of):
-        np.testing.assert_allclose(score(values, counts / 10.0, truth), score(repeated, uniform, truth))
 
 
 def test_the_nll_of_equal_particles_is_infinite():

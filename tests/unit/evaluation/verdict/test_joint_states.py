@@ -59,16 +59,6 @@ def test_one_of_four_cameras_does_not_decide_about_a_joint():
     assert set(displaced(FOUR, WRIST, 0.2, LATE, [0]).verdict().joint_states["left_arm"]) == {"tracked"}
 
 
-@pytest.mark.parametrize(("n_joints", "state"), [(6, DOUBTFUL), (7, "lost")])
-def test_the_body_is_lost_with_half_of_its_joints(n_joints, state):
-    """The pelvis is unseen, so that 14 joints are compared."""
-    far = ONE
-    for joint in range(1, 1 + n_joints):
-        far = displaced(far, joint, 0.15, LATE)
-    far.keypoints[:, :, 0] = np.nan
-    assert far.verdict().states[40] == state
-
-
 def test_a_joint_without_detections_is_not_seen():
     keypoints = ONE.keypoints.copy()
     keypoints[:, 20:, [WRIST, WRIST - 1], 2] = 0.29

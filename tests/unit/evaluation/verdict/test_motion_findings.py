@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, scene, walk
+from scipy.spatial.transform import Rotation
+from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, scene, walk
 
 from workbench.body.kinematics import joints
-from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.evaluation.verdict.walk_ratio import steps_of
@@ -38,21 +38,6 @@ def test_a_run_with_flight_phases_has_no_findings(rate_hz):
     assert kinds(replace(moving(run.poses, rate_hz), inputs=replace(ONE.inputs, rate_hz=rate_hz))) == {}
 
 
-@pytest.mark.parametrize(("drift_m_s", "percent"), [(0.0, 0), (1.0, 0), (1.1, 50)])
-def test_a_standing_foot_that_slides_at_half_the_speed_is_reported(drift_m_s, percent):
-    poses = walk().copy()
-    poses[:, 0] += drift_m_s * np.arange(N) / RATE_HZ
-    message = kinds(replace(ONE, poses=poses)).get("ground contact", "")
-    assert (f"slides at {percent}%" in message) if percent else not message
-
-
-@pytest.mark.parametrize(("factor", "is_finding"), [(1.33, False), (1.36, True), (0.75, False), (0.73, True)])
-def test_a_limb_out_of_proportion_is_reported(factor, is_finding):
-    """A limb counts as a quarter of the expected height: 1.35 is 1.25 of the expected length, 0.74 the inverse."""
-    body = person(from_height(HEIGHT_M, forearm=factor * from_height(HEIGHT_M).forearm))
-    assert ("implausible limb lengths" in kinds(replace(ONE, body=body))) == is_finding
-
-
 def stepping(length_m, per_min, n_steps, height_m=1.7, apart_m=None):
     """Return joints (F, J, 3) and times (F,) of a person who steps along x, with feet up to 0.8 steps apart."""
     apart_m = 0.8 * length_m if apart_m is None else apart_m
@@ -66,10 +51,13 @@ def stepping(length_m, per_min, n_steps, height_m=1.7, apart_m=None):
     return places, times_s
 
 
+@pytest.mark.parametrize("heading_deg", [0.0, 60.0])
 @pytest.mark.parametrize("height_m", [1.2, 1.7])
-def test_the_walk_ratio_is_step_length_over_cadence(height_m):
+def test_the_walk_ratio_is_step_length_over_cadence(height_m, heading_deg):
     length_m = 0.65 * height_m / 1.7
-    steps = steps_of(*stepping(length_m, 100.0, 6, height_m), height_m)
+    places, times_s = stepping(length_m, 100.0, 6, height_m)
+    places = places @ Rotation.from_euler("z", heading_deg, degrees=True).as_matrix().T
+    steps = steps_of(places, times_s, height_m)
     assert (steps.length_m, steps.cadence_per_min) == pytest.approx((length_m, 100.0))
     assert steps.relative_ratio == pytest.approx((1.7 / height_m) ** 0.5)
 

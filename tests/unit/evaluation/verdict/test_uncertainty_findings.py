@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from verdict_scenes import N, scene
 
-from workbench.evaluation.errors.track_loss import UNCERTAIN_MM
-
 ONE = scene(1)
 
 
@@ -49,20 +47,6 @@ def test_the_lower_coverage_of_parameters_and_joints_counts():
 def test_observations_far_from_the_body_lower_the_verdict(fraction, level):
     far = replace(ONE, inlier_fraction=fraction)
     assert level_of(far, "observations far from the body") == (level, level or "trustworthy")
-
-
-@pytest.mark.parametrize(("share", "level"), [(0.5, ""), (0.52, "doubtful")])
-def test_large_expected_errors_in_most_frames_lower_the_verdict(share, level):
-    expected = np.where(np.arange(N) < round(share * N), 1.01, 0.99) * UNCERTAIN_MM
-    intact = with_errors()
-    uncertain = replace(intact, errors=intact.errors | {"expected_error_legs_mm": expected})
-    assert level_of(uncertain, "large expected error")[0] == level
-
-
-@pytest.mark.parametrize(("ratio", "level"), [(0.7, ""), (1.4, "doubtful")])
-def test_an_uncertain_depth_lowers_the_verdict(ratio, level):
-    uncertain = replace(ONE, depth_std_m=1e-3 * ratio * UNCERTAIN_MM)
-    assert level_of(uncertain, "uncertain depth")[0] == level
 
 
 @pytest.mark.parametrize(("decrease", "level"), [(0.0, ""), (0.009, ""), (0.011, "doubtful")])

@@ -7,17 +7,13 @@ import pytest
 from verdict_scenes import BODY, HEIGHT_M, RATE_HZ, N, RunInputs, cameras, scene, walk
 
 from workbench.body.kinematics import joints
-from workbench.body.shape import FOREARM_OVER_HEIGHT
-from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.stature import limb_lengths, usual_height
 from workbench.cameras.calibration_findings import unit_of
 from workbench.cameras.camera_agreement import pair_separations
 from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
-from workbench.evaluation.verdict.knee_bends import bends
 from workbench.evaluation.verdict.run_verdict import Verdict
-from workbench.evaluation.verdict.time_findings import _jumps
 from workbench.utils.finding import (
     DOUBTFUL,
     NOT_USABLE,
@@ -58,24 +54,6 @@ def test_rays_of_cameras_meet_in_the_joints():
     np.testing.assert_allclose(positions, standing()[0], atol=1e-6)
     assert max(separations.max() for separations in pair_separations(keypoints).values()) < 1e-6
     assert usual_height(limb_lengths(positions[None])) == pytest.approx(HEIGHT_M, rel=1e-6)
-
-
-def test_rays_of_exchanged_cameras_do_not_meet():
-    a, b, c = cameras(3)
-    separations = pair_separations(observed((a, b, c), (b, a, c), standing() + np.array([0.7, 0.3, 0.0])))
-    assert max(pair.max() for pair in separations.values()) > FOREARM_OVER_HEIGHT
-
-
-def test_knees_bend_forwards_and_backwards_where_the_sides_are_exchanged():
-    person = standing()
-    order = [JOINT_NAMES.index(name.replace("left", "?").replace("right", "left").replace("?", "right"))
-             for name in JOINT_NAMES]  # fmt: skip
-    assert (bends(person) > 0.0).all()
-    assert len(bends(person)) == 2
-    assert (bends(person[:, order]) < 0.0).all()
-    assert not len(bends(standing(knee=0.0)))
-    person[:, JOINT_NAMES.index("neck")] = np.nan
-    assert (bends(person) > 0.0).all()
 
 
 def test_heights_and_motion_of_keypoints():
@@ -127,23 +105,6 @@ def jumping(intact, by_px):
 
 
 ONE, TWO = scene(1), scene(2)
-
-
-@pytest.mark.parametrize(
-    ("kind", "faulty"),
-    [
-        ("inconsistent cameras", without(TWO, frames=range(N - 5), v=1)),
-        ("inconsistent cameras", shifted(TWO, 50.0, np.arange(N) >= 0)),
-        ("too few observations", without(ONE, joints_=[1, 2, 3, 4, 5, 6, 7, 8, 12])),
-        ("missing frames or jumps", without(TWO, frames=range(20, 30))),
-        ("missing frames or jumps", jumping(ONE, 60.0)),
-        ("observations far from the body", replace(ONE, inlier_fraction=0.4)),
-    ],
-)
-def test_contradictions_of_the_keypoints_make_a_run_doubtful(kind, faulty):
-    verdict = faulty.verdict()
-    assert kind in {finding.kind for finding in verdict.findings}, verdict.message
-    assert verdict.level != TRUSTWORTHY
 
 
 def test_the_start_of_an_inconsistency_of_cameras_is_reported():
@@ -210,15 +171,6 @@ def test_a_camera_that_travels_makes_positions_doubtful():
     assert still.level == "trustworthy"
     assert (travelling.level, travelling.kind) == ("doubtful", "moving camera")
     assert "positions are relative to the camera" in travelling.message
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "motion", "is_jump"), [(30.0, 0.043, False), (30.0, 0.045, True), (5.0, 0.26, False), (5.0, 0.27, True)]
-)
-def test_a_jump_is_longer_than_a_forearm_is_wide_and_faster_than_a_person_begins_to_move(rate_hz, motion, is_jump):
-    steps = np.full(30, 0.001)
-    steps[15] = motion
-    assert (_jumps(steps, np.arange(30) / rate_hz) == [15]) == is_jump
 
 
 def with_estimated_camera(intact, depth_m):

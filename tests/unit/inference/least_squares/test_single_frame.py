@@ -5,16 +5,18 @@ import pytest
 from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_residuals, walk
 
 from tests.oracles.smooth_poses import joint_residual
+from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.cameras.camera import plain_camera
 from workbench.core.losses import Loss
+from workbench.core.observations import Keypoints
 from workbench.core.prior import Smoothness
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_problem
-from workbench.inference.least_squares.motion.first_frame import roots_from_points
+from workbench.inference.least_squares.motion.first_frame import MIN_TRAVEL_M, likely_roots, roots_from_points
 from workbench.inference.least_squares.motion.frame_by_frame import fit_poses
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder, follow, global_motion
-from workbench.inference.least_squares.motion.phase_grid import best_lines, find_phase
+from workbench.inference.least_squares.motion.phase_grid import N_PHASES, best_lines, find_phase
 from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.utils.errors import InputError
 
@@ -153,15 +155,32 @@ def test_points_determine_position_and_heading_of_a_walker():
     assert abs(root[3] - np.arctan2(0.4, 1.2)) < 0.3
 
 
-def test_points_of_a_standing_person_leave_eight_headings():
-    times, states = walk(8)
-    cloud = joints(WALKER, decoder().poses(states))[0]
-    roots = roots_from_points(WALKER, [cloud] * 8, times)
-    assert len(roots) == 8
-    assert np.abs(np.diff(np.sort(roots[:, 3]), append=2.0 * np.pi)).max() == pytest.approx(np.pi / 4.0)
-    assert np.linalg.norm(roots[:, :3] - states[0, 3:6], axis=1).max() < 0.3
+@pytest.mark.parametrize(("travel_m", "n_roots"), [(0.0, 8), (MIN_TRAVEL_M - 1e-6, 8), (MIN_TRAVEL_M + 1e-6, 1)])
+def test_points_that_travel_by_a_tenth_of_a_metre_determine_the_heading(travel_m, n_roots):
+    """The medians move along a line between frames 1 and 7, the others are empty; their line begins with frame 0."""
+    times, middle = 5.0 + np.arange(12) / 10.0, np.array([1.0, -2.0, 0.9])
+    velocity = travel_m / 0.6 * np.array([-0.6, 0.8, 0.5])
+    around = np.array([[0.0, 0.0, 0.0], [0.3, -0.1, 0.5], [-0.2, 0.4, -0.6]])
+    clouds = [middle + k / 10.0 * velocity + around if k in (1, 4, 7) else np.empty((0, 3)) for k in range(8)]
+    roots = roots_from_points(WALKER, [*clouds, *[middle + 100.0 + around] * 4], times)
+    headings = [np.arctan2(0.8, -0.6)] if n_roots == 1 else np.arange(8) * np.pi / 4.0
+    assert roots[:, 3] == pytest.approx(np.array(headings))
+    poses = np.concatenate([roots, np.zeros((n_roots, 4))], axis=1)
+    np.testing.assert_allclose(joints(WALKER, poses).mean(axis=1), np.tile(middle, (n_roots, 1)), atol=1e-9)
     with pytest.raises(InputError, match="expected points in two"):
-        roots_from_points(WALKER, [cloud], times[:1])
+        roots_from_points(WALKER, clouds[:4], times[:4])
+
+
+def test_the_best_root_over_phases_and_headings_is_the_true_one():
+    """The phase is one of the grid, and the heading between two of its headings."""
+    true = np.array([1.0, 1.5, 0.8, 0.3, 0.0, 0.0])
+    pose = decoder().poses(decoder().states(np.zeros(2), np.array([5.0 / N_PHASES]), true))[0]
+    pixels = CAMERA.project(joints(WALKER, pose[None])[0])
+    view = Keypoints(EVERY_JOINT, np.column_stack([pixels, np.ones(8)]), CAMERA)
+    roots = likely_roots(decoder(), [view], keypoint_residual(WALKER, CAMERA, EVERY_JOINT, view.detections, 2.0))
+    assert roots[0] == pytest.approx(true, abs=0.02)
+    assert len(roots) == 2
+    assert np.abs(wrapped(roots[1, 3] - roots[0, 3])) > np.pi / 4.0
 
 
 def test_a_model_of_another_skeleton_is_rejected():

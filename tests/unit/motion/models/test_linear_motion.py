@@ -114,11 +114,3 @@ def test_a_component_of_few_postures_is_shrunk_to_the_common_covariance():
     assert np.allclose(np.diag(model.covariances[1]), 0.5 * common + MIN_STD_RAD**2, rtol=1e-3)
     assert np.allclose(np.diag(model.covariances[0]), many.var(axis=0), rtol=5e-3)
     assert np.allclose(model.weights, [20.0 / 21.0, 1.0 / 21.0])
-
-
-def test_learning_is_deterministic_and_few_postures_have_few_components():
-    postures = two_components(np.random.default_rng(3), 20)
-    first, second = learn_pose_prior(postures), learn_pose_prior(postures)
-    assert len(first.weights) == 80 // FRAMES_PER_COMPONENT
-    assert np.array_equal(first.means, second.means)
-    assert np.array_equal(first.covariances, second.covariances)

@@ -60,17 +60,6 @@ def test_constant_missing_and_short_series_have_no_ratio():
     assert np.isnan(snr(series, [60])).all()
 
 
-@pytest.mark.parametrize("gaps", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(2))
-def test_white_noise_is_flat(gaps, seed):
-    """Over the paper's periods, in its shortest sequences, the largest ratio is at most 1.5 times the median."""
-    rng = np.random.default_rng(seed)
-    noise = with_blocks_removed(rng.standard_normal((500, 19)), gaps, rng)
-    ratios = snr(noise, np.arange(50, 251))
-    assert ratios.max() / np.median(ratios) <= 1.5
-    assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
-
-
 @pytest.mark.parametrize("period", [61.0, 87.4, 130.7])
 @pytest.mark.parametrize("cycles", [2.3, 6.0])
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
@@ -116,11 +105,3 @@ def test_the_published_accumulation_is_the_sum_over_the_angles():
     assert summed == pytest.approx(ratios[:, :4].sum(axis=1))
     assert summed.max() > 5.0 * snr(series, periods).max()
     assert np.isnan(snr(series[:50], [60.0], summed=True)).all()
-
-
-def test_the_sum_finds_the_period_of_its_strongest_angle():
-    rng, frames = np.random.default_rng(3), np.arange(600)
-    series = np.sin(2 * np.pi * frames[:, None] / np.array([75.0] + [97.0] * 18))
-    series += np.array([0.02] + [0.3] * 18) * rng.standard_normal(series.shape)
-    assert find_period(series, 60, 120, summed=True) == pytest.approx(75.0, abs=0.5)
-    assert find_period(series, 60, 120) == pytest.approx(97.0, abs=1.0)

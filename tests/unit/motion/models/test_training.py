@@ -17,7 +17,6 @@ from workbench.motion.models.training import (
     walking_model,
 )
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +45,6 @@ def library(tmp_path_factory):
 def test_clips_and_subjects_are_excluded_by_any_of_their_names(library, tmp_path, exclude, missing):
     motions = database_motions(library, data=None, cache=str(tmp_path), exclude=exclude)
     assert {f"{k + 10}_0{k + 1}" for k in range(6)} - {motion.name for motion in motions} == missing
-
-
-def test_training_motions_exclude_clips_and_subjects(library, tmp_path):
-    options = {"data": None, "cache": str(tmp_path), "subjects": None}
-    motions = training_motions(library, exclude=["12_03", "13"], **options)
-    assert [motion.name for motion in motions] == ["10_01", "11_02", "14_05", "15_06"]
-    with pytest.raises(InputError, match=r"expected clips without 10, .* found 6 clips, of activity run, walk"):
-        training_motions(library, exclude=[str(k) for k in range(10, 16)], **options)
 
 
 def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):

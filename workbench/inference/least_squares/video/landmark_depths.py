@@ -53,9 +53,7 @@ class DepthArrays:
         ----------
         sigma_m : standard deviation at weight 1, m; it is sigma_m / √weight for the bone's lower weight.
         """
-        bones = [
-            (skeleton.joint(a), skeleton.joint(b)) for a, b in BONES if a in skeleton.names and b in skeleton.names
-        ]
+        bones = [(skeleton.joint(a), skeleton.joint(b)) for a, b in BONES]
         rest = joints(skeleton, np.zeros((1, len(skeleton.dof_names))))[0]
         lengths = {(a, b): float(np.linalg.norm(rest[b] - rest[a])) for a, b in bones}
         frames = [[row for view in frame.keypoints for row in _rows(view, lengths, sigma_m)] for frame in observations]
