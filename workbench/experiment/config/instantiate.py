@@ -184,6 +184,10 @@ def _matches(value: Any, hint: Any, place: str) -> bool:
     if origin in (dict, Mapping):
         named = isinstance(value, Mapping)
         return named and all(_matches(item, inner[1], f"{place}.{key}") for key, item in value.items())
-    if isinstance(value, Mapping):  # a nested component
+    if isinstance(value, Mapping) and "_target_" in value:  # a nested component
         check_component(value, place)
-    return isinstance(value, Mapping)
+        return True
+    if hint in (list, tuple, dict):
+        return isinstance(value, Mapping if hint is dict else list)
+    # a path or an array is for the component to check, which may be a user's own
+    return not getattr(hint, "__module__", "").startswith("workbench.")
