@@ -18,6 +18,8 @@ _MAX_ERROR_PX = 3.0
 """Largest error of a lens, of the order of a detector's noise."""
 _TINY_PX = 1e-9
 """Added to errors, so that no weight is zero."""
+_LARGEST_RAY = 1e3
+"""Of x/z and y/z: 89.9° from the optical axis."""
 _N_REWEIGHTINGS = 40
 """Of Lawson's algorithm, after which the largest errors of wide lenses change by less than 1 %."""
 
@@ -58,13 +60,16 @@ def fitted_coefficients(
     rays: FloatArray, pixels: FloatArray, matrix: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return k1, k2, p1, p2, k3 and the matrix (3, 3), with another focal length, that map rays x/z, y/z (N, 2) nearest
-    to pixels (N, 2), and the largest error, px, which is made as small as possible; infinite for no rays.
+    to pixels (N, 2), and the largest error, px, which is made as small as possible; infinite for no rays, and for rays
+    beyond _LARGEST_RAY.
 
     The distorted places are linear in the coefficients and the focal length. The least largest error is that of least
     squares whose weights are multiplied by the errors again and again (Lawson 1961; Rice & Usow, Math. Comp. 22, 1968).
 
     matrix: (3, 3) of the lens, px.
     """
+    if not len(rays) or not np.abs(rays).max() <= _LARGEST_RAY:
+        return np.zeros(5), matrix, np.inf
     focal, centre = matrix[[0, 1], [0, 1]], matrix[:2, 2]
     x, y = rays.T
     r2 = x * x + y * y
@@ -77,10 +82,10 @@ def fitted_coefficients(
         fitted, *_ = np.linalg.lstsq(weighted @ system.reshape(-1, 6), weighted @ shifts.ravel(), rcond=None)
         errors_px = np.linalg.norm(system @ fitted - shifts, axis=1)
         weights = weights * (errors_px + _TINY_PX)
-        weights /= weights.max(initial=0.0)
+        weights /= weights.max()
     scale = 1.0 + fitted[5]
     scaled = matrix * np.array([[scale, scale, 1.0], [scale, scale, 1.0], [1.0, 1.0, 1.0]])
-    return fitted[:5] / scale, scaled, float(errors_px.max()) if len(rays) else np.inf
+    return fitted[:5] / scale, scaled, float(errors_px.max())
 
 
 def check_lens_error(place: str, error_px: float) -> None:

@@ -169,8 +169,10 @@ def _check_type(value: Any, hint: Any, place: str) -> None:
 def _matches(value: Any, hint: Any, place: str) -> bool:
     """Return whether a plain value has the type of a parameter; raises InputError for a wrong component in it."""
     origin, inner = get_origin(hint), get_args(hint)
-    if hint in (Any, object) or (value is None and hint is NoneType):
+    if hint in (Any, object):
         return True
+    if hint is NoneType:
+        return value is None
     if origin in (Union, UnionType):
         return any(_matches(value, each, place) for each in inner)
     if hint in PLAIN:
