@@ -76,9 +76,8 @@ def test_a_body_with_feet_is_recorded_and_exported(tmp_path, with_feet):
     ankles = np.degrees(run.poses[1][:, 25:] - poses[:, 25:])
     assert (np.sqrt((ankles**2).mean()) < 5.0) == with_feet
     markers = read_markers(tmp_path / "out" / "person.trc")
-    assert markers.names == (*JOINT_NAMES, *FOOT_POINTS)
-    assert np.isfinite(markers.positions[:, :15]).all()
-    assert np.isfinite(markers.positions[:, 15:]).all() == with_feet
+    assert markers.names == names
+    assert np.isfinite(markers.positions).all()
     assert main(["export", str(tmp_path / "out" / "run.rrd"), "-o", str(tmp_path / "walk.mot")]) == 0
     assert ("ankle_angle_r" in (tmp_path / "walk.mot").read_text()) == with_feet
     marked = [str(tmp_path / "out" / "run.rrd"), "-o", str(tmp_path / "tracked.csv"), "--min-state", "tracked"]
