@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.angles import wrapped
+from workbench.evaluation.gait.estimates import expected_extremes
 from workbench.evaluation.gait.stretches import Stretch
 from workbench.evaluation.gait.strides import Strides
 from workbench.utils.arrays import FloatArray
@@ -19,7 +20,7 @@ class AngleCycles:
     """A angles over the strides of one foot, rad.
 
     strides: (n, N_POINTS, A), of the expected motion. means: (M, N_POINTS, A), of M motions. ranges, maxima: (M, A),
-    means over strides of the range and of the largest value in each.
+    means over strides of the range and of the largest value in each, see `expected_extremes`.
     """
 
     strides: FloatArray
@@ -46,4 +47,5 @@ def angle_cycles(parts: Sequence[tuple[Stretch, Strides]], rotation: int | None)
             ranges.append(maxima[-1] - cycle.min(axis=1))
     if total is None:
         return None
-    return AngleCycles(np.stack(curves), total / len(curves), np.mean(ranges, axis=0), np.mean(maxima, axis=0))
+    extremes = (expected_extremes(np.mean(each, axis=0)) for each in (ranges, maxima))
+    return AngleCycles(np.stack(curves), total / len(curves), *extremes)

@@ -32,15 +32,26 @@ def bands_of(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
     Motion 0 is the expected motion, whose value is the estimate; the others are samples of the posterior. The interval
     is the estimate ± 1.645 times the root mean square deviation of the samples from it, which is the posterior's
-    standard error of the estimate. Quantiles of 40 samples would vary by twice as much. And they need not contain the
-    estimate: noise makes extremes, such as a range, larger in each sample than in the expected motion, while the truth
-    may be either. NaN for fewer than MIN_SAMPLES samples.
+    standard error of the estimate. Quantiles of 40 samples would vary by twice as much, and need not contain the
+    estimate. NaN for fewer than MIN_SAMPLES samples.
     """
     value, deviations = values[0], values[1:] - values[0]
     n = np.isfinite(deviations).sum(axis=0)
     squares = np.square(np.where(np.isfinite(deviations), deviations, 0.0)).sum(axis=0)
     reach = np.where(n >= MIN_SAMPLES, _Z90 * np.sqrt(squares / np.maximum(n, 1)), np.nan)
     return value, value - reach, value + reach
+
+
+def expected_extremes(values: FloatArray) -> FloatArray:
+    """Return extremes (M, ...) in M motions, such as ranges, with the mean of the samples' in place of the expected
+    motion's, for at least MIN_SAMPLES samples.
+
+    The expected motion is the mean of motions whose extremes differ in size and time: its range is smaller than their
+    mean range.
+    """
+    if len(values) <= MIN_SAMPLES:
+        return values
+    return np.concatenate([values[1:].mean(axis=0, keepdims=True), values[1:]])
 
 
 def mean_known(values: FloatArray) -> FloatArray:

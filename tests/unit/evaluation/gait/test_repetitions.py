@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.evaluation.gait.estimates import MIN_SAMPLES, bands_of, estimate_of
+from workbench.evaluation.gait.estimates import MIN_SAMPLES, bands_of, estimate_of, expected_extremes
 from workbench.evaluation.gait.repetitions import MIN_RANGE_RAD, REPEATED, angle_measures
 from workbench.evaluation.gait.stretches import MAX_GAP_S, evenly, rows_of_stretches
 
@@ -109,7 +109,8 @@ def test_intervals_are_of_the_samples_about_the_estimate():
 
 
 @pytest.mark.parametrize(("n", "known"), [(MIN_SAMPLES - 1, False), (MIN_SAMPLES, True)])
-def test_few_samples_have_no_interval(n, known):
+def test_few_samples_have_no_interval_and_no_expected_extreme(n, known):
     values = np.append(1.0, np.arange(n, dtype=float))
+    assert expected_extremes(values)[0] == (0.5 * (n - 1) if known else 1.0)
     assert np.isfinite(bands_of(values[:, None])[1][0]) == known
     assert np.isnan(estimate_of(np.array([1.0])).low)

@@ -1,8 +1,8 @@
 """Residual functions of prior knowledge about poses, and of the keypoints of several views (see `core.residual`).
 
-The nominal means and standard deviations are over the 479 clips of the CMU and Bandai recordings at 10 Hz. Each of the
-23 activities, from walking and running to bows, punches and a dance, has equal weight, and every pose also enters
-mirrored.
+The nominal values are over 471 clips of the CMU and Bandai recordings at 10 Hz, without the six people whose steps are
+measured. Each of the 18 activities, from walking and running to bows, kicks and a dance, has equal weight, and every
+pose also enters mirrored.
 """
 
 from collections.abc import Sequence
@@ -20,18 +20,20 @@ UPRIGHT = slice(4, 6)
 UPRIGHT_SIGMA_RAD = 0.15
 """Standard deviation of pitch and roll in walking and running."""
 NOMINAL_RAD = MappingProxyType({
-    "root_pitch": (0.13, 0.26), "root_roll": (0.0, 0.6),
-    "neck_turn": (0.0, 0.41), "neck_nod": (0.08, 0.34), "neck_tilt": (0.0, 0.15),
-    "shoulder_abduction": (0.58, 1.25), "shoulder_flexion": (0.19, 0.73), "shoulder_twist": (-0.07, 1.26),
-    "elbow_flexion": (0.99, 0.69), "hip_flexion": (0.44, 0.60), "hip_abduction": (0.07, 0.35),
-    "hip_twist": (-0.06, 0.43), "knee_flexion": (0.62, 0.43), "ankle_flexion": (0.07, 0.65),
+    "root_pitch": (0.01, 0.26), "root_roll": (0.0, 0.6),
+    "neck_turn": (0.0, 0.41), "neck_nod": (0.03, 0.35), "neck_tilt": (0.0, 0.16),
+    "shoulder_abduction": (0.32, 1.40), "shoulder_flexion": (-0.11, 0.83), "shoulder_twist": (-0.03, 1.38),
+    "elbow_flexion": (0.40, 0.92), "hip_flexion": (0.16, 0.61), "hip_abduction": (0.01, 0.38),
+    "hip_twist": (-0.13, 0.46), "knee_flexion": (0.44, 0.46), "ankle_flexion": (0.07, 0.65),
 })  # fmt: skip
-"""Mean and standard deviation of joint angles, equal on both sides, and of the root's lean. They differ from the
-neutral pose's zeros where a single camera needs it: elbows and knees bend one way. The roll in the recordings is within
-0.14; the value allows other activities. Ankles have 0.29 in the CMU recordings; no pose prior takes the place of their
-nominal values, which have its power, 0.2, as frames are dependent: the factor √5."""
+"""Nominal value of joint angles, equal on both sides, and of the root's lean: the centre of the shortest interval that
+contains half of the poses, and the root mean square deviation from it. The distributions are skewed, and their means
+hold a walking person's legs bent. The values differ from the neutral pose's zeros where a single camera needs it:
+elbows and knees bend one way. The pitch in the recordings is within 0.23 and the roll within 0.09; the values allow
+other activities. Ankles have 0.29 in the CMU recordings; no pose prior takes the place of their nominal values, which
+have its power, 0.2, as frames are dependent: the factor √5."""
 DEFAULT_NOMINAL_RAD = (0.0, 1.0)
-"""Mean and standard deviation of unlisted angles, those of other skeletons."""
+"""Nominal value and deviation of unlisted angles, those of other skeletons."""
 BALANCE_M, BALANCE_SIGMA_M = (0.043, 0.0), 0.05
 """Mean offset of the centre of mass ahead and to the left of the line between the ankles, standard deviation 0.046 and
 0.040 m; no activity's mean differs by more than 0.05 m."""

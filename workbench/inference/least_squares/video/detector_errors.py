@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.body.kinematics import forward, joint_jacobian
-from workbench.body.skeleton import Skeleton
+from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.inference.least_squares.solver.motion_posterior import MotionPosterior, SystematicErrors
 from workbench.inference.least_squares.solver.sparse_solver import Factor
 from workbench.inference.least_squares.video.pose_problem import PoseProblem
@@ -37,8 +37,9 @@ def with_detector_errors(
     """Return a posterior of independent errors of keypoints with a detector's errors instead.
 
     Its noise is that of the standard deviations times `noise_scales`, an upper bound, as it takes the noise at all
-    frequencies for as strong as at the lowest. The joints' definitions, see `offset_sensitivity`, and the cameras'
-    displacements, see `camera_sensitivity`, are systematic errors.
+    frequencies for as strong as at the lowest. The nominal angles have the power of as many independent frames, since
+    poses in neighbouring frames are dependent, too; those of feet have a power of their own. The joints' definitions,
+    see `offset_sensitivity`, and the cameras' displacements, see `camera_sensitivity`, are systematic errors.
 
     Parameters
     ----------
@@ -46,8 +47,12 @@ def with_detector_errors(
     poses : (T, P), the problem's minimum.
     factor : of its Gauss–Newton matrix there.
     """
-    whitening = problem.keypoints.whitening / noise_scales(problem, poses)
-    noisy = replace(problem, keypoints=replace(problem.keypoints, whitening=whitening))
+    scales, n_correlated = noise_scales(problem, poses)
+    keypoints = replace(problem.keypoints, whitening=problem.keypoints.whitening / scales)
+    mean, precision = problem.nominal[0], problem.nominal[1].copy()
+    angles = slice(len(POSE_NAMES))
+    precision[angles, angles] /= n_correlated
+    noisy = replace(problem, keypoints=keypoints, pose_prior=(mean[None], precision[None]))
     causes = (offset_sensitivity(problem, factor, poses), camera_sensitivity(problem, factor, poses))
     noise = noisy.expand(poses.ravel()).normal.factor()
     return replace(posterior, noise=noise).including(*map(SystematicErrors, causes))
@@ -104,9 +109,9 @@ def camera_sensitivity(problem: PoseProblem, factor: Factor, poses: FloatArray) 
     return factor.solve(np.stack(changes, axis=1)).reshape(*poses.shape, -1)
 
 
-def noise_scales(problem: PoseProblem, poses: FloatArray) -> FloatArray:
+def noise_scales(problem: PoseProblem, poses: FloatArray) -> tuple[FloatArray, float]:
     """Return the factors (K,) of the keypoints' standard deviations that make their information that of as many
-    independent errors, estimated from the residuals at poses (T, P).
+    independent errors, and the number of frames with the information of one such, from the residuals at poses (T, P).
 
     A factor is the joint's robust standard deviation of whitened residuals, at least 1, since the fit of one camera
     absorbs most errors, times the root of the `integrated_autocorrelation`. The constant displacement of a joint in a
@@ -118,7 +123,7 @@ def noise_scales(problem: PoseProblem, poses: FloatArray) -> FloatArray:
     scales = _ROBUST_STD * _medians(np.abs(residuals), keypoints.joints, n_joints).mean(axis=1)
     frames = np.repeat(np.arange(problem.n_frames), np.diff(keypoints.first))
     n_correlated = integrated_autocorrelation(residuals, series, frames)
-    return np.asarray(scales.clip(min=1.0)[keypoints.joints] * np.sqrt(n_correlated))
+    return np.asarray(scales.clip(min=1.0)[keypoints.joints] * np.sqrt(n_correlated)), n_correlated
 
 
 def _medians(values: FloatArray, groups: IntArray, n_groups: int) -> FloatArray:
