@@ -42,7 +42,7 @@ _STOP = cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT
 
 
 @dataclass(frozen=True, eq=False)
-class Tracks:
+class CornerTracks:
     """Corners of the background in T frames.
 
     size: width and height of the images, px. keys: (T,) number of the key frame from which the frame's corners are
@@ -75,7 +75,7 @@ def stands(shifts: FloatArray, consistent: BoolArray) -> BoolArray:
     return np.asarray(standing.sum(axis=-1) >= (consistent & ~standing).sum(axis=-1))
 
 
-def track_background(images: Iterable[ByteArray], people: Sequence[FloatArray]) -> Tracks:
+def track_background(images: Iterable[ByteArray], people: Sequence[FloatArray]) -> CornerTracks:
     """Track corners of the background through the T images of a video; while it stands still, to every fifth one.
 
     Parameters
@@ -235,7 +235,7 @@ def _flow(before: ByteArray, after: ByteArray, start: FloatArray, guess: FloatAr
     return np.asarray(places), np.asarray(status[:, 0] > 0)
 
 
-def _tracks(size: tuple[int, int], keys: Sequence[int], pairs: Sequence[_Pair | None]) -> Tracks:
+def _tracks(size: tuple[int, int], keys: Sequence[int], pairs: Sequence[_Pair | None]) -> CornerTracks:
     """Return the tracks of images of a size (width, height), px, from the key frames and the pairs of all frames."""
     n = max([_MIN_TRACKS, *(len(pair[0]) for pair in pairs if pair is not None)])
     start, end = (np.full((len(pairs), n, 2), np.nan) for _ in range(2))
@@ -243,4 +243,4 @@ def _tracks(size: tuple[int, int], keys: Sequence[int], pairs: Sequence[_Pair | 
     for t, pair in enumerate(pairs):
         if pair is not None:
             start[t, : len(pair[0])], end[t, : len(pair[1])], consistent[t, : len(pair[2])] = pair
-    return Tracks(size, np.array(keys, dtype=np.int64), start, end, consistent)
+    return CornerTracks(size, np.array(keys, dtype=np.int64), start, end, consistent)

@@ -15,7 +15,7 @@ import scipy
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
-from workbench.cameras.background_tracks import BRIEF_FRAMES, LONG_SIDE_PX, PARALLAX, STATIC_SHIFT, Tracks, stands
+from workbench.cameras.background_tracks import BRIEF_FRAMES, LONG_SIDE_PX, PARALLAX, STATIC_SHIFT, CornerTracks, stands
 from workbench.cameras.camera import Camera
 from workbench.cameras.person_height import FOCAL_MEDIAN, FOCAL_SPREAD
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
@@ -141,7 +141,7 @@ def in_camera(pixels: FloatArray, seen_by: Camera, camera: Camera) -> FloatArray
     return camera.pixels(rays @ seen_by.rotation @ camera.rotation.T, 1e-6)
 
 
-def camera_motion(tracks: Tracks, lens: Camera | None = None) -> CameraMotion:
+def camera_motion(tracks: CornerTracks, lens: Camera | None = None) -> CameraMotion:
     """Return the motion of a camera from tracks of its background.
 
     Parameters
@@ -191,8 +191,8 @@ class _Model:
 @dataclass(frozen=True, eq=False)
 class _Rays:
     """Tracks in a frame without distortion, from the principal point, over the image's longer side: start, end (T, N,
-    2), valid, consistent (T, N). keys: (T,) as in `Tracks`. far: (m,) from each key frame the frame that is farthest
-    from it."""
+    2), valid, consistent (T, N). keys: (T,) as in `CornerTracks`. far: (m,) from each key frame the frame that is
+    farthest from it."""
 
     keys: IntArray
     start: FloatArray
@@ -202,7 +202,7 @@ class _Rays:
     far: IntArray
 
     @staticmethod
-    def of(tracks: Tracks, lens: Camera | None) -> "_Rays":
+    def of(tracks: CornerTracks, lens: Camera | None) -> "_Rays":
         """Return the tracks of a camera whose lens is known, or of one without distortion with its principal point in
         the image's middle."""
         size, longer = np.array(tracks.size), max(tracks.size)
@@ -317,15 +317,15 @@ class _Rays:
         """
         shares, matrix = [], np.diag([LONG_SIDE_PX * focal, LONG_SIDE_PX * focal, 1.0])
         misses, counted = self._misses(focal, False)
-        for row, missed, valid in zip(self.far, misses & counted, self.valid[self.far], strict=True):
+        for row, missing, valid in zip(self.far, misses & counted, self.valid[self.far], strict=True):
             start, end = (LONG_SIDE_PX * each[row, valid] for each in (self.start, self.end))
             tolerance_px = max(_EPIPOLAR_PX, PARALLAX * float(np.median(np.linalg.norm(end - start, axis=1))))
             essential, inliers = cv2.findEssentialMat(start, end, matrix, cv2.RANSAC, 0.99, tolerance_px)
-            if essential is None or not missed.any():
+            if essential is None or not missing.any():
                 shares.append(0.0)
                 continue
             before = cv2.recoverPose(essential[:3], start, end, matrix, distanceThresh=_FARTHEST, mask=inliers)[3]
-            shares.append(float((before[missed[valid], 0] > 0).mean()))
+            shares.append(float((before[missing[valid], 0] > 0).mean()))
         return float(np.median(shares))
 
     def _far_errors(self, focal: float, zooming: bool) -> FloatArray:

@@ -31,7 +31,7 @@ _SAME_LEVELS, _SAME_RATIO = 0.1, 0.05
 """Mean difference from the image before, grey levels, below which an image repeats it, and its ratio to that of moving
 images: twenty times less than by the noise of a camera and a person's motion, and less than by coding."""
 _MAX_REDRAWN, _REDRAWN_LEVELS = 5, 2
-"""Images that an encoder takes to draw a picture anew, and the largest difference of its thumbnails, grey levels: that
+"""Images that an encoder takes to draw a picture again, and the largest difference of its thumbnails, grey levels: that
 of the coding, and of rounding twice. A hand that moves by its width changes a pixel of a thumbnail by a tenth of its
 contrast or more."""
 _FROZEN_S, _MIN_FROZEN = 0.25, 3
@@ -90,7 +90,7 @@ class ImageChanges:
         """Return which images (F,) repeat the one before, in a video that moves otherwise.
 
         Between two stretches of repeated images, up to _MAX_REDRAWN others repeat them, too, if the picture is the same
-        after as before: there the encoder draws it anew, and sharpens it.
+        after as before: there the encoder draws it again, and sharpens it.
         """
         differences = np.array(self._differences)
         moving = differences[np.isfinite(differences) & (differences >= _SAME_LEVELS)]

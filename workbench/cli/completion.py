@@ -90,8 +90,8 @@ def _words(context: typer.Context, args: list[str], incomplete: str) -> list[str
         return completions(incomplete, [str(word) for word in context.params.get("overrides") or ()])
     typed = re.split(r"[ \n]", os.environ["COMP_WORDS"])[: int(os.environ["COMP_CWORD"]) + 1]
     *words, word = re.sub(r"\n?=\n?", "=", "\n".join(typed)).split("\n")
-    kept = word.removesuffix(incomplete)
-    return [text.removeprefix(kept) for text in completions(word, words)]
+    before = word.removesuffix(incomplete)
+    return [text.removeprefix(before) for text in completions(word, words)]
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from workbench.cameras.background_tracks import STATIC_SHIFT, Tracks, track_background
+from workbench.cameras.background_tracks import STATIC_SHIFT, CornerTracks, track_background
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_motion import (
     MAX_LOST,
@@ -64,7 +64,7 @@ def _exact(homographies, rng, n=100, moving=0.0):
     ends[1:, own] += rng.uniform(-20.0, 20.0, (len(ends) - 1, own.sum(), 2))
     starts = np.broadcast_to(start, ends.shape).copy()
     starts[0] = np.nan
-    return Tracks(SIZE, np.zeros(len(ends), np.int64), starts, ends, np.broadcast_to(~own, ends.shape[:2]))
+    return CornerTracks(SIZE, np.zeros(len(ends), np.int64), starts, ends, np.broadcast_to(~own, ends.shape[:2]))
 
 
 @pytest.mark.parametrize(("pan_deg", "tilt_deg"), [(12.0, 0.0), (-5.0, 4.0)])
@@ -157,7 +157,7 @@ def test_a_camera_stands_still_while_an_object_crosses_a_third_of_the_image(rng)
 def test_people_who_move_by_themselves_do_not_move_the_camera(rng, moving, kind):
     tracks = _exact([np.eye(3)] * 10, rng, moving=moving)
     if kind == UNKNOWN:  # no homography fits people who walk their own ways, and few points stand still
-        tracks = Tracks(SIZE, tracks.keys, tracks.start, tracks.end, np.ones(tracks.consistent.shape, bool))
+        tracks = CornerTracks(SIZE, tracks.keys, tracks.start, tracks.end, np.ones(tracks.consistent.shape, bool))
     assert camera_motion(tracks, LENS).kind == kind
 
 
@@ -177,7 +177,7 @@ def test_a_camera_travels_past_a_scene_of_different_distances(rng, moving, kind)
     ends[1:, own] += rng.uniform(-30.0, 30.0, (19, own.sum(), 2))
     starts = np.broadcast_to(start, ends.shape).copy()
     starts[0] = np.nan
-    motion = camera_motion(Tracks(SIZE, np.zeros(20, np.int64), starts, ends, np.ones((20, 120), bool)), LENS)
+    motion = camera_motion(CornerTracks(SIZE, np.zeros(20, np.int64), starts, ends, np.ones((20, 120), bool)), LENS)
     assert motion.kind == kind
     assert ("relative to the camera" in motion.sentence) == (kind == TRAVELLING)
     assert motion.camera(LENS, 0, 10) is LENS

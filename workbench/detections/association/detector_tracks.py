@@ -26,7 +26,7 @@ _SAME_PLACE = 0.15
 _END_S = 0.3
 """Time at a track's ends over which its position, velocity and size are measured: half a step."""
 _MAX_GAP_S = 5.0
-"""Longest gap: after it the position and the size of a person who walks tell nothing."""
+"""Longest gap: after it the position and the size of a person who walks are unrelated."""
 _SIZE_SIGMA, _DEPTH_SIGMA_PER_S, _PEOPLE_SIGMA = 0.1, 0.2, 0.5
 """Standard deviations of the log size of one person by the landmarks' error and by a walk of 1 m/s at a distance of
 5 m, and of two people at different distances."""
@@ -156,8 +156,8 @@ def _log_odds(earlier: _End, later: _End, gap_s: float) -> float:
     if gap_s > _MAX_GAP_S:
         return -np.inf
     reach_s = TAU_S * (1.0 - np.exp(-0.5 * gap_s / TAU_S))  # both are predicted to the middle of the gap
-    apart_px = (later.place - reach_s * later.velocity) - (earlier.place + reach_s * earlier.velocity)
+    distance_px = (later.place - reach_s * later.velocity) - (earlier.place + reach_s * earlier.velocity)
     ratio = float(np.log(later.px_per_m / earlier.px_per_m))
     sigma = min(float(np.hypot(_SIZE_SIGMA, _DEPTH_SIGMA_PER_S * gap_s)), _PEOPLE_SIGMA)
     size = 0.5 * ratio**2 * (_PEOPLE_SIGMA**-2 - sigma**-2) + np.log(_PEOPLE_SIGMA / sigma)
-    return log_odds_of_place(apart_px / np.sqrt(later.px_per_m * earlier.px_per_m), gap_s) + float(size)
+    return log_odds_of_place(distance_px / np.sqrt(later.px_per_m * earlier.px_per_m), gap_s) + float(size)

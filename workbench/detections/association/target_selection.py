@@ -50,7 +50,7 @@ class TargetPerson:
     frames : (T,) numbers of the frames, increasing.
     joints : (V, T, J, 3) by view, [u px, v px, confidence], with corrected left/right labels; NaN without a detection
         and for `isolated_joints`. (V, T, J, 6) with world landmarks, (V, T, J, 12) with feet, see `People`.
-    counts : numbers of people, of the video's frames within the chosen ones, of frames without a detection of anybody
+    counts : numbers of people, of the video's frames within the chosen ones, of frames without any detection
         (empty), of the target (unseen), of those of them that may show the target (lost), of the others before the
         target's first detection and after the last, and of arms and legs in views with exchanged left/right labels. Of
         an edited film also the number of cuts, the number of the frame after the first one, and those of the first and

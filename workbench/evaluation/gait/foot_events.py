@@ -49,15 +49,15 @@ def foot_events(stretch: Stretch, height_m: float, runs: bool) -> tuple[FootEven
     steps there is none.
     """
     ahead = _ahead(stretch, stretch.heels)
-    apart = _farthest_apart(ahead[0, :, 0] - ahead[0, :, 1], height_m, stretch.step_s)
-    if sum(map(len, apart)) < 2:
+    farthest = _largest_separations(ahead[0, :, 0] - ahead[0, :, 1], height_m, stretch.step_s)
+    if sum(map(len, farthest)) < 2:
         none = np.empty((len(ahead), 0))
         return FootEvents(none, none), FootEvents(none, none)
-    gaps = np.concatenate([np.diff(peaks) for peaks in apart])
-    stride = float(np.median(gaps)) if len(gaps) else 2.0 * float(np.ptp(np.concatenate(apart)))
+    gaps = np.concatenate([np.diff(peaks) for peaks in farthest])
+    stride = float(np.median(gaps)) if len(gaps) else 2.0 * float(np.ptp(np.concatenate(farthest)))
     leaving = np.gradient(stretch.ankles[..., 2], axis=1) if runs else -_ahead(stretch, stretch.ankles)
     found = []
-    for foot, peaks in enumerate(apart):
+    for foot, peaks in enumerate(farthest):
         strikes = [_strike(ahead[:, :, foot], int(peak), stride) for peak in peaks]
         offs = [_toe_off(leaving[:, :, foot], float(strike[0]), stride) for strike in strikes]
         frames = [np.stack(each, axis=1) if each else np.empty((len(ahead), 0)) for each in (strikes, offs)]
@@ -71,12 +71,12 @@ def _ahead(stretch: Stretch, points: FloatArray) -> FloatArray:
     return np.asarray((offsets[..., :2] * stretch.facing[:, :, None]).sum(axis=-1))
 
 
-def _farthest_apart(separation: FloatArray, height_m: float, step_s: float) -> list[FloatArray]:
+def _largest_separations(separation: FloatArray, height_m: float, step_s: float) -> list[FloatArray]:
     """Return the frames in which the left foot, and the right one, is farthest ahead of the other, from the distance
     (F,), m, of the left foot ahead of the right one."""
-    least_m, apart = MIN_SEPARATION * height_m, max(MIN_STRIDE_S / step_s, 1.0)
+    least_m, least = MIN_SEPARATION * height_m, max(MIN_STRIDE_S / step_s, 1.0)
     signed = (separation, -separation)
-    return [scipy.signal.find_peaks(each, prominence=least_m, distance=apart)[0].astype(np.float64) for each in signed]
+    return [scipy.signal.find_peaks(each, prominence=least_m, distance=least)[0].astype(np.float64) for each in signed]
 
 
 def _strike(ahead: FloatArray, peak: int, stride: float) -> FloatArray:
