@@ -6,7 +6,7 @@ import numpy as np
 
 from workbench.body.shape import from_height
 from workbench.detections.readers.formats import LAYOUTS
-from workbench.detections.readers.named_points import layout_joints
+from workbench.detections.readers.named_points import layout_joints, named_points
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -67,6 +67,15 @@ def check_number_of_points(source: object, n_points: int) -> None:
     if all(len(points) != n_points for points in LAYOUTS.values()):
         options = ", ".join(f"{len(points)} ({name})" for name, points in LAYOUTS.items())
         raise InputError(f"{source}: expected one of {options} points per person, found {n_points}")
+
+
+def unlike_layouts(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of points; () where no limb is among them, and where a layout, whose points of the head are
+    better known, has the points of all limbs at the same places."""
+    limbs = {name: points for name, points in named_points(names).items() if name.startswith(("left_", "right_"))}
+    layouts = [layout_joints(points) for points in LAYOUTS.values() if len(points) == len(names)]
+    is_layout = any(all(layout.get(name) == points for name, points in limbs.items()) for layout in layouts)
+    return names if limbs and not is_layout else ()
 
 
 def check_layout(source: str, name: str, n_points: int) -> None:

@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 MAX_PEOPLE = 40
 """People in a frame, since the association over time considers all pairs of frames' people and several hypotheses:
 100 who overlap take 12 s a frame."""
+_MAX_FRAME = 10**9
 _NAMED = "named points"
 """Layout of points whose names are in their file."""
 
@@ -98,6 +99,9 @@ def read_people(
     for name, decision in decisions.items():
         log.info("layout %s of all cameras by anatomy: %s", name, decision)
     numbers = {name: images[name].numbers for name in people}
+    for name, view in people.items():
+        if numbers[name] is None and view.frames[-1] >= _MAX_FRAME:
+            raise InputError(f"{view.source}: expected frames below {_MAX_FRAME}, found {view.frames[-1]}")
     images_by_name = {name: each for name, each in numbers.items() if each is not None}
     frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
     for name, assumption in assumptions.items():

@@ -55,11 +55,11 @@ def read_trc(path: Path) -> RawMarkers:
     names = [cell for cell in _cells(lines[labels], delimiter)[2:] if cell]
     if not names:
         fail(path, labels + 1, "expected the names of markers, found none")
+    check_number(path, "markers", len(names), input_limits.MAX_JOINTS)
     if repeated := [name for k, name in enumerate(names) if name in names[:k]]:
         log.warning("%s: several markers are called %s; the first is used", path, ", ".join(repeated))
     numbered = [(k, _cells(text, delimiter)) for k, text in enumerate(lines[labels + 1 :], labels + 2) if text.strip()]
     table = [(line, cells) for line, cells in numbered if not re.match("[XYZxyz]", "".join(cells))]
-    check_number(path, "markers", len(names), input_limits.MAX_JOINTS)
     check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
     check_number(path, "coordinates", 3 * len(table) * len(names), MAX_NUMBERS)
     if not table:
