@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.detected_points import DetectedPoints
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import read_points
@@ -181,7 +180,8 @@ def _people_of(points: DetectedPoints, name: str) -> People:
             f"{points.source}: no point has the name of a joint, such as left_knee, found {', '.join(points.names)}"
         )
     width = min(person.shape[1] for person in points.detected)
-    joints = [[joints_of_points(numbers, person, width) for person in frame] for frame in points.points]
-    width = next(person.shape[1] for frame in joints for person in frame)
-    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
+    people = [person[:, :width] for frame in points.points for person in frame]
+    empty = np.full((points.n_points, width), np.nan)
+    joints = joints_of_points(numbers, np.array([person if len(person) else empty for person in people]), width)
+    by_frame = tuple(np.split(joints, np.cumsum([len(frame) for frame in points.points])[:-1]))
     return People(points.source, name, points.frames, by_frame, points.identities)

@@ -24,6 +24,7 @@ from workbench.motion.formats.text import (
     fail,
     gap_numbers,
     last_values,
+    number_rows,
     numbers,
     points,
     read_lines,
@@ -31,13 +32,14 @@ from workbench.motion.formats.text import (
     statements,
 )  # fmt: skip
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
+from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, MAX_VALUES, check_number
 
 log = logging.getLogger(__name__)
 
 PER_METRE = {unit: 1.0 / UNITS[unit] for unit in ("m", "cm", "mm")}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
+_COMMENT = re.compile(r"\s*(#|$)")  # or a blank line
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
 _N_POSITIONS = 3
 
@@ -194,20 +196,23 @@ def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str,
 
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:
     """Return the rate, Hz, and the channel values (F, n_channels) of the lines after MOTION."""
-    rows = [(line, words) for line, words in statements(lines) if line > start]
-    end = [(len(lines), ["the end of the file"])] * 2
-    (count_line, count), (time_line, time) = [*rows, *end][:2]
-    n_frames = _header(path, count_line, count, "Frames:", "a whole number of frames")
-    rate_hz = _rate(path, time_line, _header(path, time_line, time, "Frame Time:", "seconds a frame"))
+    rows = [(k, text) for k, text in enumerate(lines[start:], start + 1) if not _COMMENT.match(text)]
+    end = [(len(lines), "the end of the file")] * 2
+    (count_line, count), (time_line, time) = [*rows[:2], *end][:2]
+    n_frames = _header(path, count_line, count.split(), "Frames:", "a whole number of frames")
+    rate_hz = _rate(path, time_line, _header(path, time_line, time.split(), "Frame Time:", "seconds a frame"))
     rows = rows[2:]
     if not rows:
         fail(path, time_line, "expected lines of frames after the header, found none")
     report_count(path, int(n_frames), len(rows))
     check_number(path, "frames", len(rows), MAX_FRAMES)
-    values = [
-        gap_numbers(path, line, points(words), n_channels, f"frame {k}") for k, (line, words) in enumerate(rows, 1)
-    ]
-    return rate_hz, last_values(path, np.array(values).reshape(len(rows), n_channels))
+    check_number(path, "values", len(rows) * n_channels, MAX_VALUES)
+
+    def row(k: int) -> list[float]:
+        line, text = rows[k]
+        return gap_numbers(path, line, points(text.split(None, n_channels)), n_channels, f"frame {k + 1}")
+
+    return rate_hz, last_values(path, number_rows(rows, n_channels, None, row))
 
 
 def _header(path: Path, line: int, words: list[str], key: str, what: str) -> Decimal:
