@@ -273,6 +273,21 @@ TABLES = {
 }
 
 
+@pytest.mark.parametrize(
+    ("name", "separator", "point"), [("a.csv", ";", ","), ("a.csv", ";", "."), ("a.tsv", "\t", ",")]
+)
+def test_tables_may_have_other_separators_and_decimal_commas(tmp_path, name, separator, point):
+    header = ["frame", *[f"{each}_{axis}" for each in LAYOUTS["COCO_17"] for axis in ("x", "y", "score")]]
+    row = ["4", *[f"{number:.2f}".replace(".", point) for number in COCO.ravel()]]
+    (tmp_path / name).write_text("\n".join([separator.join(header), separator.join(row)]))
+    people = read(tmp_path / name)
+    assert people.frames.tolist() == [4]
+    np.testing.assert_allclose(people.joints[0][0, KNEE], [*PIXELS["left_knee"], 0.8], atol=0.005)
+    (tmp_path / "b.csv").write_text("\n".join(["a;b;c", "1;2;3"]))
+    with pytest.raises(InputError, match=r"b\.csv: .*nose_x"):
+        read_points(tmp_path / "b.csv")
+
+
 @pytest.mark.parametrize("form", TABLES)
 def test_tables_with_named_points_are_read(tmp_path, form):
     keys, values, columns = TABLES[form]

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.motion.formats.text import number_rows
+from workbench.motion.formats.text import number_rows, read_lines
+from workbench.utils import input_limits
+from workbench.utils.errors import InputError
 
 
 def unread(k):
@@ -48,3 +50,12 @@ def test_other_lines_are_read_singly(delimiter, text):
 def test_last_cells_may_be_absent(may_end):
     values = number_rows([(1, "1\t2\t3"), (2, "4\t5")], 3, "\t", lambda k: [9.0, 9.0, 9.0], may_end)
     np.testing.assert_array_equal(values, [[1, 2, 3], [4, 5, np.nan]] if may_end else np.full((2, 3), 9.0))
+
+
+def test_the_number_of_lines_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(input_limits, "MAX_LINES", 3)
+    (tmp_path / "a.txt").write_text("a\n\n\n")
+    assert read_lines(tmp_path / "a.txt") == ["a", "", ""]
+    (tmp_path / "a.txt").write_text("a\n\n\n\n")
+    with pytest.raises(InputError, match=r"a\.txt"):
+        read_lines(tmp_path / "a.txt")

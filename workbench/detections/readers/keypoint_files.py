@@ -35,6 +35,7 @@ from workbench.utils.input_limits import check_file, parse_json
 from workbench.utils.text import read_text
 
 _HDF5 = (".h5", ".hdf5")
+_TABLES = (".csv", ".tsv")
 _JSON = (".json", ".jsonl", ".ndjson")
 _SUFFIXES = (".json", ".txt")
 """Of files in a folder, of which the first kind that is there is read."""
@@ -49,7 +50,7 @@ def is_detections(path: str | Path) -> bool:
     path = Path(path)
     if path.is_dir() or path.suffix.lower() in (*_JSON, *_HDF5):
         return True
-    return path.suffix.lower() == ".csv" and path.is_file() and is_table(path)
+    return path.suffix.lower() in _TABLES and path.is_file() and is_table(path)
 
 
 def read_points(path: str | Path) -> DetectedPoints:
@@ -67,7 +68,7 @@ def read_points(path: str | Path) -> DetectedPoints:
     if not path.is_file():
         detections = _folder(path)
     else:
-        detections = read_table(path) if path.suffix.lower() == ".csv" else _json_file(path, _parsed(path))
+        detections = read_table(path) if path.suffix.lower() in _TABLES else _json_file(path, _parsed(path))
     detections.check()
     return detections
 

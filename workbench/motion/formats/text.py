@@ -8,8 +8,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_number
 from workbench.utils.text import read_text
 
 log = logging.getLogger(__name__)
@@ -24,8 +26,10 @@ Statement = tuple[int, list[str]]
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, see `read_text`."""
-    return read_text(path).removesuffix("\n").split("\n")
+    """Return the lines of a text file, at most MAX_LINES, see `read_text`."""
+    text = read_text(path)
+    check_number(path, "lines", text.count("\n"), input_limits.MAX_LINES)
+    return text.removesuffix("\n").split("\n")
 
 
 def statements(lines: Sequence[str]) -> Iterator[Statement]:
