@@ -2,6 +2,7 @@
 
 import logging
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,7 +53,7 @@ def read_trc(path: Path) -> RawMarkers:
     lines = read_lines(path)
     if not lines[0].strip().strip('"').startswith("PathFileType"):
         fail(path, 1, "expected a TRC file, whose first word is PathFileType")
-    starts = [re.split(r"[\t,; ]", line.strip().lower(), maxsplit=1)[0] for line in lines[:_HEADER_LINES]]
+    starts = [re.split(r"[\t,; ]", line.strip().lower(), maxsplit=1)[0].strip('"') for line in lines[:_HEADER_LINES]]
     labels = next((k for k, word in enumerate(starts) if word in ("frame#", "frame")), None)
     if labels is None:
         fail(path, min(4, len(lines)), "expected the columns Frame#, Time and the names of markers")
@@ -69,6 +70,8 @@ def read_trc(path: Path) -> RawMarkers:
         log.warning("%s: several markers are called %s; the first is used", path, ", ".join(repeated))
     numbered = enumerate(lines[labels + 1 :], labels + 2)
     table = [(line, text) for line, text in numbered if text.strip() and not _AXES.match(text)]
+    if _is_cut(table, delimiter):
+        log.warning("%s, line %d: the row is cut off; left out", path, table.pop()[0])
     check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
     check_number(path, "coordinates", 3 * len(table) * len(names), MAX_NUMBERS)
     if not table:
@@ -79,11 +82,12 @@ def read_trc(path: Path) -> RawMarkers:
     digits = max(len(time.replace(",", ".").partition(".")[2]) for cells in times for time in cells)
     rate_cell = points([header.get("DataRate", "")])
     header_hz = numbers(path, labels, rate_cell, 1, "DataRate")[0] if rate_cell[0].lower() not in MISSING else None
-    rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz)
+    rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz or None)
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
-    if (n_frames := header.get("NumFrames", "")).isdecimal():
-        report_count(path, int(n_frames), len(table) if int(n_frames) != round(rows[-1]) + 1 else int(n_frames))
+    if n_frames := re.fullmatch(r"(\d{1,9})(\.0*)?", header.get("NumFrames", "")):
+        announced = int(n_frames[1])
+        report_count(path, announced, len(table) if announced != round(rows[-1]) + 1 else announced)
     is_own = tuple(names[: len(JOINT_NAMES)]) == JOINT_NAMES and set(names[len(JOINT_NAMES) :]) <= set(FOOT_POINTS)
     forward = "x" if is_own else None  # as of OpenSim and `trc_text`
     return RawMarkers(names, rate_hz, at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
@@ -130,8 +134,14 @@ def _has(delimiter: str | None, text: str) -> bool:
 
 def _header(path: Path, keys: list[str], row: list[str]) -> dict[str, str]:
     """Return the values of the header's keys, between which there may be several delimiters."""
-    present = [cell for cell in row if cell]
-    return dict(zip(keys, present if len(present) == len(list(filter(None, keys))) else row, strict=False))
+    names, present = [key for key in keys if key], [cell for cell in row if cell]
+    return dict(zip(names, present, strict=True) if len(names) == len(present) else zip(keys, row, strict=False))
+
+
+def _is_cut(table: Sequence[tuple[int, str]], delimiter: str | None) -> bool:
+    """Return whether the last row has fewer cells than any other, as that of a file whose end is missing."""
+    n_others = min((text.count(delimiter) for _, text in table[:-1]), default=0) if delimiter else 0
+    return n_others > 0 and len(_cells(table[-1][1], delimiter)) <= n_others
 
 
 def _row(path: Path, line: int, text: str, delimiter: str | None, size: int) -> list[float]:
