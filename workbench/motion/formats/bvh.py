@@ -31,8 +31,9 @@ from workbench.motion.formats.text import (
     report_count,
     statements,
 )  # fmt: skip
+from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray, IntArray
-from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, MAX_VALUES, check_number
+from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
 
 log = logging.getLogger(__name__)
 
@@ -206,7 +207,7 @@ def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> t
         fail(path, time_line, "expected lines of frames after the header, found none")
     report_count(path, int(n_frames), len(rows))
     check_number(path, "frames", len(rows), MAX_FRAMES)
-    check_number(path, "values", len(rows) * n_channels, MAX_VALUES)
+    check_number(path, "values", len(rows) * n_channels, input_limits.MAX_VALUES)
 
     def row(k: int) -> list[float]:
         line, text = rows[k]

@@ -25,9 +25,9 @@ Statement = tuple[int, list[str]]
 """The number of a line, from 1, and its words."""
 
 
-def read_lines(path: Path) -> list[str]:
+def read_lines(path: Path, max_bytes: int = input_limits.MAX_TEXT) -> list[str]:
     """Return the lines of a text file, at most MAX_LINES, see `read_text`."""
-    text = read_text(path)
+    text = read_text(path, max_bytes)
     check_number(path, "lines", text.count("\n"), input_limits.MAX_LINES)
     return text.removesuffix("\n").split("\n")
 
