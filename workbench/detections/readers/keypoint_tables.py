@@ -20,6 +20,8 @@ _DEEPLABCUT = ("scorer", "individuals", "bodyparts", "coords")
 """First cells of the header's lines."""
 _COLUMN = re.compile(rf"(?:(.+?)[._ -])?({'|'.join(COORDINATES)})(?:[._ -]?(\d+))?", re.IGNORECASE)
 """A coordinate of a point: nose.x, nose_x, x_0, x0."""
+_MAX_TABLE = 80_000_000
+"""Bytes of a table, which takes up to fifteen times as much memory."""
 _MIN_POINTS = 3
 """Points of a table of detected people, which tables of other contents do not have."""
 _POINT_KEYS = tuple(f"{point}{suffix}" for suffix in ("_name", "", "_id", "_index") for point in (
@@ -45,7 +47,7 @@ def read_table(file: Path) -> DetectedPoints:
     Commas, semicolons or tabs separate the columns.
     Raises InputError for other content.
     """
-    text = read_text(file)
+    text = read_text(file, _MAX_TABLE)
     if text.startswith("scorer,"):
         return _deeplabcut(file, text)
     separator = _separator(text.partition("\n")[0])
