@@ -169,6 +169,13 @@ def test_more_joints_markers_and_coordinates_than_the_limits_are_refused(tmp_pat
     assert "coordinates" in refusal(read_markers, written(tmp_path / "b.trc", "\n".join([*lines, *rows])))
 
 
+def test_keywords_of_bones_may_be_in_upper_case(folder):
+    upper = "\n".join(line.replace("dof", "DOF").replace("axis", "Axis") for line in ASF.split("\n"))
+    assert upper != ASF
+    written(folder / "5.asf", upper)
+    assert not refusal(read_amc, folder / "5_01.amc")
+
+
 @pytest.mark.parametrize(("name", "n_values"), [("a.bvh", 2 * 9), ("5_01.amc", 2 * 8)])
 def test_the_values_of_a_skeletons_channels_are_bounded(folder, monkeypatch, name, n_values):
     read, sound = FORMATS[name]

@@ -236,13 +236,14 @@ def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int
 
 
 def _properties(section: Iterable[Statement]) -> _Properties:
-    return {keyword: (line, values) for line, (keyword, *values) in section}
+    return {keyword.lower(): (line, values) for line, (keyword, *values) in section}
 
 
 def _blocks(path: Path, section: Iterable[Statement], last_line: int) -> list[_Properties]:
     """Return the properties of every bone, between its "begin" and "end", including "end"."""
     blocks: list[_Properties] = []
-    for line, (keyword, *values) in section:
+    for line, (word, *values) in section:
+        keyword = word.lower()
         is_open = bool(blocks) and "end" not in blocks[-1]
         if is_open == (keyword == "begin"):
             expected = "the end of a bone before the next begins" if is_open else "the begin of a bone"

@@ -146,7 +146,7 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
             case ["{"]:
                 branch.append(len(joints) - 1)
                 is_new = False
-            case ["ROOT" | "JOINT" | "END" as kind, *name] if joint is None or not joint.is_end:
+            case ["ROOT" | "JOINT" | "END" | "ENDSITE" as kind, *name] if joint is None or not joint.is_end:
                 if (joint is None) != (kind == "ROOT"):
                     fail(path, line, f"expected a ROOT, and joints between its braces, found {found}")
                 joints.append(_new_joint(path, line, joints, kind, " ".join(name), branch[-1] if branch else -1))
@@ -174,7 +174,7 @@ def _statements(lines: list[str]) -> Iterator[Statement]:
 
 
 def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str, parent: int) -> _Joint:
-    if kind == "END":
+    if is_end := kind.startswith("END"):
         name = f"{joints[parent].name}_end"  # End Site, which some programs name
     if not name:
         fail(path, line, f"expected a joint's name, found {name!r}")
@@ -183,7 +183,7 @@ def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str
     while name in names:  # several end sites of a joint, or one name of two fingers
         name, n = f"{first}_{n}", n + 1
     check_number(path, "joints", len(joints) + 1, MAX_JOINTS)
-    return _Joint(name, parent, kind == "END")
+    return _Joint(name, parent, is_end)
 
 
 def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str, ...]:
