@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # the command line reads this module before it needs arrays
 
 MAX_JOINTS, MAX_FRAMES = 1_000, 1_000_000  # of a motion file
 MAX_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-MAX_VALUES = 15_000_000  # of a skeleton's channels, whose rotations take ten times as much memory
+MAX_VALUES = 11_000_000  # of a skeleton's channels, each of which takes 165 bytes of memory
 MAX_CONTAINERS, MAX_ITEMS = 5_000_000, 25_000_000  # lists and mappings in JSON, and their items: 100 bytes each
 MAX_TEXT, MAX_LINES = 250_000_000, 20_000_000  # bytes and lines of a text file
 MAX_CONFIG = 1_000_000  # characters of a configuration or a calibration

@@ -31,8 +31,8 @@ from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, c
 log = logging.getLogger(__name__)
 
 CMU_HZ = 120.0
-_MAX_AMC = 80_000_000
-"""Bytes of a file, whose words take ten times as much memory: 9 minutes at 120 Hz."""
+_MAX_AMC = 50_000_000
+"""Bytes of a file, whose words and rotations take 37 times as much memory: 7 minutes at 120 Hz."""
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
 _ROTATIONS = ("rx", "ry", "rz")
 _TRANSLATIONS = ("tx", "ty", "tz")
