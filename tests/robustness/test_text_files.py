@@ -28,6 +28,7 @@ from workbench.detections.joint_annotations import read_annotations
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.markers import read_markers
+from workbench.utils import input_limits
 from workbench.utils.input_limits import MAX_JOINTS, MAX_NUMBERS
 
 KEYPOINTS = json.dumps({"people": [{"pose_keypoints_2d": [float(k % 7) for k in range(75)]}]})
@@ -166,6 +167,23 @@ def test_more_joints_markers_and_coordinates_than_the_limits_are_refused(tmp_pat
     lines[3] = "Frame#\tTime\t" + "\t".join(f"m{k}\t\t" for k in range(MAX_JOINTS))
     rows = ["1\t0"] * (MAX_NUMBERS // 3 // MAX_JOINTS + 1)  # empty cells at the end of the line
     assert "coordinates" in refusal(read_markers, written(tmp_path / "b.trc", "\n".join([*lines, *rows])))
+
+
+def test_keywords_of_bones_may_be_in_upper_case(folder):
+    upper = "\n".join(line.replace("dof", "DOF").replace("axis", "Axis") for line in ASF.split("\n"))
+    assert upper != ASF
+    written(folder / "5.asf", upper)
+    assert not refusal(read_amc, folder / "5_01.amc")
+
+
+@pytest.mark.parametrize(("name", "n_values"), [("a.bvh", 2 * 9), ("5_01.amc", 2 * 8)])
+def test_the_values_of_a_skeletons_channels_are_bounded(folder, monkeypatch, name, n_values):
+    read, sound = FORMATS[name]
+    path = written(folder / name, sound)
+    monkeypatch.setattr(input_limits, "MAX_VALUES", n_values)
+    assert not refusal(read, path)
+    monkeypatch.setattr(input_limits, "MAX_VALUES", n_values - 1)
+    assert refusal(read, path)
 
 
 TABLES = ("a.csv", "a.trc", "a.toml", "a.bvh", "5_01.amc")

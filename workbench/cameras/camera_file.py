@@ -36,10 +36,10 @@ def load_cameras(path: str | Path) -> tuple[Camera, ...]:
 
     Each camera has size [w, h], matrix, distortions (1, 4, 5, 8, 12 or 14 numbers), rotation (Rodrigues vector or
     matrix) and translation, in the file's unit; other tables and keys are ignored. In TOML (Pose2Sim, Sports2D,
-    Anipose, FreeMoCap, Caliscope) it is a table with these keys, for the other forms see `camera_tables` and
-    `laboratory_tables`. A camera whose file has no image size has the size 0, see `calibration.fitted`. Of cameras with
-    and without a pose, those with one are returned. A folder of HumanEva's files is one calibration. Raises InputError
-    if the file is missing, has another form, or a camera is incomplete.
+    Anipose, FreeMoCap, Caliscope) it is a table with these keys, of which size and distortions may be absent; for the
+    other forms see `camera_tables` and `laboratory_tables`. A camera whose file has no image size has the size 0, see
+    `calibration.fitted`. Of cameras with and without a pose, those with one are returned. A folder of HumanEva's files
+    is one calibration. Raises InputError if the file is missing, has another form, or a camera is incomplete.
     """
     tables = _tables(Path(path))
     missing = [key for key, table in tables.items() if not _has_pose(table)]
@@ -95,7 +95,9 @@ def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
     cameras = {key: table for key, table in tables.items() if _is_camera(key, table)}
     if not cameras:
         raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
-    return cameras
+    if plain := [key for key, table in cameras.items() if "distortions" not in table]:
+        log.warning("%s: cameras without distortions: %s; none are assumed", path, ", ".join(plain))
+    return {key: {"size": None, "distortions": [0.0] * 5, **table} for key, table in cameras.items()}
 
 
 def _is_camera(key: str, table: object) -> bool:
@@ -109,6 +111,7 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
         try:
             values = np.array(table[name], dtype=np.float64)
             values = values.ravel() if values.ndim == 2 and 1 in values.shape else values
+            values = values.reshape(3, 3) if values.shape == (9,) else values
         except KeyError:
             raise InputError(f"{path}: camera [{key}] has no {name!r}; expected {expected} numbers") from None
         except (TypeError, ValueError, OverflowError):

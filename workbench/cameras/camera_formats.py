@@ -11,6 +11,7 @@ import numpy as np
 
 from workbench.body.units import UNITS
 from workbench.cameras.laboratory_formats import with_opencv_keys
+from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import DEEPEST, MAX_CONFIG, parse_json, parse_xml, parse_yaml
 from workbench.utils.text import read_text
@@ -23,6 +24,7 @@ _ROLES = {
     "distortions": "d|dist|distcoeffs?|distcoefs?|distortions?|distortion(?:coeffs?|coefficients|vector)",
     "rotation": "r|rot|rvec|rotation|rotationmatrix",
     "translation": "t|tvec|translation|translationvector",
+    "pose": "extrinsics?|extrinsicmatrix|rt|worldtocamera|worldtocam|w2c|tcw",
     "size": "size|imagesize|resolution", "width": "w|width|imagewidth|imgwidth",
     "height": "h|height|imageheight|imgheight", "fisheye": "fisheye|fisheyemodel", "model": "distortionmodel",
     "name": "name|cameraname", "unit": "unit",
@@ -44,9 +46,10 @@ def camera_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
 
     A camera is a mapping with a matrix, as K, camera_matrix or cameraMatrix, or several labelled ones, as
     cameraMatrix1 or mtx_left. The first of two labelled cameras is the world's origin where one R and one T are given:
-    x_2 = R x_1 + T. A rotation without a translation is a rectification, and is ignored. A camera without distortion
-    coefficients has none, and one without an image size the size None. Of two files intri.yml and extri.yml, or with
-    such parts in their names, both are read. Raises InputError for other text, no camera and an unknown lens model.
+    x_2 = R x_1 + T. A pose is R and T, or a matrix with both, as RT or extrinsic. A rotation without a translation is
+    a rectification, and is ignored. A camera without distortion coefficients has none, and one without an image size
+    the size None. Of two files intri.yml and extri.yml, or with such parts in their names, both are read. Raises
+    InputError for other text, no camera and an unknown lens model.
     """
     tables: dict[str, dict[str, Any]] = {}
     for name, roles in _cameras(path.stem, with_opencv_keys(path, _of_both(path, _content(path, text)))):
@@ -152,6 +155,9 @@ def _table(place: str, roles: Mapping[str, Any]) -> dict[str, Any]:
         table["distortions"] = [0.0] * 5
     if {"rotation", "translation"} <= roles.keys():
         table |= {role: _numbers(roles[role]) for role in ("rotation", "translation")}
+    elif "pose" in roles:
+        rows = _pose_rows(place, roles["pose"])
+        table |= {"rotation": rows[:, :3].tolist(), "translation": rows[:, 3].tolist()}
     if (unit := _word(roles.get("unit"))) in UNITS:
         table["unit"] = unit
     model = _plain(_word(roles.get("model")))
@@ -159,6 +165,14 @@ def _table(place: str, roles: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(f"{place}: expected a lens model plumb_bob, rational_polynomial or equidistant, found {model}")
     fisheye = _word(roles.get("fisheye")).lower() not in ("", "0", "false", "no")
     return {**table, "fisheye": fisheye or model in _FISHEYE}
+
+
+def _pose_rows(place: str, value: Any) -> FloatArray:
+    """Return R and T (3, 4) of a matrix with them, (3, 4) or (4, 4), which leads from the world to the camera."""
+    try:
+        return np.array(_numbers(value), dtype=np.float64).reshape(-1, 4)[:3].reshape(3, 4)
+    except ValueError:
+        raise InputError(f"{place}: expected R and T as a matrix 3×4 or 4×4, found {value!r}") from None
 
 
 def _numbers(value: Any) -> Any:

@@ -91,6 +91,8 @@ def message_of(error: BaseException) -> list[str]:
         file = _file(*place.groups())
         *listed, message = _explained(whole.replace(place[0], file), chain, place[2])
         return [*listed, message if message.startswith(file) else f"{file} {message}"]
+    if "override_grammar" in whole:
+        whole += "; put names with symbols in quotes: \"dataset.sources={left: 'walk (1).mp4', right: 'walk (2).mp4'}\""
     return _explained(whole, chain)
 
 

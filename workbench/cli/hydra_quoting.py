@@ -19,13 +19,14 @@ def quoted(argument: str) -> str:
     """Return an argument with its value quoted if Hydra cannot parse it, such as `n_track_losses>0` or a folder.
 
     A value with symbols of Hydra's grammar is unchanged, except for existing files, folders, clip names such as 35_02,
-    and nested interpolations, which Hydra parses in quotes only. Raises InputError for a value on which Hydra's parser
+    and nested interpolations, which Hydra parses in quotes only; existing files are quoted also where Hydra would parse
+    another name, as 1000.0 for 1e3. Raises InputError for a value on which Hydra's parser
     fails, and as `literal` does.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"'):
         return argument
-    if _GRAMMAR.search(value) and key not in _FOLDERS and os.path.exists(value):
+    if key not in _FOLDERS and os.path.exists(value) and (_GRAMMAR.search(value) or _is_changed(argument, value)):
         return f"{key}={literal(value)}"
     if "${" in value:
         return argument if "'" in value or _is_parsed(argument) else f"{key}='{value}'"
@@ -45,6 +46,11 @@ def literal(value: str) -> str:
         raise InputError(f"{value}: expected a name without ${{, which configurations interpolate; rename it")
     escaped = value.replace("'", r"\'").replace("${", r"\${")
     return f"'{escaped}'"
+
+
+def _is_changed(argument: str, value: str) -> bool:
+    """Return whether Hydra parses a value as another text, such as 1e3, 12.50, null or a blank in front."""
+    return _is_parsed(argument) and str(OverridesParser.create().parse_override(argument).value()) != value
 
 
 def _is_parsed(argument: str) -> bool:

@@ -19,7 +19,10 @@ if TYPE_CHECKING:  # the command line reads this module before it needs arrays
 
 MAX_JOINTS, MAX_FRAMES = 1_000, 1_000_000  # of a motion file
 MAX_NUMBERS = 50_000_000  # of one array: 400 MB of float64
-MAX_TEXT, MAX_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
+MAX_VALUES = 11_000_000  # of a skeleton's channels, each of which takes 165 bytes of memory
+MAX_CONTAINERS, MAX_ITEMS = 5_000_000, 25_000_000  # lists and mappings in JSON, and their items: 100 bytes each
+MAX_TEXT, MAX_LINES = 250_000_000, 20_000_000  # bytes and lines of a text file
+MAX_CONFIG = 1_000_000  # characters of a configuration or a calibration
 DEEPEST = 50  # levels of nested lists and mappings
 MAX_COUNT, LARGEST, _MAX_SEED = 1_000_000, 1e9, 2**63 - 1  # integers and other numbers of a configuration
 MAX_JOBS = 100_000  # of a sweep
@@ -82,7 +85,10 @@ def check_file(path: Path, max_bytes: int = MAX_TEXT) -> None:
 
 
 def parse_json(place: object, text: str | bytes | bytearray) -> Any:
-    """Return parsed JSON; InputError, with the place, for any other text."""
+    """Return parsed JSON; InputError, with the place, for any other text and for too many values."""
+    content = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    check_number(place, "lists and mappings", content.count(b"[") + content.count(b"{"), MAX_CONTAINERS)
+    check_number(place, "values", content.count(b",") + 1, MAX_ITEMS)
     return _parsed(place, "JSON", json.loads, text)
 
 

@@ -108,11 +108,21 @@ def test_cameras_of_a_file(tmp_path):
     np.testing.assert_array_equal(camera.translation, [0.1, 0.2, 3.0])
 
 
+def test_size_and_distortions_may_be_absent_and_a_matrix_flat(tmp_path, caplog):
+    path, lines = tmp_path / "calib.toml", GOOD.split("\n")
+    kept = [line for line in lines if not line.startswith(("size", "distortions"))]
+    path.write_text("\n".join(kept).replace("], [", ", ").replace("[[", "[").replace("]]", "]"))
+    assert "[[" not in path.read_text()
+    (camera,) = load_cameras(path)
+    assert (camera.width, camera.height, camera.distortion.any()) == (0, 0, False)
+    assert camera.matrix[1].tolist() == [0.0, 510.0, 240.0]
+    assert "distortions" in caplog.text
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("[cam]", "[cam", "expected TOML"),
-        ("size = [640.0, 480.0]\n", "", "camera [cam] has no 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
         ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
         ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 1 or 4 or 5 or 8 or 12 or 14 numbers"),

@@ -234,3 +234,20 @@ def test_an_invalid_calibration_is_rejected_with_its_file(tmp_path, name, text, 
         load_lenses(tmp_path / name)
     assert str(tmp_path / name) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("key", ["extrinsic", "RT", "extrinsics", "world_to_cam"])
+@pytest.mark.parametrize("n_rows", [3, 4])
+def test_a_pose_may_be_a_matrix_of_rotation_and_translation(tmp_path, key, n_rows):
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([cv2.Rodrigues(RVEC)[0], TVEC])
+    lens = {"K": MATRIX.tolist(), "dist": DISTORTION.tolist(), "image_size": [640, 480]}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"left": lens | {key: pose[:n_rows].tolist()}}))
+    (camera,) = load_cameras(path)
+    check_lens(camera)
+    np.testing.assert_array_equal(camera.rotation, pose[:3, :3])
+    np.testing.assert_array_equal(camera.translation, TVEC)
+    path.write_text(json.dumps({"left": lens | {key: pose[:2].tolist()}}))
+    with pytest.raises(InputError, match=r"a\.json: camera \[left\]"):
+        load_cameras(path)

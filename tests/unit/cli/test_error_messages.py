@@ -108,6 +108,19 @@ def test_unambiguous_texts_are_quoted(value):
     assert quoted(f"any.key={value}") == f"any.key='{value}'"
 
 
+@pytest.mark.parametrize("name", ["1e3", "12.50", "null", "true", "0123", "7", " a.mp4", "a (1).mp4", "a.mp4"])
+def test_existing_files_reach_hydra_by_their_names(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text("")
+    assert str(value_of(quoted(f"dataset.source={name}"))) == name
+
+
+def test_a_value_that_hydra_does_not_parse_is_explained():
+    with pytest.raises(HydraException) as error:
+        OverridesParser.create().parse_overrides([quoted("dataset.sources={left: walk (1).mp4}")])
+    assert "'walk (1).mp4'" in message_of(error.value)[-1]
+
+
 @pytest.mark.parametrize(
     "argument",
     ["sweep.stop_if='n_track_losses>0'", "seed=1,2", "seed=range(5)", "seed=[1", "x={a: ü}", "prior=a,ü", "x=a b",

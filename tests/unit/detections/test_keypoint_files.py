@@ -15,7 +15,8 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import is_detections, read_points
 from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
 from workbench.detections.readers.named_points import named_points
-from workbench.detections.readers.people import MAX_PEOPLE, people_of_points
+from workbench.detections.readers.pairing import paired_frames
+from workbench.detections.readers.people import MAX_PEOPLE, SourceImages, people_of_points, read_people
 from workbench.utils.errors import InputError
 
 PIXELS = standing(300.0, 100.0)
@@ -106,8 +107,13 @@ def test_invalid_points_are_missing_and_scores_are_at_most_one():
         (["walk_9_12", "walk_10_30"], [9, 10]),
         (["7"], [7]),
         (["metadata"], []),
-        (["1" * 18], [int("1" * 18)]),
-        (["1" * 19], []),
+        (["7.0", "7.5", "7.0625", "7.03125"], [7_000_000_000, 7_031_250_000, 7_062_500_000, 7_500_000_000]),
+        (["t_0.000", "t_0.033", "t_0.067"], [0, 33, 67]),
+        (["1700000000123456789", "1700000000156789122"], [1700000000123456789, 1700000000156789122]),
+        (["12-30-59.966", "12-31-00.000", "12-31-00.033"], []),
+        (["cam1_1", "cam1_2", "cam2_1", "cam2_2"], [1, 2, 1, 2]),
+        ([str(2**63 - 1)], [2**63 - 1]),
+        ([str(2**63)], []),
         (["1" * 5000], []),
     ],
 )
@@ -143,6 +149,58 @@ def test_the_layout_of_25_points_is_decided_by_anatomy(layout, n_people):
 
 
 COCO = points("COCO_17", PIXELS)
+
+
+@pytest.mark.parametrize(("third", "n_points"), [(2.0, 12), (2.1, 18)])
+def test_numbers_above_2_are_no_confidences(third, n_points):
+    assert len(keypoints_of([50.0, 60.0, third] * 12)) == n_points
+
+
+NAMES = LAYOUTS["COCO_17"]
+ORDER = np.random.default_rng(0).permutation(17).tolist()
+BY_NAME = [{"name": NAMES[k], "x": COCO[k, 0], "y": COCO[k, 1], "score": COCO[k, 2]} for k in ORDER]
+NAMED_FORMS = {
+    "COCO": lambda order: {
+        "images": [{"id": 4}],
+        "categories": [{"keypoints": [NAMES[k] for k in order]}],
+        "annotations": [{"image_id": 4, "keypoints": COCO[order].ravel().tolist()}],
+    },
+    "MMPose": lambda order: {
+        "meta_info": {"keypoint_id2name": {str(n): NAMES[k] for n, k in enumerate(order)}},
+        "instance_info": [{"frame_id": 4, "instances": [{"keypoints": COCO[order].tolist()}]}],
+    },
+    "PoseNet": lambda order: [
+        {"frame": 4, "poses": [{"keypoints": [BY_NAME[ORDER.index(k)] for k in order]}]}
+    ],
+    "OpenPifPaf": lambda order: {
+        "4.jpg": [{"keypoints": [
+            {"part": NAMES[k], "position": {"x": COCO[k, 0], "y": COCO[k, 1]}, "score": COCO[k, 2]} for k in order
+        ]}]
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("order", [list(range(17)), ORDER, list(range(5, 17))])
+@pytest.mark.parametrize("form", NAMED_FORMS)
+def test_points_have_the_order_of_their_names(tmp_path, form, order):
+    (tmp_path / "a.json").write_text(json.dumps(NAMED_FORMS[form](order)))
+    people = read(tmp_path / "a.json")
+    assert (people.layout, people.frames.tolist()) == ("COCO_17" if order == list(range(17)) else "named points", [4])
+    np.testing.assert_allclose(people.joints[0][0, KNEE, :3], [*PIXELS["left_knee"], 0.8])
+
+
+def test_a_point_that_a_person_lacks_is_missing(tmp_path):
+    people = [{"keypoints": BY_NAME}, {"keypoints": [each for each in BY_NAME if each["name"] != "left_knee"]}]
+    (tmp_path / "4.json").write_text(json.dumps({"poses": people}))
+    joints = read(tmp_path).joints[0]
+    assert np.isfinite(joints[:, :, 0]).sum(axis=1).tolist() == [13, 12]
+    assert np.isnan(joints[1, KNEE]).all()
+
+
+def test_a_file_with_a_line_of_json_for_each_image_is_read(tmp_path):
+    lines = [{"frame": k, "predictions": [{"keypoints": COCO.ravel().tolist()}]} for k in (4, 6)]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, lines)) + "\n")
+    assert read(tmp_path / "a.jsonl").frames.tolist() == [4, 6]
 
 
 def mmpose(k):
@@ -213,6 +271,21 @@ TABLES = {
     "MediaPipe": ("frame", "{}", "{}_x,{}_y,{}_visibility"),
     "upper case": ("Frame", "{}.0", "{} X,{} Y,{} Confidence"),
 }
+
+
+@pytest.mark.parametrize(
+    ("name", "separator", "point"), [("a.csv", ";", ","), ("a.csv", ";", "."), ("a.tsv", "\t", ",")]
+)
+def test_tables_may_have_other_separators_and_decimal_commas(tmp_path, name, separator, point):
+    header = ["frame", *[f"{each}_{axis}" for each in LAYOUTS["COCO_17"] for axis in ("x", "y", "score")]]
+    row = ["4", *[f"{number:.2f}".replace(".", point) for number in COCO.ravel()]]
+    (tmp_path / name).write_text("\n".join([separator.join(header), separator.join(row)]))
+    people = read(tmp_path / name)
+    assert people.frames.tolist() == [4]
+    np.testing.assert_allclose(people.joints[0][0, KNEE], [*PIXELS["left_knee"], 0.8], atol=0.005)
+    (tmp_path / "b.csv").write_text("\n".join(["a;b;c", "1;2;3"]))
+    with pytest.raises(InputError, match=r"b\.csv: .*nose_x"):
+        read_points(tmp_path / "b.csv")
 
 
 @pytest.mark.parametrize("form", TABLES)
@@ -307,6 +380,23 @@ def test_of_a_crowd_the_likeliest_people_are_used(tmp_path, caplog, more):
 
 
 @pytest.mark.parametrize(("frame", "message"), [(10**9 - 1, ""), (10**9, "expected frames below"), (10**30, "number")])
-def test_numbers_of_frames_are_bounded(tmp_path, frame, message):
+def test_numbers_of_frames_without_images_are_bounded(tmp_path, frame, message):
     rows = [{"image_id": f"{frame}.jpg", "keypoints": COCO.ravel().tolist(), "score": 2.0}]
-    assert message in refusal(read_points, written(tmp_path / "a.json", json.dumps(rows)))
+    path = written(tmp_path / "a.json", json.dumps(rows))
+    assert message in refusal(lambda: read_people({"": path}, {"": SourceImages()}))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "frames", "assumption"),
+    [
+        ([0, 1, 2, 3], [0, 1, 2, 3], ""),
+        ([0, 40, 80, 120], [0, 1, 2, 3], "in order"),  # times in ms
+        ([0, 1, 80, 120], [0, 1, -1, -1], ""),
+        ([0, 40, 80, 120, 160], [0, -1, -1, -1, -1], "4 of 5"),
+    ],
+)
+def test_detections_named_by_times_are_paired_in_order(numbers, frames, assumption):
+    paired, assumptions = paired_frames({"a": np.array(numbers)}, {"a": np.arange(4)})
+    assert paired["a"].tolist() == frames
+    assert ("a" in assumptions) == bool(assumption)
+    assert assumption in assumptions.get("a", "")

@@ -162,6 +162,7 @@ def test_radians_are_degrees_and_other_columns_are_ignored(tmp_path):
         ("endheader\nknee_angle_r\n0\n", "line 2: expected times, s, that increase, in a first column time"),
         ("endheader\ntime\tknee_angle_r\n0\t1\n0\t1\n", "line 2: expected times, s, that increase"),
         ("endheader\ntime\tknee_angle_r\n0\n", "line 3: expected 2 values for a row, found 1"),
+        ("endheader\ntime\tknee_angle_r\n0\t1\n1\tnan\n", "line 4: expected numbers for a row"),
     ],
 )
 def test_a_damaged_file_is_refused_with_the_line(tmp_path, text, message):

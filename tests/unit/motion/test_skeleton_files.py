@@ -212,7 +212,7 @@ def test_a_first_row_is_no_motion_if_joints_leave_it_faster_than_a_hand_can(spee
     assert _rest_rows("a.bvh", 1.0, np.full((4, 1, 3, 3), 0.5), positions) == is_left_out
 
 
-@pytest.mark.parametrize("name", ["End Site_tip", "End Site HeadTop", "End"])
+@pytest.mark.parametrize("name", ["End Site_tip", "End Site HeadTop", "End", "EndSite"])
 def test_end_sites_may_have_names(tmp_path, name):
     expected = read_bvh(walk_bvh(tmp_path))
     clip = read_bvh(walk_bvh(tmp_path, lines=lambda text: text.replace("End Site", name)))

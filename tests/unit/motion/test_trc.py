@@ -135,3 +135,40 @@ def test_a_header_with_another_number_of_frames_is_reported(tmp_path, caplog, an
     text = trc(positions(4), [1, 2, 5, 6], np.array([0, 1, 4, 5]) / 30)
     read(tmp_path, text.replace("30\t30\t4", f"30\t30\t{announced}"))
     assert (f"the header has {announced} frames, the file 4" in caplog.text) == is_said
+
+
+@pytest.mark.parametrize("announced", ["300", "300.0"])
+def test_a_count_of_frames_may_have_a_decimal_point(tmp_path, caplog, announced):
+    text = trc(positions(4), range(1, 5), np.arange(4) / 30)
+    read(tmp_path, text.replace("30\t30\t4", f"30\t30\t{announced}"))
+    assert "the header has 300 frames, the file 4" in caplog.text
+
+
+@pytest.mark.parametrize(("n_lost", "n_rows"), [(0, 4), (1, 4), (8, 3), (50, 3)])
+def test_a_last_row_that_is_cut_off_is_left_out(tmp_path, caplog, n_lost, n_rows):
+    """One character that is lost is the line's end."""
+    points = positions(4)
+    text = trc(points, range(1, 5), np.arange(4) / 30)
+    raw = read(tmp_path, text[: len(text) - n_lost])
+    np.testing.assert_array_equal(raw.positions, points[:n_rows])
+    assert ("cut off" in caplog.text) == (n_rows < 4)
+
+
+@pytest.mark.parametrize("rate", ["0", "0.0", ""])
+def test_a_rate_of_zero_is_none(tmp_path, rate):
+    assert read(tmp_path, trc(positions(4), range(1, 5), np.arange(4) / 30, rate=rate)).rate_hz == 30.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda lines: [lines[0], *[f"\t{line}" for line in lines[1:3]], *lines[3:]],
+        lambda lines: [lines[0], lines[1].replace("\t", "\t\t"), *lines[2:]],
+        lambda lines: ["\t".join(f'"{cell}"' for cell in line.split("\t")) if line else "" for line in lines],
+    ],
+)
+def test_headers_with_other_separators_and_quotes_are_read(tmp_path, caplog, change):
+    points = positions(4)
+    raw = read(tmp_path, "\n".join(change(trc(points, range(1, 5), np.arange(4) / 30).strip().split("\n"))))
+    np.testing.assert_array_equal(raw.positions, points)
+    assert (raw.rate_hz, raw.unit, caplog.text) == (30.0, "m", "")

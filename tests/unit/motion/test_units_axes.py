@@ -70,6 +70,11 @@ def test_the_header_is_used_where_it_is_plausible(caplog, size, header, metres, 
     assert [record.levelno for record in caplog.records] == [level]
 
 
+@pytest.mark.parametrize(("size", "metres"), [(44.9, UNITS["inch"]), (45.1, 0.01), (62.0, 0.01)])
+def test_a_stated_unit_of_a_child_is_used(size, metres):
+    assert metres_per_unit("file", size, "cm", is_stated=True) == metres
+
+
 def test_an_implausible_size_and_an_unknown_unit_are_rejected():
     with pytest.raises(InputError, match=r"file: expected a person of 0.45 to 2.4 m, found a body height of 1.7e\+05"):
         metres_per_unit("file", 170_000.0, "mm")

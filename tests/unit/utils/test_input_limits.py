@@ -8,6 +8,7 @@ from workbench.body.shape import from_height
 from workbench.datasets.point_files import PointFiles
 from workbench.motion import sources
 from workbench.motion.synthetic.gait import subjects, walker
+from workbench.utils import input_limits
 from workbench.utils.errors import LONGEST, InputError
 from workbench.utils.input_limits import (
     LONGEST_LIMB_M,
@@ -15,6 +16,7 @@ from workbench.utils.input_limits import (
     check_file,
     check_rate,
     check_sizes,
+    parse_json,
 )
 
 
@@ -72,3 +74,14 @@ def test_numbers_out_of_range_are_rejected_with_their_key(place, value):
         for key in reversed(place.split(".")):
             config = {key: config}
         assert refusal(check_sizes, config).startswith(f"config: {place}: expected a number of ")
+
+
+@pytest.mark.parametrize("convert", [str, str.encode])
+@pytest.mark.parametrize(("text", "n_excess"), [("[[], {}, 1, 2]", 0), ("[[], {}, []]", 1), ("[[], {}, 1, 2, 3]", 1)])
+def test_json_of_too_many_values_is_refused_before_it_is_parsed(monkeypatch, text, n_excess, convert):
+    monkeypatch.setattr(input_limits, "MAX_CONTAINERS", 3)
+    monkeypatch.setattr(input_limits, "MAX_ITEMS", 4)
+    if n_excess:
+        refusal(parse_json, "a.json", convert(text))
+    else:
+        assert parse_json("a.json", convert(text)) == [[], {}, 1, 2]

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,15 @@ from workbench.detections.readers.formats import SIZES
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX
+from workbench.utils.text import natural_order
 
 _UNIT_RANGE = 1.05
 """Largest coordinate of points that are scaled to the image's size: some lie outside the image."""
 
-MAX_NUMBER = 10**9
-"""Bound of the numbers of frames."""
-_NUMBER = re.compile(r"(?<!\d)\d{1,18}(?!\d)")
-"""A number that fits into 64 bits."""
+_MAX_CONFIDENCE = 2.0
+"""Some detectors' sums of scores exceed 1."""
+_NUMBER, _DECIMAL = re.compile(r"(?<!\d)\d{1,19}(?!\d)"), re.compile(r"(?<!\d)\d{1,9}\.\d{1,20}(?!\d)")
+_MAX_NUMBER = 2**63
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,20 +85,38 @@ class DetectedPoints:
 def numbers_in_names(names: Iterable[str]) -> dict[str, int]:
     """Return the numbers of frames in file names, of those with a number.
 
-    Of several numbers in a name it is the one that counts through all files without a gap, or else the last one that
-    differs between all files, or else the last one.
+    Of several numbers in a name it is the one that counts through all files without a gap, or else the last one, or
+    else the last decimal fraction, times 1e9, that increases in `natural_order`. Names without such a number have none
+    if their last ones differ, as the seconds of clock times, and else their last one. Numbers have at most 63 bits.
     """
-    digits = {name: [int(text) for text in _NUMBER.findall(name)] for name in names}
-    digits = {name: numbers for name, numbers in digits.items() if numbers}
-    columns = list(zip(*digits.values(), strict=True)) if len({len(each) for each in digits.values()}) == 1 else []
-    varying = [k for k, column in enumerate(columns) if len(set(column)) == len(column)]
-    counting = [k for k in varying if max(columns[k]) - min(columns[k]) + 1 == len(digits)]
-    place = (counting or varying or [-1])[-1]
-    return {name: numbers[place] for name, numbers in digits.items()}
+    digits = {name: found for name in names if (found := _NUMBER.findall(name))}
+    order = [name for name, _ in natural_order(list(digits))]
+    columns = _columns([list(map(int, digits[name])) for name in order])
+    if not columns:
+        return {name: int(numbers[-1]) for name, numbers in digits.items()}
+    fractions = _columns([list(map(_billionths, _DECIMAL.findall(name))) for name in order])
+    counting = [each for each in columns if len(set(each)) == len(each) == max(each) - min(each) + 1]
+    rising = [each for each in (*fractions, *columns) if all(a < b for a, b in pairwise(each))]
+    repeated = [each for each in columns[-1:] if len(set(each)) < len(each)]
+    chosen = (counting or rising or repeated or [()])[-1]
+    return {name: number for name, number in zip(order, chosen, strict=False) if number < _MAX_NUMBER}
 
 
-def _is_without_confidence(size: int) -> bool:
-    return size % 2 == 0 and size // 2 in SIZES and not (size % 3 == 0 and size // 3 in SIZES)
+def _columns(rows: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
+    """Return the columns of rows of equal length, none where the lengths differ."""
+    return list(zip(*rows, strict=True)) if len(set(map(len, rows))) == 1 else []
+
+
+def _billionths(text: str) -> int:
+    whole, _, fraction = text.partition(".")
+    return int(whole + fraction[:9].ljust(9, "0"))
+
+
+def _is_without_confidence(numbers: FloatArray) -> bool:
+    """Return whether a layout has as many flat numbers only without confidences, and every third one is none."""
+    size, is_large = numbers.size, numbers > _MAX_CONFIDENCE
+    is_unlike = bool(is_large[2::3].any() or not is_large.any())
+    return size % 2 == 0 and size // 2 in SIZES and not (size % 3 == 0 and size // 3 in SIZES) and is_unlike
 
 
 def ordered_points(
@@ -106,8 +126,6 @@ def ordered_points(
     numbers = numbers_in_names(names)
     if len(set(numbers.values())) < len(names):
         raise InputError(f"{file}: expected a different number in the name of every image")
-    if (largest := max(numbers.values(), default=0)) >= MAX_NUMBER:
-        raise InputError(f"{file}: expected frames below {MAX_NUMBER}, found {largest}")
     frames = np.array([numbers[name] for name in names], dtype=np.intp)
     order = np.argsort(frames)
     return DetectedPoints(str(file), frames[order], tuple(people[row] for row in order), points)
@@ -116,10 +134,10 @@ def ordered_points(
 def keypoints_of(coordinates: Any) -> FloatArray:
     """Return points (K, 3) of coordinates u, v, confidence, flat or a row a point, or of u, v; NaN for missing ones.
 
-    Flat numbers are without confidences if only then a layout has their number.
+    Flat numbers are without confidences if only then a layout has their number, and every third one is no confidence.
     """
     points = np.array(coordinates, dtype=np.float64)
-    if (points.ndim == 2 and points.shape[1] == 2) or (points.ndim == 1 and _is_without_confidence(points.size)):
+    if (points.ndim == 2 and points.shape[1] == 2) or (points.ndim == 1 and _is_without_confidence(points)):
         points = np.column_stack([points.reshape(-1, 2), np.ones(points.size // 2)])
     points = points.reshape(-1, 3)
     if np.isinf(points).any():

@@ -45,13 +45,14 @@ number of points, see `matching_layout`."""
 SIZES = frozenset(map(len, LAYOUTS.values()))
 """Numbers of points of all layouts."""
 
-PEOPLE_KEYS = ("people", "bodies", "instances", "instance_info")
-"""Keys of the list of people of one image, of OpenPose, AlphaPose, MMPose, and MMPose's and Sapiens' file by image."""
+PEOPLE_KEYS = ("people", "bodies", "instances", "instance_info", "predictions", "poses")
+"""Keys of the list of people of one image, of OpenPose, AlphaPose, MMPose, MMPose's and Sapiens' file by image,
+OpenPifPaf and PoseNet."""
 FRAME_KEYS = ("image_id", "frame_id", "frame_idx", "frame_index", "frame_number", "frame", "image_name", "image", "img")
 """Keys of the image, by number or name, in a list of people (AlphaPose, COCO's results) or of images (MMPose's
 inferencer); and, in lower case, of the column of a table (SLEAP, MediaPipe)."""
-FRAMES_KEYS = ("instance_info", "frames", "predictions")
-"""Keys of such a list in a file with more than it, of MMPose's predictions."""
+FRAMES_KEYS = ("instance_info", "frames", "predictions", "annotations")
+"""Keys of such a list in a file with more than it, of MMPose's predictions and COCO's annotations without images."""
 DATASET_KEYS = ("images", "annotations")
 """Keys of COCO's data sets: images with their id, and annotations of people with the id of their image."""
 PERSON_KEYS: Mapping[str, tuple[str, ...]] = {
@@ -70,6 +71,8 @@ COORDINATES: Mapping[str, int] = {
     "conf": 2, "c": 2, "p": 2,
 }  # fmt: skip
 """Names of the coordinates u, v and of the confidence, in tables (DeepLabCut, SLEAP, MediaPipe) and in JSON."""
+POINT_NAME_KEYS = ("name", "part")
+"""Keys of a point's name where points are mappings."""
 TEXT_COLUMNS = 5
 """Numbers before the points in Ultralytics' text files, of a person a line: class and box. After the points there may
 be the box's confidence and the person's number."""

@@ -1,6 +1,6 @@
 """Files of detected people in the forms of `formats`: JSON, text of Ultralytics, and tables, see `keypoint_tables`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,6 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.detections.readers.detected_points import (
-    MAX_NUMBER,
     DetectedPoints,
     keypoints_of,
     numbers_in_names,
@@ -22,19 +21,22 @@ from workbench.detections.readers.formats import (
     NUMBER_KEY,
     PEOPLE_KEYS,
     PERSON_KEYS,
+    POINT_NAME_KEYS,
     REGION_KEY,
     SIZES,
     TEXT_COLUMNS,
     WORLD_KEY,
 )
 from workbench.detections.readers.keypoint_tables import is_table, read_table
-from workbench.detections.readers.layout_by_anatomy import check_number_of_points
+from workbench.detections.readers.layout_by_anatomy import check_number_of_points, unlike_layouts
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file, parse_json
 from workbench.utils.text import read_text
 
 _HDF5 = (".h5", ".hdf5")
+_TABLES = (".csv", ".tsv")
+_JSON = (".json", ".jsonl", ".ndjson")
 _SUFFIXES = (".json", ".txt")
 """Of files in a folder, of which the first kind that is there is read."""
 _MAX_JSON = 150_000_000
@@ -46,9 +48,9 @@ _INVALID = (ValueError, KeyError, TypeError, OverflowError, AttributeError)
 def is_detections(path: str | Path) -> bool:
     """Return whether a path is a detector's folder or file, and no CSV file of annotations."""
     path = Path(path)
-    if path.is_dir() or path.suffix.lower() in (".json", *_HDF5):
+    if path.is_dir() or path.suffix.lower() in (*_JSON, *_HDF5):
         return True
-    return path.suffix.lower() == ".csv" and path.is_file() and is_table(path)
+    return path.suffix.lower() in _TABLES and path.is_file() and is_table(path)
 
 
 def read_points(path: str | Path) -> DetectedPoints:
@@ -66,7 +68,7 @@ def read_points(path: str | Path) -> DetectedPoints:
     if not path.is_file():
         detections = _folder(path)
     else:
-        detections = read_table(path) if path.suffix.lower() == ".csv" else _json_file(path, _parsed(path))
+        detections = read_table(path) if path.suffix.lower() in _TABLES else _json_file(path, _parsed(path))
     detections.check()
     return detections
 
@@ -83,22 +85,23 @@ def _folder(folder: Path) -> DetectedPoints:
     ):
         return _json_file(files_in_folder[0], content)
     files = _numbered(folder, files_in_folder)
-    people, identities = [], list[IntArray | None]()
+    people, identities, names = [], list[IntArray | None](), tuple[str, ...]()
     for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None):
         if suffix == ".txt":
             people.append(_text_people(files[frame]))
             continue
         content = _parsed(files[frame])
         try:
-            people.append(_people(content))
+            names = names or _names(content, [content])
+            people.append(_people(content, names))
             identities.append(_identities(content))
         except _INVALID as error:
             raise _unexpected(files[frame], error) from None
-        for n_points in {len(points) for points in people[-1]} - {0}:
+        for n_points in {len(points) for points in people[-1]} - {0} if not names else ():
             check_number_of_points(files[frame], n_points)
     known = tuple(each for each in identities if each is not None)
     by_frame = known if len(known) == len(files) else None
-    return DetectedPoints(str(folder), np.array(sorted(files)), tuple(people), identities=by_frame)
+    return DetectedPoints(str(folder), np.array(sorted(files)), tuple(people), names, by_frame)
 
 
 def _numbered(folder: Path, files_in_folder: Sequence[Path]) -> dict[int, Path]:
@@ -111,8 +114,6 @@ def _numbered(folder: Path, files_in_folder: Sequence[Path]) -> dict[int, Path]:
             continue
         if number in files:
             raise InputError(f"{file}: frame {number} is already in {files[number].name}")
-        if number >= MAX_NUMBER:
-            raise InputError(f"{file}: expected the frame's number in the file's name, found {number}")
         files[number] = file
     if files_in_folder and not files:
         raise InputError(f"{files_in_folder[0]}: expected the frame's number in the file's name, found none")
@@ -125,11 +126,27 @@ def _json_file(file: Path, content: Any) -> DetectedPoints:
     """Return the points of the content of a JSON file of all frames."""
     by_image: dict[str, list[FloatArray]] = {}
     try:
-        for image, people in _frames_of(content) or content.items():
-            by_image.setdefault(Path(str(image)).stem, []).extend(_people(people))
+        frames = _frames_of(content) or list(content.items())
+        names = _names(content, [people for _, people in frames])
+        for image, people in frames:
+            by_image.setdefault(Path(str(image)).stem, []).extend(_people(people, names))
     except _INVALID as error:
         raise _unexpected(file, error) from None
-    return ordered_points(file, list(by_image), list(by_image.values()))
+    return ordered_points(file, list(by_image), list(by_image.values()), names)
+
+
+def _names(content: Any, images: Iterable[Any]) -> tuple[str, ...]:
+    """Return the names of the points that a file states; () for none, and where they are those of a layout in order.
+
+    They are in COCO's categories, in MMPose's meta_info, or in the points of the first person that has some.
+    """
+    names = list[Any]()
+    if isinstance(content, dict):
+        stated = [each["keypoints"] for each in content.get("categories") or () if "keypoints" in each]
+        by_number = (content.get("meta_info") or {}).get("keypoint_id2name") or {}
+        names = next(iter(stated), [by_number[key] for key in sorted(by_number, key=int)])
+    points = next((points for image in images for person in _list_of_people(image) if (points := _named(person))), {})
+    return unlike_layouts(tuple(map(str, names or points)))
 
 
 def _frames_of(content: Any) -> list[tuple[Any, Any]] | None:
@@ -164,12 +181,16 @@ def _has_people(image: Any) -> bool:
 
 
 def _parsed(file: Path) -> Any:
-    """Return the content of a JSON file; raises InputError for one that cannot be read."""
+    """Return the content of a JSON file, as a list of JSON Lines; raises InputError if it cannot be read."""
     try:
         check_file(file, _MAX_JSON)
-        return parse_json(file, file.read_bytes())
+        content = file.read_bytes()
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
+    lines = content.split(b"\n", 2)[:2]
+    if len(lines) > 1 and all(line.strip().startswith(b"{") and line.strip().endswith(b"}") for line in lines):
+        return [parse_json(file, line) for line in content.split(b"\n") if line.strip()]  # JSON Lines, of OpenPifPaf
+    return parse_json(file, content)
 
 
 def _unexpected(file: Path, error: Exception) -> InputError:
@@ -179,10 +200,14 @@ def _unexpected(file: Path, error: Exception) -> InputError:
     )
 
 
-def _people(image: Any) -> list[FloatArray]:
-    """Return the points of the people of one image, a list or a mapping with a list, see `_points`."""
-    people = image if isinstance(image, list) else image[next((key for key in PEOPLE_KEYS if key in image), "people")]
-    return [_points(person) for person in people]
+def _list_of_people(image: Any) -> Any:
+    """Return the people of one image, a list or a mapping with a list."""
+    return image if isinstance(image, list) else image[next((key for key in PEOPLE_KEYS if key in image), "people")]
+
+
+def _people(image: Any, names: tuple[str, ...]) -> list[FloatArray]:
+    """Return the points of the people of one image, see `_points`."""
+    return [_points(person, names) for person in _list_of_people(image)]
 
 
 def _identities(image: Any) -> IntArray | None:
@@ -196,15 +221,19 @@ def _identities(image: Any) -> IntArray | None:
     return np.array(numbers, dtype=np.intp)
 
 
-def _points(person: Mapping[str, Any]) -> FloatArray:
+def _points(person: Mapping[str, Any], names: tuple[str, ...]) -> FloatArray:
     """Return a person's points (K, 3), NaN without detection, or (K, 6) with world landmarks; K is 0 for an empty
-    person."""
+    person. names : of the points where they are mappings with names, of which some may be absent."""
     key = next((key for key in PERSON_KEYS if key in person), "keypoints")
     coordinates = person[key]
     if isinstance(coordinates, dict):  # a list by coordinate, of Ultralytics
         coordinates = [dict(zip(coordinates, point, strict=True)) for point in zip(*coordinates.values(), strict=True)]
+    if names and (named := _named(person)):
+        coordinates = [named.get(name, {"x": np.nan, "y": np.nan}) for name in names]
     if len(coordinates) and isinstance(coordinates[0], dict):
         coordinates = [_coordinates(point) for point in coordinates]
+    elif names:
+        coordinates = np.reshape(coordinates, (len(names) if len(coordinates) else 0, -1))
     if confidences := next((person[name] for name in PERSON_KEYS[key] if name in person), None):
         coordinates = np.column_stack([np.array(coordinates, dtype=np.float64).reshape(-1, 2), confidences])
     points = keypoints_of(coordinates)
@@ -217,8 +246,17 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     return np.hstack([points, world])
 
 
+def _named(person: Any) -> dict[str, Any]:
+    """Return a person's points by name, where they are mappings with one."""
+    points = next((person[key] for key in PERSON_KEYS if key in person), ()) if isinstance(person, dict) else ()
+    first = points[0] if isinstance(points, list) and points else {}
+    keys = [key for key in POINT_NAME_KEYS if isinstance(first, dict) and key in first]
+    return {point[keys[0]]: point for point in points} if keys else {}
+
+
 def _coordinates(point: Mapping[str, Any]) -> list[Any]:
     """Return u, v and confidence of a point by the names in COORDINATES; a confidence of 1 without one."""
+    point = {**point, **point.get("position", {})}  # of PoseNet
     found = {COORDINATES[name]: value for name, value in point.items() if name in COORDINATES}
     return [found[0], found[1], found.get(2, 1.0)]
 

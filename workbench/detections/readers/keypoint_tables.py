@@ -20,6 +20,8 @@ _DEEPLABCUT = ("scorer", "individuals", "bodyparts", "coords")
 """First cells of the header's lines."""
 _COLUMN = re.compile(rf"(?:(.+?)[._ -])?({'|'.join(COORDINATES)})(?:[._ -]?(\d+))?", re.IGNORECASE)
 """A coordinate of a point: nose.x, nose_x, x_0, x0."""
+_MAX_TABLE = 80_000_000
+"""Bytes of a table, which takes up to fifteen times as much memory."""
 _MIN_POINTS = 3
 """Points of a table of detected people, which tables of other contents do not have."""
 _POINT_KEYS = tuple(f"{point}{suffix}" for suffix in ("_name", "", "_id", "_index") for point in (
@@ -34,7 +36,7 @@ def is_table(path: Path) -> bool:
     """Return whether the first line of a CSV file is that of a table of detected people."""
     with path.open("rb") as file:
         line = file.readline(1 << 20).decode("utf-8-sig", "replace").strip()
-    columns = line.split(",")
+    columns = [column.strip('"') for column in line.split(_separator(line))]
     return line.startswith("scorer,") or len(_points_of(columns)) >= _MIN_POINTS or _has_rows_of_points(columns)
 
 
@@ -42,15 +44,19 @@ def read_table(file: Path) -> DetectedPoints:
     """Return the points of a CSV table of detected people.
 
     A row is a person in the frame of a column of FRAME_KEYS, or without one in the next frame; or a point of a person.
+    Commas, semicolons or tabs separate the columns.
     Raises InputError for other content.
     """
-    text = read_text(file)
+    text = read_text(file, _MAX_TABLE)
     if text.startswith("scorer,"):
         return _deeplabcut(file, text)
+    separator = _separator(text.partition("\n")[0])
     try:
-        table = pd.read_csv(StringIO(text), skipinitialspace=True)
+        content = StringIO(text if separator == "," else text.replace(",", "."))  # decimal commas
+        table = pd.read_csv(content, sep=separator, skipinitialspace=True)
         table = _rows_of_people(table) if _has_rows_of_points(table.columns) else table
-        columns = _points_of(table.columns)
+        if not (columns := _points_of(table.columns)):
+            raise ValueError("found no columns x and y of a point, such as nose_x and nose_y")
         numbers = np.full((len(table), len(columns), 3), np.nan)
         for k, coordinates in enumerate(columns.values()):
             for coordinate, column in coordinates.items():
@@ -69,6 +75,11 @@ def read_table(file: Path) -> DetectedPoints:
         raise InputError(f"{file}: frame {frame}: {error}") from None
     names = () if _are_numbered(columns) else tuple(columns)
     return ordered_points(file, list(by_frame), list(by_frame.values()), names)
+
+
+def _separator(line: str) -> str:
+    """Return the separator of the columns that a line names."""
+    return max(",;\t", key=line.count)
 
 
 def _column(columns: Iterable[str], keys: Iterable[str]) -> str | None:

@@ -6,9 +6,10 @@ import numpy as np
 
 from workbench.body.shape import from_height
 from workbench.detections.readers.formats import LAYOUTS
-from workbench.detections.readers.named_points import layout_joints
+from workbench.detections.readers.named_points import layout_joints, named_points
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.nan_statistics import nan_median
 
 _AVERAGE = from_height(1.0)
 _BONES = {
@@ -69,6 +70,15 @@ def check_number_of_points(source: object, n_points: int) -> None:
         raise InputError(f"{source}: expected one of {options} points per person, found {n_points}")
 
 
+def unlike_layouts(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of points; () where no limb is among them, and where a layout, whose points of the head are
+    better known, has the points of all limbs at the same places."""
+    limbs = {name: points for name, points in named_points(names).items() if name.startswith(("left_", "right_"))}
+    layouts = [layout_joints(points) for points in LAYOUTS.values() if len(points) == len(names)]
+    is_layout = any(all(layout.get(name) == points for name, points in limbs.items()) for layout in layouts)
+    return names if limbs and not is_layout else ()
+
+
 def check_layout(source: str, name: str, n_points: int) -> None:
     """Raise InputError for an unknown layout that is set, and for one with another number of points."""
     if name not in LAYOUTS:
@@ -88,9 +98,7 @@ def _deviation(layout: tuple[str, ...], points: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     ratios = np.log(np.maximum(lengths, 1e-9) / np.array(list(pairs.values())))
     measured = np.isfinite(ratios)
-    scales = np.array(
-        [np.median(row[there]) if there.any() else np.nan for row, there in zip(ratios, measured, strict=True)]
-    )
+    scales = nan_median(ratios)
     deviations = np.minimum(np.abs(ratios - scales[:, None]), _MAX_LOG_RATIO)
     count = measured.sum(axis=1)
     return np.where(count > 2, np.where(measured, deviations, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)

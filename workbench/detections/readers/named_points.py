@@ -77,19 +77,20 @@ def _of_side(side: str, part: str) -> tuple[str, ...]:
 
 
 def joints_of_points(numbers: PointsOfJoints, points: FloatArray, width: int = 3) -> FloatArray:
-    """Return joints (J, width) at the mean of their points of (K, ≥ width), with the smallest of their confidences;
-    (J, 12) with FOOT_OF_ANKLE where there are points of feet."""
+    """Return joints (..., J, width) at the mean of their points of (..., K, ≥ width), with the smallest of their
+    confidences; (..., J, 12) with FOOT_OF_ANKLE where there are points of feet."""
     has_feet = any(name in numbers for name in FOOT_POINTS)
-    joints = np.full((len(JOINT_NAMES), FOOT_OF_ANKLE.stop if has_feet else width), np.nan)
-    for name, selected in numbers.items() if len(points) else ():
-        own = points[list(selected), :width]
-        mean = own.mean(axis=0)
-        mean[2] = own[:, 2].min()
+    n_columns = FOOT_OF_ANKLE.stop if has_feet else width
+    joints = np.full((*points.shape[:-2], len(JOINT_NAMES), n_columns), np.nan)
+    for name, selected in numbers.items() if points.size else ():
+        own = points[..., list(selected), :width]
+        mean = own.mean(axis=-2)
+        mean[..., 2] = own[..., 2].min(axis=-1)
         if name in FOOT_POINTS:
             first = FOOT_OF_ANKLE.start + 3 * name.endswith("toes")
-            joints[JOINT_NAMES.index(f"{name.split('_')[0]}_ankle"), first : first + 3] = mean[:3]
+            joints[..., JOINT_NAMES.index(f"{name.split('_')[0]}_ankle"), first : first + 3] = mean[..., :3]
         else:
-            joints[JOINT_NAMES.index(name), :width] = mean
+            joints[..., JOINT_NAMES.index(name), :width] = mean
     return joints
 
 

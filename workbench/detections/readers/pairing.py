@@ -25,7 +25,8 @@ def paired_frames(
     """Return the frames, from 0 on, of detections by camera, −1 for none, and how they are paired where it is assumed.
 
     Detections belong to the image with their number. Where some numbers have no image, they count from another start:
-    from 1 where images count from 0, or from where the first image is. All cameras' detections count alike.
+    from 1 where images count from 0, or from where the first image is. All cameras' detections count alike. Where most
+    numbers have no image, as those of times, and there are as many images, they are paired in order.
 
     Parameters
     ----------
@@ -49,13 +50,19 @@ def paired_frames(
         at = np.searchsorted(images[name], each - starts[name])
         inside = at < len(images[name])
         inside[inside] = images[name][at[inside]] == each[inside] - starts[name]
+        if 2 * inside.sum() < len(each) == len(images[name]):
+            frames[name] = np.arange(len(each))
+            assumptions[name] = f"the detections numbered {each[0]} to {each[-1]} are taken for the images in order"
+            continue
         frames[name] = np.where(inside, at, -1)
         if not inside.any():
             raise InputError(
                 f"{name}: detections of frames {each[0]} to {each[-1]} belong to none of the images {images[name][0]} "
                 f"to {images[name][-1]}"
             )
-        if starts[name]:
+        if 2 * inside.sum() < len(each):
+            assumptions[name] = f"{len(each) - inside.sum()} of {len(each)} frames with detections have no image"
+        elif starts[name]:
             first = int(np.argmax(inside))
             image = images[name][frames[name][first]]
             assumptions[name] = f"the detections numbered {each[first]} are taken for the image numbered {image}"

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.detected_points import DetectedPoints
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import read_points
@@ -23,6 +22,7 @@ log = logging.getLogger(__name__)
 MAX_PEOPLE = 40
 """People in a frame, since the association over time considers all pairs of frames' people and several hypotheses:
 100 who overlap take 12 s a frame."""
+_MAX_FRAME = 10**9
 _NAMED = "named points"
 """Layout of points whose names are in their file."""
 
@@ -98,6 +98,9 @@ def read_people(
     for name, decision in decisions.items():
         log.info("layout %s of all cameras by anatomy: %s", name, decision)
     numbers = {name: images[name].numbers for name in people}
+    for name, view in people.items():
+        if numbers[name] is None and view.frames[-1] >= _MAX_FRAME:
+            raise InputError(f"{view.source}: expected frames below {_MAX_FRAME}, found {view.frames[-1]}")
     images_by_name = {name: each for name, each in numbers.items() if each is not None}
     frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
     for name, assumption in assumptions.items():
@@ -177,7 +180,8 @@ def _people_of(points: DetectedPoints, name: str) -> People:
             f"{points.source}: no point has the name of a joint, such as left_knee, found {', '.join(points.names)}"
         )
     width = min(person.shape[1] for person in points.detected)
-    joints = [[joints_of_points(numbers, person, width) for person in frame] for frame in points.points]
-    width = next(person.shape[1] for frame in joints for person in frame)
-    by_frame = tuple(np.array(frame).reshape(-1, len(JOINT_NAMES), width) for frame in joints)
+    people = [person[:, :width] for frame in points.points for person in frame]
+    empty = np.full((points.n_points, width), np.nan)
+    joints = joints_of_points(numbers, np.array([person if len(person) else empty for person in people]), width)
+    by_frame = tuple(np.split(joints, np.cumsum([len(frame) for frame in points.points])[:-1]))
     return People(points.source, name, points.frames, by_frame, points.identities)

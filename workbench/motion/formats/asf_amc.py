@@ -23,6 +23,7 @@ from workbench.motion.formats.text import (
     read_lines,
     statements,
 )  # fmt: skip
+from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, check_rate
@@ -30,6 +31,8 @@ from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number, c
 log = logging.getLogger(__name__)
 
 CMU_HZ = 120.0
+_MAX_AMC = 50_000_000
+"""Bytes of a file, whose words and rotations take 37 times as much memory: 7 minutes at 120 Hz."""
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
 _ROTATIONS = ("rx", "ry", "rz")
 _TRANSLATIONS = ("tx", "ty", "tz")
@@ -124,7 +127,7 @@ def read_amc(
         not a number, frame numbers that do not increase, and a file without frames.
     """
     path = Path(path)
-    lines = read_lines(path)
+    lines = read_lines(path, _MAX_AMC)
     skeleton = _read_asf(_skeleton_file(path) if asf is None else asf)
     channels = {joint: bone.channels for joint, bone in zip(skeleton.joints, skeleton.bones, strict=True)}
     rows, degrees = list(statements(lines)), skeleton.degrees
@@ -208,6 +211,7 @@ def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> dic
         if bone in frames[number]:
             fail(path, line, f"expected {bone} once in frame {number}, found it again")
         frames[number][bone] = gap_numbers(path, line, points(words[1:]), sizes[bone], f"{bone} in frame {number}")
+    check_number(path, "values", len(frames) * sum(sizes.values()), input_limits.MAX_VALUES)
     if absent := {bone for frame in frames.values() for bone in sizes if bone not in frame}:
         log.warning("%s: some frames lack %s", path, ", ".join(bone for bone in sizes if bone in absent))
     return {
@@ -227,17 +231,19 @@ def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int
     wanted = range(int(numbers_[0]), int(numbers_[-1]) + 1, step)
     check_number(path, "frames", len(wanted), MAX_FRAMES)
     empty = {bone: [np.nan] * len(values) for bone, values in frames[int(numbers_[0])].items()}
+    check_number(path, "values", len(wanted) * sum(map(len, empty.values())), input_limits.MAX_VALUES)
     return wanted[0], step, [frames.get(number, empty) for number in wanted]
 
 
 def _properties(section: Iterable[Statement]) -> _Properties:
-    return {keyword: (line, values) for line, (keyword, *values) in section}
+    return {keyword.lower(): (line, values) for line, (keyword, *values) in section}
 
 
 def _blocks(path: Path, section: Iterable[Statement], last_line: int) -> list[_Properties]:
     """Return the properties of every bone, between its "begin" and "end", including "end"."""
     blocks: list[_Properties] = []
-    for line, (keyword, *values) in section:
+    for line, (word, *values) in section:
+        keyword = word.lower()
         is_open = bool(blocks) and "end" not in blocks[-1]
         if is_open == (keyword == "begin"):
             expected = "the end of a bone before the next begins" if is_open else "the begin of a bone"

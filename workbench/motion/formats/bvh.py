@@ -24,12 +24,14 @@ from workbench.motion.formats.text import (
     fail,
     gap_numbers,
     last_values,
+    number_rows,
     numbers,
     points,
     read_lines,
     report_count,
     statements,
 )  # fmt: skip
+from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.input_limits import MAX_FRAMES, MAX_JOINTS, check_number
 
@@ -38,6 +40,7 @@ log = logging.getLogger(__name__)
 PER_METRE = {unit: 1.0 / UNITS[unit] for unit in ("m", "cm", "mm")}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
+_COMMENT = re.compile(r"\s*(#|$)")  # or a blank line
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
 _N_POSITIONS = 3
 
@@ -143,7 +146,7 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
             case ["{"]:
                 branch.append(len(joints) - 1)
                 is_new = False
-            case ["ROOT" | "JOINT" | "END" as kind, *name] if joint is None or not joint.is_end:
+            case ["ROOT" | "JOINT" | "END" | "ENDSITE" as kind, *name] if joint is None or not joint.is_end:
                 if (joint is None) != (kind == "ROOT"):
                     fail(path, line, f"expected a ROOT, and joints between its braces, found {found}")
                 joints.append(_new_joint(path, line, joints, kind, " ".join(name), branch[-1] if branch else -1))
@@ -171,7 +174,7 @@ def _statements(lines: list[str]) -> Iterator[Statement]:
 
 
 def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str, parent: int) -> _Joint:
-    if kind == "END":
+    if is_end := kind.startswith("END"):
         name = f"{joints[parent].name}_end"  # End Site, which some programs name
     if not name:
         fail(path, line, f"expected a joint's name, found {name!r}")
@@ -180,7 +183,7 @@ def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str
     while name in names:  # several end sites of a joint, or one name of two fingers
         name, n = f"{first}_{n}", n + 1
     check_number(path, "joints", len(joints) + 1, MAX_JOINTS)
-    return _Joint(name, parent, kind == "END")
+    return _Joint(name, parent, is_end)
 
 
 def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str, ...]:
@@ -194,20 +197,23 @@ def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str,
 
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:
     """Return the rate, Hz, and the channel values (F, n_channels) of the lines after MOTION."""
-    rows = [(line, words) for line, words in statements(lines) if line > start]
-    end = [(len(lines), ["the end of the file"])] * 2
-    (count_line, count), (time_line, time) = [*rows, *end][:2]
-    n_frames = _header(path, count_line, count, "Frames:", "a whole number of frames")
-    rate_hz = _rate(path, time_line, _header(path, time_line, time, "Frame Time:", "seconds a frame"))
+    rows = [(k, text) for k, text in enumerate(lines[start:], start + 1) if not _COMMENT.match(text)]
+    end = [(len(lines), "the end of the file")] * 2
+    (count_line, count), (time_line, time) = [*rows[:2], *end][:2]
+    n_frames = _header(path, count_line, count.split(), "Frames:", "a whole number of frames")
+    rate_hz = _rate(path, time_line, _header(path, time_line, time.split(), "Frame Time:", "seconds a frame"))
     rows = rows[2:]
     if not rows:
         fail(path, time_line, "expected lines of frames after the header, found none")
     report_count(path, int(n_frames), len(rows))
     check_number(path, "frames", len(rows), MAX_FRAMES)
-    values = [
-        gap_numbers(path, line, points(words), n_channels, f"frame {k}") for k, (line, words) in enumerate(rows, 1)
-    ]
-    return rate_hz, last_values(path, np.array(values).reshape(len(rows), n_channels))
+    check_number(path, "values", len(rows) * n_channels, input_limits.MAX_VALUES)
+
+    def row(k: int) -> list[float]:
+        line, text = rows[k]
+        return gap_numbers(path, line, points(text.split(None, n_channels)), n_channels, f"frame {k + 1}")
+
+    return rate_hz, last_values(path, number_rows(rows, n_channels, None, row))
 
 
 def _header(path: Path, line: int, words: list[str], key: str, what: str) -> Decimal:

@@ -115,7 +115,7 @@ def in_world(
     if size is None and not raw.unit:  # by the markers' extent
         seen = positions[np.isfinite(positions[..., 0]).any(axis=1)]
         size = float(np.median(np.linalg.norm(np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1), axis=1)))
-    metres = metres_per_unit(source, size, raw.unit, unit)
+    metres = metres_per_unit(source, size, raw.unit, unit, is_stated=True)
     parts = {name: positions[:, k] for k, name in enumerate(names)}
     vertical = vertical_axis(source, upward(parts), raw.up, up)
     axes = world_axes(vertical, forward or (raw.forward if vertical == "y" else None))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import Skeleton
-from workbench.motion.formats.text import fail, numbers, read_lines
+from workbench.motion.formats.text import fail, number_rows, numbers, read_lines
 from workbench.utils.arrays import FloatArray
 from workbench.utils.input_limits import MAX_NUMBERS, check_number
 
@@ -100,9 +100,16 @@ def read_mot(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
     if end is None or end + 2 >= len(lines):
         fail(path, 1, "expected a motion file of OpenSim: a header up to endheader, names of columns, and rows")
     names = lines[end + 1].split()
-    table = [(k, line.split()) for k, line in enumerate(lines[end + 2 :], end + 3) if line.strip()]
+    table = [(k, line) for k, line in enumerate(lines[end + 2 :], end + 3) if line.strip()]
     check_number(path, "numbers", len(table) * len(names), MAX_NUMBERS)
-    values = np.array([numbers(path, k, words, len(names), "a row") for k, words in table])
+
+    def row(k: int) -> list[float]:
+        line, text = table[k]
+        return numbers(path, line, text.split(None, len(names)), len(names), "a row")
+
+    values = number_rows(table, len(names), None, row)
+    for k in np.flatnonzero(np.isnan(values).any(axis=1))[:1]:
+        row(int(k))  # raises an error
     angles = {name: values[:, k] for k, name in enumerate(names) if _ANGLE.fullmatch(name)}
     if not angles:
         fail(path, end + 2, f"expected joint angles, such as knee_angle_r, found {', '.join(names[:60])}")

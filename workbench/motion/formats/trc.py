@@ -9,7 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from workbench.body.skeleton import FOOT_POINTS, JOINT_NAMES
-from workbench.motion.formats.text import MISSING, fail, gap_numbers, numbers, points, read_lines, report_count
+from workbench.motion.formats.text import (
+    MISSING,
+    fail,
+    gap_numbers,
+    number_rows,
+    numbers,
+    points,
+    read_lines,
+    report_count,
+)
 from workbench.utils import input_limits
 from workbench.utils.arrays import FloatArray
 from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
@@ -17,6 +26,7 @@ from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
 log = logging.getLogger(__name__)
 
 _HEADER_LINES = 12  # within which the labels of the columns are
+_AXES = re.compile(r"""[\s,;"]*[XYZxyz]""")  # of the line below the labels
 _ON_GRID = 0.3  # of a frame: larger deviations of the times from equal intervals are interpolated
 _SAME_RATE = 0.01
 
@@ -43,7 +53,7 @@ def read_trc(path: Path) -> RawMarkers:
     lines = read_lines(path)
     if not lines[0].strip().strip('"').startswith("PathFileType"):
         fail(path, 1, "expected a TRC file, whose first word is PathFileType")
-    starts = [re.split(r"[\t,; ]", line.strip().lower(), maxsplit=1)[0] for line in lines[:_HEADER_LINES]]
+    starts = [re.split(r"[\t,; ]", line.strip().lower(), maxsplit=1)[0].strip('"') for line in lines[:_HEADER_LINES]]
     labels = next((k for k, word in enumerate(starts) if word in ("frame#", "frame")), None)
     if labels is None:
         fail(path, min(4, len(lines)), "expected the columns Frame#, Time and the names of markers")
@@ -55,26 +65,29 @@ def read_trc(path: Path) -> RawMarkers:
     names = [cell for cell in _cells(lines[labels], delimiter)[2:] if cell]
     if not names:
         fail(path, labels + 1, "expected the names of markers, found none")
+    check_number(path, "markers", len(names), input_limits.MAX_JOINTS)
     if repeated := [name for k, name in enumerate(names) if name in names[:k]]:
         log.warning("%s: several markers are called %s; the first is used", path, ", ".join(repeated))
-    numbered = [(k, _cells(text, delimiter)) for k, text in enumerate(lines[labels + 1 :], labels + 2) if text.strip()]
-    table = [(line, cells) for line, cells in numbered if not re.match("[XYZxyz]", "".join(cells))]
-    check_number(path, "markers", len(names), input_limits.MAX_JOINTS)
+    numbered = enumerate(lines[labels + 1 :], labels + 2)
+    table = [(line, text) for line, text in numbered if text.strip() and not _AXES.match(text)]
+    if _is_cut(table, delimiter):
+        log.warning("%s, line %d: the row is cut off; left out", path, table.pop()[0])
     check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
     check_number(path, "coordinates", 3 * len(table) * len(names), MAX_NUMBERS)
     if not table:
         fail(path, len(lines), "expected a frame, found none")
-    values = np.array(
-        [_row(path, line, cells, 3 * len(names), not _has(delimiter, lines[line - 1])) for line, cells in table]
-    )
-    digits = max(len(cells[1].replace(",", ".").partition(".")[2]) for _, cells in table if len(cells) > 1)
+    size = 3 * len(names)
+    values = number_rows(table, 2 + size, delimiter, lambda k: _row(path, *table[k], delimiter, size), may_end=True)
+    times = [_cells(text, delimiter, 2)[1:2] for _, text in table]
+    digits = max(len(time.replace(",", ".").partition(".")[2]) for cells in times for time in cells)
     rate_cell = points([header.get("DataRate", "")])
     header_hz = numbers(path, labels, rate_cell, 1, "DataRate")[0] if rate_cell[0].lower() not in MISSING else None
-    rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz)
+    rate_hz, rows = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, header_hz or None)
     check_rate(f"{path}: the rate", rate_hz)
     positions = values[:, 2:].reshape(len(values), -1, 3)
-    if (n_frames := header.get("NumFrames", "")).isdecimal():
-        report_count(path, int(n_frames), len(table) if int(n_frames) != round(rows[-1]) + 1 else int(n_frames))
+    if n_frames := re.fullmatch(r"(\d{1,9})(\.0*)?", header.get("NumFrames", "")):
+        announced = int(n_frames[1])
+        report_count(path, announced, len(table) if announced != round(rows[-1]) + 1 else announced)
     is_own = tuple(names[: len(JOINT_NAMES)]) == JOINT_NAMES and set(names[len(JOINT_NAMES) :]) <= set(FOOT_POINTS)
     forward = "x" if is_own else None  # as of OpenSim and `trc_text`
     return RawMarkers(names, rate_hz, at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
@@ -92,22 +105,27 @@ def read_joint_csv(path: Path) -> RawMarkers:
     wanted = ["frame", "time_s", *[f"{name}_{axis}_m" for name in names for axis in "xyz"]]
     if not names or not set(wanted) <= set(columns):
         fail(path, 1, "expected the columns frame, time_s and <joint>_x_m, _y_m, _z_m")
-    table = [(line, _cells(text, ",")) for line, text in enumerate(lines[1:], 2) if text.strip()]
+    table = [(line, text) for line, text in enumerate(lines[1:], 2) if text.strip()]
     check_number(path, "frames", len(table), input_limits.MAX_FRAMES)
     check_number(path, "coordinates", len(table) * len(columns), MAX_NUMBERS)
     if not table:
         fail(path, len(lines), "expected a frame, found none")
-    rows = [gap_numbers(path, line, cells, len(columns), "a frame") for line, cells in table]
-    values = np.array(rows)[:, [columns.index(column) for column in wanted]]
-    digits = max(len(cells[columns.index("time_s")].partition(".")[2]) for _, cells in table)
+
+    def row(k: int) -> list[float]:
+        return gap_numbers(path, table[k][0], _cells(table[k][1], ","), len(columns), "a frame")
+
+    values = number_rows(table, len(columns), ",", row)[:, [columns.index(column) for column in wanted]]
+    time = columns.index("time_s")
+    digits = max(len(_cells(text, ",", time + 1)[time].partition(".")[2]) for _, text in table)
     rate_hz, at = _timing(path, values[:, 0], values[:, 1], 0.5 * 10.0**-digits, None if len(values) > 1 else 1.0)
     check_rate(f"{path}: the rate", rate_hz)
     return RawMarkers(names, rate_hz, at_grid(path, at, values[:, 2:].reshape(len(values), -1, 3)), "m", "z")
 
 
-def _cells(text: str, delimiter: str | None) -> list[str]:
-    """Return the cells of a line, which blanks may separate instead of the file's delimiter."""
-    return [cell.strip().strip('"') for cell in text.split(delimiter if _has(delimiter, text) else None)]
+def _cells(text: str, delimiter: str | None, at_most: int = -1) -> list[str]:
+    """Return the cells of a line, which blanks may separate instead of the file's delimiter; after `at_most` the rest
+    is one."""
+    return [cell.strip().strip('"') for cell in text.split(delimiter if _has(delimiter, text) else None, at_most)]
 
 
 def _has(delimiter: str | None, text: str) -> bool:
@@ -116,13 +134,20 @@ def _has(delimiter: str | None, text: str) -> bool:
 
 def _header(path: Path, keys: list[str], row: list[str]) -> dict[str, str]:
     """Return the values of the header's keys, between which there may be several delimiters."""
-    present = [cell for cell in row if cell]
-    return dict(zip(keys, present if len(present) == len(list(filter(None, keys))) else row, strict=False))
+    names, present = [key for key in keys if key], [cell for cell in row if cell]
+    return dict(zip(names, present, strict=True) if len(names) == len(present) else zip(keys, row, strict=False))
 
 
-def _row(path: Path, line: int, cells: Sequence[str], size: int, is_blank: bool) -> list[float]:
+def _is_cut(table: Sequence[tuple[int, str]], delimiter: str | None) -> bool:
+    """Return whether the last row has fewer cells than any other, as that of a file whose end is missing."""
+    n_others = min((text.count(delimiter) for _, text in table[:-1]), default=0) if delimiter else 0
+    return n_others > 0 and len(_cells(table[-1][1], delimiter)) <= n_others
+
+
+def _row(path: Path, line: int, text: str, delimiter: str | None, size: int) -> list[float]:
     """Return number, time and coordinates (2 + size,) of a frame, NaN for missing ones; trailing ones may be absent,
     unless blanks separate the cells."""
+    cells, is_blank = _cells(text.rstrip(), delimiter, size + 2), not _has(delimiter, text)
     while len(cells) > 2 and not cells[-1]:
         cells = cells[:-1]
     if len(cells) > size + 2:
@@ -176,6 +201,8 @@ def at_grid(path: Path, rows: FloatArray, positions: FloatArray) -> FloatArray:
     low = np.clip(np.searchsorted(rows, grid + 1e-9, side="right") - 1, 0, len(rows) - 1)
     high = np.clip(np.searchsorted(rows, grid - 1e-9), 0, len(rows) - 1)
     width = rows[high] - rows[low]
-    fraction = np.where(width > 0.0, (grid - rows[low]) / np.where(width > 0.0, width, 1.0), 0.0)[:, None, None]
-    mixed = np.where(fraction == 0.0, positions[low], (1.0 - fraction) * positions[low] + fraction * positions[high])
-    return np.where((width > 1.5)[:, None, None], np.nan, mixed)
+    mixed, between = positions[low], np.flatnonzero(width > 0.0)
+    fraction = ((grid - rows[low]) / np.maximum(width, 1e-9))[between, None, None]
+    mixed[between] = (1.0 - fraction) * positions[low[between]] + fraction * positions[high[between]]
+    mixed[width > 1.5] = np.nan
+    return mixed

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench.body.units import PERSON_M, UNITS, fits_person, unit_of_person
+from workbench.body.units import PERSON_M, UNITS, fits_person, is_person, unit_of_person
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -79,7 +79,9 @@ def upward(points: Mapping[str, FloatArray]) -> FloatArray | None:
     return None if len(levels) < 2 else levels[-1] - levels[0]
 
 
-def metres_per_unit(place: object, size: float | None, header: str | float, given: str | None = None) -> float:
+def metres_per_unit(
+    place: object, size: float | None, header: str | float, given: str | None = None, is_stated: bool = False
+) -> float:
     """Return the metres per unit of length of a file.
 
     Parameters
@@ -88,6 +90,7 @@ def metres_per_unit(place: object, size: float | None, header: str | float, give
     size : body height in the file's unit; None if unknown.
     header : the unit by the header or the format's convention, a name or metres; "" if there is none.
     given : the unit by the user, which is used as it is.
+    is_stated : whether the header names the unit, so that a child may be as small as an adult in another unit is.
 
     Raises
     ------
@@ -104,7 +107,7 @@ def metres_per_unit(place: object, size: float | None, header: str | float, give
     if size is None:
         log.info("%s: no limb whose length shows the unit; read as %s", place, name or "m")
         return usual or 1.0
-    if usual is not None and fits_person(size, usual):
+    if usual is not None and (is_person(size * usual) if is_stated else fits_person(size, usual)):
         log.info("%s: read in %s, in which the person is %.2f m tall", place, name, size * usual)
         return usual
     unit = unit_of_person(size)

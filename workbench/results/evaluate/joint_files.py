@@ -59,6 +59,8 @@ _UNNAMED: Mapping[int, tuple[str, ...]] = MappingProxyType({
 _TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 """OpenSim's coordinates that are lengths."""
 _COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(m|cm|mm)[)\]]?)?", re.IGNORECASE)
+_MAX_TABLE = 80_000_000
+"""Bytes of a table, whose cells take up to twenty times as much memory."""
 _LONGEST_INTERVAL_S = 1.0
 """Frames of a motion are at most so far apart; larger differences of times are in ms, µs or ns."""
 _TIMES = ("time_s", "time", "timestamp", "times_s", "t")
@@ -180,7 +182,7 @@ def _is_own(path: Path) -> bool:
 
 def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     """Return the joints of a table with the columns x, y and z of each joint, such as left_knee_x, and its times."""
-    lines = read_lines(path)
+    lines = read_lines(path, _MAX_TABLE)
     rows = list(csv.reader(lines, delimiter=max(",;\t", key=lines[0].count)))
     header, table = [cell.strip() for cell in rows[0]], [row for row in rows[1:] if any(row)]
     axes_of: dict[str, dict[str, int]] = {}
