@@ -110,8 +110,8 @@ def test_cameras_of_a_file(tmp_path):
 
 def test_size_and_distortions_may_be_absent_and_a_matrix_flat(tmp_path, caplog):
     path, lines = tmp_path / "calib.toml", GOOD.split("\n")
-    kept = [line for line in lines if not line.startswith(("size", "distortions"))]
-    path.write_text("\n".join(kept).replace("], [", ", ").replace("[[", "[").replace("]]", "]"))
+    rest = [line for line in lines if not line.startswith(("size", "distortions"))]
+    path.write_text("\n".join(rest).replace("], [", ", ").replace("[[", "[").replace("]]", "]"))
     assert "[[" not in path.read_text()
     (camera,) = load_cameras(path)
     assert (camera.width, camera.height, camera.distortion.any()) == (0, 0, False)
