@@ -31,9 +31,8 @@ def board_poses(n=10, seed=3):
     return poses
 
 
-def rendered(camera, rotation, translation, upside_down=False):
+def rendered(camera, rotation, translation):
     """Return a camera's image (height, width, 3) of a board, without distortion, blurred by half a pixel."""
-    picture = texture()[::-1, ::-1] if upside_down else texture()
     to_board = np.array([[SQUARE_M / PX, 0.0, 0.0], [0.0, SQUARE_M / PX, 0.0], [0.0, 0.0, 1.0]])
     # the first inner corner is between the texture's pixels 59 and 60
     to_board[:2, 2] = -(2 * PX - 0.5) * SQUARE_M / PX
@@ -41,5 +40,5 @@ def rendered(camera, rotation, translation, upside_down=False):
     plane = camera.matrix @ np.column_stack([axes[:, 0], axes[:, 1], origin]) @ to_board
     size = camera.width * 2, camera.height * 2
     twice = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ plane
-    large = cv2.warpPerspective(picture, twice, size, flags=cv2.INTER_LINEAR, borderValue=128)
+    large = cv2.warpPerspective(texture(), twice, size, flags=cv2.INTER_LINEAR, borderValue=128)
     return np.repeat(cv2.resize(large, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)[..., None], 3, axis=2)

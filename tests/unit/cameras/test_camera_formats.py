@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from workbench.cameras import distortion
 from workbench.cameras.camera_file import load_cameras, load_lenses
 from workbench.utils.errors import InputError
 
@@ -160,16 +161,32 @@ def test_all_lens_models_project_as_by_opencv(tmp_path, n):
     pixels = camera.pixels(points, -np.inf)
     inside = ((expected >= 0.0) & (expected < [640.0, 480.0])).all(axis=1)
     assert inside.sum() > 50
-    np.testing.assert_allclose(pixels[inside], expected[inside], atol=1e-9 if n < 8 else 0.5)
+    error_px = distortion.five_coefficients((640, 480), MATRIX, coefficients, False)[2] if n > 5 else 1e-9
+    assert np.linalg.norm(pixels[inside] - expected[inside], axis=1).max() < 1.02 * error_px < 0.5
 
 
 @pytest.mark.parametrize("declared", [{"fisheye_model": 1}, {"distortion_model": "equidistant"}])
 def test_fisheye_lenses_project_as_by_opencv(tmp_path, declared):
     coefficients = np.array([-0.02, 0.004, -0.001, 0.0002])
     (camera,) = load_cameras(write_opencv(tmp_path / "c.yml", coefficients=coefficients, **POSE, **declared))
-    point = np.array([[[0.4, -0.2, 1.0]]])
-    expected = cv2.fisheye.projectPoints(point, np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][0, 0]
-    np.testing.assert_allclose(camera.pixels(point[0, 0], -np.inf), expected, atol=0.5)
+    points = np.random.default_rng(0).uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 1.0], (500, 3))
+    expected = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), MATRIX, coefficients)[0][:, 0]
+    inside = ((expected >= 0.0) & (expected <= [639.0, 479.0])).all(axis=1)
+    errors_px = np.linalg.norm(camera.pixels(points[inside], -np.inf) - expected[inside], axis=1)
+    assert errors_px.max() < 1.02 * distortion.five_coefficients((640, 480), MATRIX, coefficients, True)[2] < 0.5
+
+
+def test_a_lens_is_fitted_up_to_every_side_of_the_image(monkeypatch):
+    monkeypatch.setattr(distortion, "fitted_coefficients", lambda rays, pixels, matrix: (rays, pixels, matrix))
+    rays, pixels, _ = distortion.five_coefficients((640, 480), MATRIX, np.zeros(4), False)
+    np.testing.assert_allclose(rays @ MATRIX[:2, :2] + MATRIX[:2, 2], pixels)
+    x, y = 639.0 * np.arange(9) / 8, 479.0 * np.arange(9) / 8
+    border = [
+        *((each, end) for each in x for end in (0.0, 479.0)),
+        *((end, each) for each in y for end in (0.0, 639.0)),
+    ]
+    distances = np.linalg.norm(pixels - np.array(border)[:, None], axis=2).min(axis=1)
+    assert distances.max() < 3.0 * 405.0 / 192.0  # a step of the radius, which reaches to three times that of a corner
 
 
 def test_a_rational_lens_of_a_pair_without_image_size_is_approximated_about_its_principal_point(tmp_path):

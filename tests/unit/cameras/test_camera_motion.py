@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from workbench.cameras.background_tracks import STATIC_SHIFT, CornerTracks, track_background
+from workbench.cameras.background_tracks import LONG_SIDE_PX, STATIC_SHIFT, CornerTracks, track_background
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_motion import (
     MAX_LOST,
@@ -14,7 +14,11 @@ from workbench.cameras.camera_motion import (
     TRAVELLING,
     TURNING,
     UNKNOWN,
+    _errors,
     _Rays,
+    _rays,
+    _robust_cost,
+    _robust_std,
     camera_motion,
     in_camera,
 )
@@ -260,6 +264,29 @@ def test_tracks_that_do_not_move_leave_the_prior_of_the_focal_length(rng):
     for zooming in (False, True):
         assert rays.estimated_focal(zooming) == pytest.approx((FOCAL_MEDIAN, 0.9866 * FOCAL_SPREAD), rel=5e-3)
     assert rays.off_centre(0.8 * FOCAL_MEDIAN)[1] == pytest.approx(FOCAL_MEDIAN, rel=1e-2)
+
+
+def test_errors_of_turned_rays_have_their_derivatives(rng):
+    places, end, focal = rng.uniform(-0.5, 0.5, (2, 7, 2)), rng.uniform(-0.5, 0.5, (2, 7, 2)), np.array([0.9, 1.3])
+    rays, turns = _rays(places, 1.1), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (2, 3)))
+    errors, jacobian = _errors(rays, end, turns.as_matrix(), focal)
+    turned = turns.as_matrix()[:, None] @ np.append(places / 1.1, np.ones((2, 7, 1)), axis=2)[..., None]
+    np.testing.assert_allclose(errors, focal[:, None, None] * (turned[..., :2, 0] / turned[..., 2:, 0]) - end)
+    for k, step in enumerate(1e-6 * np.eye(4)):
+        ahead, behind = (
+            _errors(
+                rays, end, (Rotation.from_rotvec(sign * step[:3]) * turns).as_matrix(), focal * np.exp(sign * step[3])
+            )[0]
+            for sign in (1.0, -1.0)
+        )
+        np.testing.assert_allclose(jacobian[..., k], (ahead - behind) / 2e-6, atol=1e-8)
+
+
+def test_robust_deviations_and_costs(rng):
+    """Distances in the plane of normal coordinates have a Rayleigh distribution."""
+    assert _robust_std(rng.rayleigh(0.02, 10_000)) == pytest.approx(0.02, rel=0.05)
+    assert _robust_std(np.zeros(3)) == 0.1 / LONG_SIDE_PX
+    assert _robust_cost(np.array([0.0, 0.06, 0.12]), 0.02) == pytest.approx(4.5 * (0.5 + 0.8))
 
 
 def test_people_and_logos_are_no_background(rng):

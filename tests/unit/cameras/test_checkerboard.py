@@ -61,10 +61,21 @@ def test_detected_corners_are_the_projected_ones():
         assert np.sqrt(((corners - expected) ** 2).mean()) < 0.2
 
 
-def test_the_first_corner_is_identified_in_an_upside_down_board():
-    rotation, translation = board_poses()[0]
-    upside_down = find_corners(rendered(lens(), rotation, translation, upside_down=True), BOARD)
-    np.testing.assert_allclose(upside_down, detected_corners()[0][::-1], atol=0.6)
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_the_first_corner_is_identified_in_a_turned_image(quarters):
+    """A quarter turn moves (x, y) of an image 640 px wide to (y, 639 - x), the next one of 480 px."""
+    image, expected = rendered(lens(), *board_poses()[0]), detected_corners()[0]
+    for k in range(quarters):
+        expected = np.stack([expected[:, 1], (639, 479)[k % 2] - expected[:, 0]], axis=1)
+    np.testing.assert_allclose(find_corners(np.rot90(image, quarters).copy(), BOARD), expected, atol=0.6)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, -1), (-1, 1), (-1, -1)])
+def test_the_first_corner_is_identified_in_every_order_of_the_detected_corners(rows, columns, monkeypatch):
+    expected = detected_corners()[0]
+    pixels = expected.reshape(ROWS, COLUMNS, 2)[::rows, ::columns].reshape(-1, 1, 2).astype(np.float32)
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, **__: (True, pixels))
+    np.testing.assert_allclose(find_corners(rendered(lens(), *board_poses()[0]), BOARD), expected, atol=1e-4)
 
 
 def test_a_lens_is_recovered_from_rendered_boards():

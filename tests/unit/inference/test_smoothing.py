@@ -47,6 +47,20 @@ def test_backward_simulation_converges_to_the_smoother(model):
         assert_agree(estimates[t], [*mean[t], *variance[t]])
 
 
+@pytest.mark.parametrize("h", [0.0, -0.9])
+def test_the_map_poses_are_those_of_the_trajectory_of_highest_density(h):
+    filter_ = particle_filter(simulate(T, seed=3, h=h), h=h)
+    smoother = BackwardSimulation(filter_, n_particles=150, n_paths=150, min_effective_ancestors=1)
+    steps = list(smoother.run(frames(T), MEAN0, streams(0)))
+    paths = np.stack([step.particles for step in steps])
+    density = np.zeros(150)
+    for before, now, frame in zip(paths[:-1], paths[1:], frames(T)[1:], strict=True):
+        density += LinearPrior().log_transition(before, now, 0.1) + filter_.likelihood.log_prob(
+            None, frame, before, now
+        )
+    np.testing.assert_array_equal([step.map_pose for step in steps], paths[:, np.argmax(density)])
+
+
 @pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
 def test_fixed_lag_converges_to_the_posterior_given_three_more_frames(ess_threshold):
     options = {"n_particles": 500, "lag": 3, "min_effective_ancestors": 1}

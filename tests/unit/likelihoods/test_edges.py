@@ -7,6 +7,7 @@ import pytest
 from tests.oracles import edges as oracle
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
+from workbench.likelihoods.cues import edges
 from workbench.likelihoods.cues.edge_filters import (
     ALONG,
     POINTS,
@@ -108,11 +109,19 @@ def test_a_box_is_smoothed_as_in_the_full_image(corner):
     assert lazy.smoothed_around(box) is lazy.smoothed_around((*corner, corner[0] + 20, corner[1] + 30))
 
 
-def test_a_learned_model_has_its_maximum_at_the_true_position(tmp_path):
+def test_a_learned_model_has_its_maximum_at_the_true_position(tmp_path, monkeypatch):
     """The model is learned from bars of random contrast, saved and loaded."""
     rng = np.random.default_rng(1)
     views = [View(scenes.FRONT, bar_image(int(level))) for level in rng.integers(120, 250, 8)]
+    learned_poses = []
+    monkeypatch.setattr(edges, "forward", lambda skeleton, p: learned_poses.append(p) or forward(skeleton, p))
     model = learn_edge_model([(ROD, view, scenes.root()[0]) for view in views], rng)
+    displacements = np.stack(learned_poses)[..., :3] @ scenes.FRONT.rotation.T  # (view, pose, right and down and ahead)
+    assert (displacements[:, 0] == 0.0).all()  # the true pose
+    distances = np.linalg.norm(displacements[:, 1:, :2], axis=2)
+    np.testing.assert_allclose([distances.min(), distances.max()], [0.05, 0.6], atol=0.03)
+    np.testing.assert_allclose(displacements[..., 2], 0.0, atol=1e-12)
+    assert all((side > 0.1).any() for side in (*displacements.T[:2], *-displacements.T[:2]))
     assert model.on.sum(axis=-1).tolist() == [[8 * 2 * ALONG], [8 * ALONG]]  # both sides; the axis
     save(tmp_path / "edges.h5", model, PROVENANCE)
     loaded = load(EdgeModel, tmp_path / "edges.h5")

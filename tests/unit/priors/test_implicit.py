@@ -72,16 +72,15 @@ def test_the_window_of_a_state_is_its_motion(windows, poses):
         assert coefficients == pytest.approx(expected[0, len(POSE_NAMES) : len(POSE_NAMES) + b], abs=1e-4)
 
 
-def test_noise_has_the_stated_deviations(windows, poses):
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0])
+def test_noise_has_the_stated_deviations_for_a_thirtieth_of_a_second(motions, poses, rate_hz):
     sigmas = {"sigma_position": (0.01, 0.02, 0.03), "sigma_rotation": (0.02, 0.01, 0.03), "sigma_angles": 0.05}
-    prior = Implicit(windows, beta=1e-6, **sigmas)
-    state = prior.sample_transition(prior.start_after(poses[20:31], N), DT, np.random.default_rng(0))
-    spread = prior.pose(state).std(axis=0)
+    prior = Implicit(learn_windows(motions, rate_hz=rate_hz), beta=1e-6, **sigmas)
+    state = prior.sample_transition(prior.start_after(poses[20:31], N), 1 / rate_hz, np.random.default_rng(0))
+    spread = prior.pose(state).std(axis=0) / np.sqrt(30.0 / rate_hz)
     c, s = np.cos(poses[30, 3]), np.sin(poses[30, 3])
     across = [np.hypot(c * 0.01, s * 0.02), np.hypot(s * 0.01, c * 0.02), 0.03]
-    assert spread[:3] == pytest.approx(across, rel=5 / np.sqrt(2 * N))
-    assert spread[3:6] == pytest.approx([0.02, 0.01, 0.03], rel=5 / np.sqrt(2 * N))
-    assert spread[6:] == pytest.approx(0.05, rel=5 / np.sqrt(2 * N))
+    assert spread == pytest.approx([*across, 0.02, 0.01, 0.03, *[0.05] * 19], rel=5 / np.sqrt(2 * N))
 
 
 def initial_constants(monkeypatch, **values):

@@ -76,16 +76,29 @@ def test_only_recorded_quantities_have_panels():
     with_truth = replace(SHOWN, reprojection_errors=paths)  # true errors replace reprojection errors
     assert views_by_name(with_truth).keys() == views_by_name(SHOWN).keys()
     with_ranks = replace(SHOWN, metrics=(*SHOWN.metrics, "nll"))
-    assert f"/{RANKS}" in [view.origin for view in views_by_name(with_ranks).values()]
-    assert f"/{RANKS}" not in [view.origin for view in views_by_name(SHOWN).values()]
+    assert tab(with_ranks, "calibration") == [f"/{RANKS}", "/metrics/nll"]
+    assert tab(with_ranks, "numbers") == tab(SHOWN, "numbers") == ["/metrics/log_evidence"]
+    without_ranks = replace(SHOWN, metrics=(*SHOWN.metrics, "crps_mm"))
+    assert tab(without_ranks, "calibration") == ["/metrics/crps_mm"]
+
+
+def parents(shown, name):
+    """Return (container, k) for every child k of the name."""
+    containers = [layout.layout(shown).root_container]
+    for block in containers:
+        containers += [child for child in block.contents if isinstance(child, rrb.Container)]
+    return [(each, k) for each in containers for k, child in enumerate(each.contents) if child.name == name]
+
+
+def tab(shown, name):
+    """Return the origins of the views in a tab."""
+    ((tabs, k),) = parents(shown, name)
+    return [view.origin for view in views(tabs.contents[k])]
 
 
 def heights(shown, name):
     """Return the relative heights of the stack that holds the view of a name, that view's first."""
-    stacks = [layout.layout(shown).root_container]
-    for block in stacks:
-        stacks += [child for child in block.contents if isinstance(child, rrb.Container)]
-    ((stack, k),) = [(each, k) for each in stacks for k, child in enumerate(each.contents) if child.name == name]
+    ((stack, k),) = parents(shown, name)
     return [stack.row_shares[k], *np.delete(stack.row_shares, k)]
 
 

@@ -12,6 +12,7 @@ from workbench.evaluation.verdict.run_findings import RunInputs
 from workbench.evaluation.verdict.run_measurements import MeasurementCollector
 from workbench.evaluation.verdict.run_verdict import Verdict, verdict
 from workbench.recording.read.reader import read
+from workbench.recording.write import outcome
 from workbench.recording.write.outcome import reprojection_errors
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.finding import Finding
@@ -31,10 +32,12 @@ def recorded(path, run, metrics=lambda k: {}, run_verdict=None):
     return path, collector.measurements()
 
 
-def test_the_verdict_is_recorded_as_text_property_and_states(tmp_path):
+def test_the_verdict_is_recorded_as_text_property_and_states(tmp_path, monkeypatch):
     def expected_errors(k):
         return {"expected_error_arms_mm": 800.0 if k > 3 else 10.0}
 
+    feet = np.array([[np.nan, 1.0], [np.nan, 1.0], [1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    monkeypatch.setattr(outcome, "stance", lambda *_: feet)
     path, _ = recorded(tmp_path / "run.rrd", steps(6, n_particles=20), expected_errors, LOST)
     properties = read(path).properties["verdict"]
     assert (properties["level"], properties["outcome"], properties["kind"]) == ("doubtful", "lost", "lost")
@@ -42,6 +45,8 @@ def test_the_verdict_is_recorded_as_text_property_and_states(tmp_path):
     assert static(path, "/verdict", "TextDocument:text")[0].startswith("**doubtful**, because from frame 3")
     assert values(path, "/state/tracking", "StateChange:state") == ["tracked", "lost", "tracked"]
     assert values(path, "/state/large_expected_error", "StateChange:state") == ["none", "arms"]
+    assert values(path, "/state/foot_left", "StateChange:state") == ["no gait", "stance", "swing"]
+    assert values(path, "/state/foot_right", "StateChange:state") == ["stance", "swing", "stance"]
 
 
 @pytest.mark.parametrize(("n_values", "is_curve", "is_sparse"), [(1, False, False), (2, True, True), (3, True, False)])

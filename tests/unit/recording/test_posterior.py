@@ -22,7 +22,7 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.smooth import Smooth
-from workbench.recording.write.posterior import RANKS, Posterior
+from workbench.recording.write.posterior import RANKS, Posterior, _interval_ends
 
 BODY = person(from_height(1.75))
 N_FRAMES, N_BINS = 4, 16
@@ -115,6 +115,8 @@ def test_intervals_of_more_particles_are_quantiles_within_the_resampling_error(n
     outside = [weights[values < low].sum(), weights[values > high].sum()]
     assert outside == pytest.approx([0.05, 0.05], abs=4.0 * np.sqrt(0.05 * 0.95 / 1000))  # four standard errors
     assert {low, high} <= {*values.tolist()}
+    equal = np.full((3000, 1), 1.0 / 3000)  # every third is resampled: 1, 4, 7, …
+    assert _interval_ends(np.arange(3000.0)[:, None], equal[:, 0]).ravel().tolist() == [1 + 3 * 49, 1 + 3 * 949]
 
 
 def heights(path, entity):

@@ -10,7 +10,7 @@ from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.cameras.camera import plain_camera
-from workbench.recording.write import images, scene
+from workbench.recording.write import images, scene, styles
 
 BODY = person(from_height(1.8))
 LENS = np.array([-0.25, 0.05, 0.003, -0.002, 0.01])
@@ -52,6 +52,12 @@ def test_the_solids_of_a_limb_end_with_it_or_within_its_smallest_radius_beyond()
     assert (begin >= -smallest[:, 0] - 1e-12)[cones].all()
     assert (end <= limbs.lengths[limb] + smallest[:, 1] + 1e-12)[cones].all()
     assert n_per_cone > 1
+
+
+def test_particles_fade_with_the_logarithm_of_their_weight():
+    ends = np.array([styles.LIGHTEST_PARTICLE, styles.HEAVIEST_PARTICLE])
+    shades = scene.weight_colours(np.array([-11.0, -2.0, -6.5, -8.0]))
+    np.testing.assert_array_equal(shades, np.rint([[1.0, 0.0], [0.0, 1.0], [0.75, 0.25], [1.0, 0.0]] @ ends))
 
 
 @pytest.mark.parametrize("is_true", [False, True])

@@ -66,8 +66,7 @@ def angle_measures(times_s: FloatArray, angles: FloatArray, stretches: Sequence[
 
 def _repetitions(angle: FloatArray, least: float) -> IntArray:
     """Return the frames of maxima of an angle (F,) which falls by `least` before and after, or begins or ends."""
-    ends = np.full(1, angle.min() - 2.0 * least)
-    peaks = scipy.signal.find_peaks(np.concatenate([ends, angle, ends]), prominence=least)[0] - 1
+    peaks = scipy.signal.find_peaks(np.pad(angle, 1, constant_values=-np.inf), prominence=least)[0] - 1
     return np.asarray(peaks[(peaks > 0) & (peaks < len(angle) - 1)], dtype=np.int64)
 
 

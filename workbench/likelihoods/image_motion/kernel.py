@@ -499,10 +499,8 @@ def place_points(
                 for r in range(ends.shape[0] - 1):
                     begin, end = ends[r], ends[r + 1]
                     to = n_poses * n_limbs * begin + ((chunk + i) * n_limbs + limb) * (end - begin)
-                    places, valid_points = pixels[to : to + end - begin], valid[to : to + end - begin]
-                    _write_points(
-                        patches[limb], i, samples[:, begin:end], camera, flags[begin * LANES :], places, valid_points
-                    )
+                    points = samples[:, begin:end]
+                    _write_points(patches[limb], i, points, camera, flags[begin * LANES :], pixels[to:], valid[to:])
                 azimuth = np.arctan2(patches[limb, ACROSS + LANES + i], patches[limb, ACROSS + i])
                 azimuths[chunk + i, limb] = azimuth if patches[limb, COSINE + i] > 0.0 else 0.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.evaluation.gait.estimates import MIN_SAMPLES, bands_of, estimate_of, expected_extremes
-from workbench.evaluation.gait.repetitions import MIN_RANGE_RAD, REPEATED, angle_measures
+from workbench.evaluation.gait.repetitions import MIN_RANGE_RAD, REPEATED, _peak, _repetitions, angle_measures
 from workbench.evaluation.gait.stretches import MAX_GAP_S, evenly, rows_of_stretches
 
 
@@ -47,7 +47,21 @@ def test_repetitions_are_large_parts_of_the_range(part, n):
     """Two full repetitions with a smaller one between them."""
     times_s = np.arange(0.0, 6.01, 1.0 / 30.0)
     angle = squats(times_s) * np.where((times_s > 2.0) & (times_s < 4.0), part * REPEATED, 1.0)
-    assert of(times_s, angle).repetitions[0] == n
+    measured = of(5.0 + times_s, angle)
+    assert measured.repetitions[0] == n
+    assert measured.seconds[0, 0] == pytest.approx(4.0 / (n - 1), abs=0.02)
+
+
+def test_repetitions_are_inside_a_stretch():
+    """The largest angle in the first or last frame is no maximum; one beside it is."""
+    assert _repetitions(np.array([1.0, 0.0, 1.0, 0.6, 1.1, 0.0, 1.0]), 0.5).tolist() == [4]
+    assert _repetitions(np.array([0.9, 1.0, 0.0, 1.0, 0.9]), 0.5).tolist() == [1, 3]
+
+
+def test_the_largest_value_near_a_frame_is_within_reach():
+    """Values that are 1 in one frame each, else 0."""
+    assert _peak(np.eye(9), 5, 2).tolist() == [3, 3, 3, 3, 4, 5, 6, 7, 3]
+    assert _peak(np.eye(5), 1, 2).tolist() == [0, 1, 2, 3, 0]
 
 
 def test_one_repetition_has_no_time():
@@ -80,6 +94,8 @@ def test_without_stretches_nothing_is_known():
     measured = of(np.array([0.0, 5.0]), np.zeros(2))
     assert np.isnan(measured.ranges_rad).all()
     assert measured.repetitions[0] == 0
+    for n, speed in ((2, np.nan), (3, 3.0)):  # frames
+        assert of(np.arange(n) / 10.0, 0.3 * np.arange(n)).peak_speeds_rad_s == pytest.approx(speed, nan_ok=True)
 
 
 @pytest.mark.parametrize(("gap_s", "n"), [(MAX_GAP_S, 1), (MAX_GAP_S + 0.01, 2)])

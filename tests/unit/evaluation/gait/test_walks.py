@@ -155,12 +155,15 @@ def test_steps_need_feet_that_move_apart(part, n_strikes):
 
 @pytest.mark.parametrize(("part", "turning"), [(0.9, False), (1.1, True)])
 def test_strides_that_turn_are_left_out(part, turning):
-    """A treadmill on a turntable: the whole walk turns about the origin by a little less or more than allowed."""
+    """A treadmill on a turntable, which turns from 4 s on, by a little less or more than allowed."""
     person = average_subject()
     motion = on_treadmill(scene(walker(person, 8.0, 30.0)), speed_of(walker(person, 8.0, 30.0)))
-    motion.poses[0, :, POSE_NAMES.index("root_heading")] += part * MAX_TURN_RAD * person.stride_hz * motion.times_s
+    turned = part * MAX_TURN_RAD * person.stride_hz * np.maximum(motion.times_s - 4.0, 0.0)
+    motion.poses[0, :, POSE_NAMES.index("root_heading")] += turned
     walk = motion.walk()
-    assert (walk is None) == turning
+    assert (walk.n_turning > 0) == turning
+    assert walk.n_irregular == 0  # of the others
+    assert (max(strides.starts_s.max() for strides in walk.strides) < 4.0) == turning
 
 
 @pytest.mark.parametrize(("part", "measured"), [(0.95, True), (1.05, False)])

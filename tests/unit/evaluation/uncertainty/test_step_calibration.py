@@ -12,8 +12,10 @@ from workbench.core.frame import Truth
 from workbench.evaluation.errors.pose_errors import step_errors
 from workbench.evaluation.uncertainty.posterior_calibration import expected_calibration_error
 from workbench.evaluation.uncertainty.step_calibration import (
+    _FIXED_TOLERANCE,
     area_under_curve,
     expected_errors,
+    given_parameters,
     group_errors,
     joint_calibration,
     pose_calibration,
@@ -69,6 +71,10 @@ def test_fixed_parameters_count_once_their_true_value_changes():
     moved = step_errors(step_of(poses, Truth(pose=true)), BODY, arm, initial=initial)
     assert moved["coverage_90"] == pytest.approx(len(arm) / (len(arm) + 1))
     assert moved["coverage_90_root"] == 0.0
+    changes = np.where(np.arange(25) % 2, _FIXED_TOLERANCE, np.nextafter(_FIXED_TOLERANCE, 1.0))
+    given = [i for i in fixed if i % 2]
+    for change in (changes, -changes):
+        assert np.flatnonzero(given_parameters(SKELETON, arm, change, np.zeros(25))).tolist() == given
     estimated = step_errors(step, BODY, SKELETON.dof_names, initial=initial)  # degenerate particles
     assert estimated["coverage_90"] == pytest.approx(len(arm) / 25)
 

@@ -1,5 +1,6 @@
 """Findings on missing, repeated and lost frames, and their thresholds on both sides."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -70,12 +71,14 @@ def test_a_person_inside_of_two_images_cannot_leave():
 @pytest.mark.parametrize("intact", [ONE, FOUR])
 @pytest.mark.parametrize(("n_missing", "is_gap"), [(6, False), (7, True), (25, True)])
 def test_a_gap_in_frames_or_keypoints_is_reported(intact, n_missing, is_gap):
-    frames = np.arange(20, 20 + n_missing)
-    keypoints = intact.keypoints.copy()
-    keypoints[:, frames] = np.nan
-    for gap in (replace(intact, keypoints=keypoints), rows(intact, np.delete(np.arange(N), frames))):
-        message = kinds(gap).get("missing frames or jumps", "")
-        assert f"{n_missing / RATE_HZ:.2g} s" in message if is_gap else message == ""
+    seconds = f"{n_missing / RATE_HZ:.2g}"
+    for first in (0, 20, N - n_missing):
+        keypoints, last = intact.keypoints.copy(), first + n_missing - 1
+        keypoints[:, first : last + 1] = np.nan
+        message = kinds(replace(intact, keypoints=keypoints)).get("missing frames or jumps", "")
+        assert re.findall(r"[0-9.]*[0-9]", message) == [f"{first}", f"{last}", seconds] * is_gap
+    omitted = rows(intact, np.delete(np.arange(N), np.arange(20, 20 + n_missing)))
+    assert (f"{seconds} s" in kinds(omitted).get("missing frames or jumps", "")) == is_gap
 
 
 def test_the_longest_gap_is_named():
@@ -83,6 +86,8 @@ def test_the_longest_gap_is_named():
     keypoints[:, [*range(7), *range(20, 40)]] = np.nan
     message = kinds(replace(ONE, keypoints=keypoints))["missing frames or jumps"]
     assert message == "no keypoints in frames 20 to 39, 0.8 s, and 1 shorter"
+    paused = kinds(replace(ONE, times_s=ONE.times_s + (np.arange(N) > 29)))["missing frames or jumps"]
+    assert re.findall(r"[0-9]+", paused) == ["29", "1"]  # no frame is missing between frame 29 and the next one
 
 
 def frozen(intact, frames, v=slice(None), error_px=0.0):

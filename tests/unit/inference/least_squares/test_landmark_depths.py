@@ -1,6 +1,7 @@
 """Smallest depths of bones by world landmarks: cost and derivatives, and the limb flips that they resolve."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from workbench.body.kinematics import joints
 from workbench.core.losses import DEPTH_LOSS, Loss
 from workbench.core.prior import Smoothness
 from workbench.core.residual import robust
+from workbench.inference.least_squares.motion.smooth_fit import _depths
 from workbench.inference.least_squares.video.landmark_depths import BONES, MIN_DEPTH_M, DepthArrays
 from workbench.inference.least_squares.video.limb_flips import LIMBS, flipped
 from workbench.inference.least_squares.video.pose_problem import KeypointArrays, PoseProblem
@@ -58,6 +60,14 @@ def test_the_true_pose_has_no_depth_cost_at_any_scale_of_the_landmarks():
     places, frame = joints(SKELETON, poses), np.repeat(np.arange(6), np.diff(depths.first))
     bones = places[frame, depths.ends[:, 1]] - places[frame, depths.ends[:, 0]]
     assert len(bones) > 12
+    observables = SimpleNamespace(depth_sigma_m=SIGMA_M)
+    task = SimpleNamespace(
+        skeleton=SKELETON, observations=observations, likelihood=SimpleNamespace(observables=observables)
+    )
+    np.testing.assert_array_equal(_depths(task).directions, depths.directions)
+    other = replace(observations[0].keypoints[0], camera=CAMERAS[1])
+    task.observations = [replace(frame, keypoints=(*frame.keypoints, other)) for frame in observations]
+    assert _depths(task) is None  # several cameras determine the depth
     assert ((bones * depths.directions).sum(axis=1) >= MIN_DEPTH_M).all()
     without, with_depths = (problem(times, observations, arrays).expand(poses.ravel()) for arrays in (None, depths))
     assert with_depths.cost == pytest.approx(without.cost, abs=1e-9)

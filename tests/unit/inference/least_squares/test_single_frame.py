@@ -16,7 +16,7 @@ from workbench.inference.least_squares.motion.all_frames import fit_motion, fit_
 from workbench.inference.least_squares.motion.first_frame import MIN_TRAVEL_M, likely_roots, roots_from_points
 from workbench.inference.least_squares.motion.frame_by_frame import fit_poses
 from workbench.inference.least_squares.motion.motion_decoder import MotionDecoder, follow, global_motion
-from workbench.inference.least_squares.motion.phase_grid import N_PHASES, best_lines, find_phase
+from workbench.inference.least_squares.motion.phase_grid import N_PHASES, _dense_rates, best_lines, find_phase
 from workbench.inference.least_squares.solver.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.utils.errors import InputError
 
@@ -125,6 +125,14 @@ def test_the_line_of_least_cost_has_the_true_phase_and_rate():
     np.testing.assert_allclose((line - phase - rate * times + 0.5) % 1.0 - 0.5, 0.0, atol=1.0 / 48.0)
     assert len(others) == 3
     assert all(cost < other for other, _ in others)
+
+
+@pytest.mark.parametrize("duration_s", [0.5, 4.0])
+def test_neighbouring_frequencies_end_less_than_a_phase_apart(duration_s):
+    rates = np.array([0.6, 0.8, 1.0])
+    dense = _dense_rates(rates, 3.0 + np.array([0.0, 0.1, duration_s]))
+    n = int(np.ceil(0.4 * duration_s * N_PHASES))
+    np.testing.assert_allclose(dense, rates if n < 3 else np.linspace(0.6, 1.0, n + 1))
 
 
 def phase_error(seed):
