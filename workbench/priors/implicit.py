@@ -100,6 +100,7 @@ class Implicit:
         self.search, self.leaf, self.beta, self.tail_probability = search, leaf, beta, tail_probability
         blend_rate = {"copy": 1.0, "increment": 0.0, "blend": blend_rate}[prediction]
         noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
+        noise *= np.sqrt(REFERENCE_RATE_HZ / windows.rate_hz)
         self.prediction = WindowPrediction(windows, blend_rate, velocity_noise_fraction, noise)
         self._initial_noise = self._deviations(
             (INITIAL_POSITION_STD,) * 3, (INITIAL_ROTATION_STD,) * 3, INITIAL_ANGLE_STD
@@ -247,4 +248,4 @@ class Implicit:
         if self.windows.include_root:
             deviations[:N_ROOT] = (*position, *rotation)
         deviations[[POSE_NAMES.index(name) for name in self.windows.angles]] = angles
-        return deviations * np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)
+        return deviations

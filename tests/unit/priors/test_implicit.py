@@ -97,9 +97,10 @@ def test_initial_windows_end_near_the_pose(windows, poses, monkeypatch):
     assert state[:, len(POSE_NAMES) :] == pytest.approx(np.repeat(expected[:, len(POSE_NAMES) :], 10, axis=0), abs=1e-4)
 
 
-def test_initial_states_have_the_stated_deviations(windows, poses, monkeypatch):
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0])
+def test_initial_states_have_the_stated_deviations(motions, poses, monkeypatch, rate_hz):
     initial_constants(monkeypatch, POSITION_STD=0.03, ROTATION_STD=0.02, ANGLE_STD=0.04)
-    prior = Implicit(windows)
+    prior = Implicit(learn_windows(motions, rate_hz=rate_hz))
     spread = prior.pose(prior.sample_initial(poses[40], N, np.random.default_rng(0))).std(axis=0)
     assert spread == pytest.approx([0.03] * 3 + [0.02] * 3 + [0.04] * 19, rel=5 / np.sqrt(2 * N))
 
