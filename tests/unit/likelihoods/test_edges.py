@@ -14,6 +14,7 @@ from workbench.likelihoods.cues.edge_filters import (
     RIDGE_SCALES_PX,
     SmoothedBox,
     SmoothedView,
+    _joint_box,
     filtered,
     responses,
     smoothed,
@@ -193,3 +194,9 @@ def test_filtering_the_bounding_box_of_the_points_is_sufficient():
     poses[:, 0] = 5.0  # behind the camera
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
     assert not response_log_ratio(filtered(images, bounding_box(points)), points, table).any()
+
+
+@pytest.mark.parametrize("other", [(2, 5, 7, 1), (0, 10, 2, 6)])
+def test_the_box_around_two_is_the_smallest(other):
+    one = (1, 9, 3, 4)
+    assert _joint_box(one, other) == (*np.minimum(one, other)[:2], *np.maximum(one, other)[2:])

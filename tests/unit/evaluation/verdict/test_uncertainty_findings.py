@@ -1,12 +1,17 @@
 """Thresholds of the findings on uncertainty, observations near the body and convergence, on both sides."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from verdict_scenes import N, scene
 
+from workbench.cameras.camera import plain_camera
+from workbench.evaluation.verdict.run_measurements import _depth_std
+
 ONE = scene(1)
+CAMERA = plain_camera(640, 480, 500.0, (3.0, 1.0, 2.0), (0.0, 0.0, 1.0), "camera")
 
 
 def level_of(intact, kind):
@@ -52,3 +57,20 @@ def test_observations_far_from_the_body_lower_the_verdict(fraction, level):
 @pytest.mark.parametrize(("decrease", "level"), [(0.0, ""), (0.009, ""), (0.011, "doubtful")])
 def test_a_fit_whose_cost_still_decreases_has_not_converged(decrease, level):
     assert level_of(replace(ONE, cost_decrease=decrease), "not converged")[0] == level
+
+
+@pytest.mark.parametrize(
+    ("depths_m", "weights", "n_views", "expected_m"),
+    [
+        ([0.0, 3.0], [0.25, 0.75], 1, 3.0 * np.sqrt(0.25 * 0.75)),
+        ([-1.0, 1.0, 4.0], [0.5, 0.25, 0.25], 1, np.sqrt(0.5 * 1.75**2 + 0.25 * 0.25**2 + 0.25 * 3.25**2)),
+        ([2.0], [1.0], 1, np.nan),
+        ([0.0, 3.0], [0.25, 0.75], 2, np.nan),
+    ],
+)
+def test_the_deviation_of_the_depth_is_that_of_weighted_particles(depths_m, weights, n_views, expected_m):
+    poses = np.zeros((len(depths_m), 25))
+    poses[:, :3] = np.outer(depths_m, CAMERA.rotation[2]) + 5.0 * CAMERA.rotation[0]
+    frame = SimpleNamespace(views=[SimpleNamespace(camera=CAMERA)] * n_views)
+    step = SimpleNamespace(frame=frame, poses=poses, log_weights=np.log(weights))
+    assert _depth_std(step) == pytest.approx(expected_m, nan_ok=True)
