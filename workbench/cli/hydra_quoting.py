@@ -19,9 +19,9 @@ def quoted(argument: str) -> str:
     """Return an argument with its value quoted if Hydra cannot parse it, such as `n_track_losses>0` or a folder.
 
     A value with symbols of Hydra's grammar is unchanged, except for existing files, folders, clip names such as 35_02,
-    and nested interpolations, which Hydra parses in quotes only; existing files are quoted also where Hydra would parse
-    another name, as 1000.0 for 1e3. Raises InputError for a value on which Hydra's parser
-    fails, and as `literal` does.
+    and nested interpolations, which Hydra parses in quotes only. The name of an existing file is also quoted where
+    Hydra would change it, such as 1e3 to 1000.0. Raises InputError for a value on which Hydra's parser fails, and as
+    `literal` does.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"'):

@@ -85,9 +85,10 @@ class DetectedPoints:
 def numbers_in_names(names: Iterable[str]) -> dict[str, int]:
     """Return the numbers of frames in file names, of those with a number.
 
-    Of several numbers in a name it is the one that counts through all files without a gap, or else the last one, or
-    else the last decimal fraction, times 1e9, that increases in `natural_order`. Names without such a number have none
-    if their last ones differ, as the seconds of clock times, and else their last one. Numbers have at most 63 bits.
+    Of several numbers in a name it is the one that counts through all files without a gap; or else the last number that
+    increases in `natural_order`; or else the last decimal fraction that does, times 1e9. If none does, the names have
+    no number where their last ones all differ, such as the seconds of clock times, and otherwise their last one.
+    Numbers have at most 63 bits.
     """
     digits = {name: found for name in names if (found := _NUMBER.findall(name))}
     order = [name for name, _ in natural_order(list(digits))]
@@ -113,7 +114,8 @@ def _billionths(text: str) -> int:
 
 
 def _is_without_confidence(numbers: FloatArray) -> bool:
-    """Return whether a layout has as many flat numbers only without confidences, and every third one is none."""
+    """Return whether flat numbers are u, v alone: only then does a layout have as many, and as u, v, confidence some of
+    their confidences would be too large, or all coordinates small."""
     size, is_large = numbers.size, numbers > _MAX_CONFIDENCE
     is_unlike = bool(is_large[2::3].any() or not is_large.any())
     return size % 2 == 0 and size // 2 in SIZES and not (size % 3 == 0 and size // 3 in SIZES) and is_unlike

@@ -71,8 +71,8 @@ def check_number_of_points(source: object, n_points: int) -> None:
 
 
 def unlike_layouts(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of points; () where no limb is among them, and where a layout, whose points of the head are
-    better known, has the points of all limbs at the same places."""
+    """Return the names of points; () where no limb is among them, and where a layout, which also states the points of
+    the head, has the points of all limbs at the same places."""
     limbs = {name: points for name, points in named_points(names).items() if name.startswith(("left_", "right_"))}
     layouts = [layout_joints(points) for points in LAYOUTS.values() if len(points) == len(names)]
     is_layout = any(all(layout.get(name) == points for name, points in limbs.items()) for layout in layouts)

@@ -53,7 +53,7 @@ def test_repetitions_are_large_parts_of_the_range(part, n):
 
 
 def test_repetitions_are_inside_a_stretch():
-    """The largest angle in the first or last frame is no maximum; one beside it is."""
+    """The largest angle in the first or last frame is no maximum; one next to it is."""
     assert _repetitions(np.array([1.0, 0.0, 1.0, 0.6, 1.1, 0.0, 1.0]), 0.5).tolist() == [4]
     assert _repetitions(np.array([0.9, 1.0, 0.0, 1.0, 0.9]), 0.5).tolist() == [1, 3]
 

@@ -49,7 +49,7 @@ def with_detector_errors(
     """
     scales, n_correlated = noise_scales(problem, poses)
     keypoints = replace(problem.keypoints, whitening=problem.keypoints.whitening / scales)
-    mean, precision = problem.nominal[0], problem.nominal[1].copy()
+    mean, precision = map(np.copy, problem.nominal)
     angles = slice(len(POSE_NAMES))
     precision[angles, angles] /= n_correlated
     noisy = replace(problem, keypoints=keypoints, pose_prior=(mean[None], precision[None]))
