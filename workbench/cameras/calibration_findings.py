@@ -285,7 +285,7 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
         _camera_height(camera, floor_m),
     ]
     if camera.uncertainty is None:  # an estimated camera follows from the same heads and feet
-        findings += _slope(places[_stands(keypoints[rows])])
+        findings += _slope(places[_stands(keypoints[rows])], camera)
     return CalibrationCheck(tuple(findings), joints, floor_m)
 
 
@@ -362,13 +362,19 @@ def _stands(keypoints: FloatArray) -> BoolArray:
     return np.asarray(together & (np.abs(angles - np.nanmedian(angles)) < 0.5 * _MAX_LEAN_DEG))
 
 
-def _slope(places: FloatArray) -> list[Finding]:
-    """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short."""
+def _slope(places: FloatArray, camera: Camera) -> list[Finding]:
+    """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short.
+
+    A person who bends seems to walk away, along the ray through the feet. These rays meet a level floor in one place.
+    """
     if len(places) < 3:
         return []
     centred = places - places.mean(axis=0)
-    walk = centred[:, :2] @ np.linalg.svd(centred[:, :2])[2][0]
-    if np.ptp(walk) < _MIN_WALK_M:
+    direction = np.linalg.svd(centred[:, :2])[2][0]
+    walk, rays = centred[:, :2] @ direction, places - camera.position
+    with np.errstate(divide="ignore", invalid="ignore"):  # rays that are level do not meet the floor
+        on_floor = rays[:, :2] @ direction * np.median(rays[:, 2]) / rays[:, 2]
+    if np.ptp(walk) < _MIN_WALK_M or np.ptp(on_floor) < _MIN_WALK_M:
         return []
     slope = float(walk @ centred[:, 2] / (walk @ walk))
     error = np.sqrt(((centred[:, 2] - slope * walk) ** 2).sum() / (len(places) - 2) / (walk @ walk))

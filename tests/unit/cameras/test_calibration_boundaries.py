@@ -241,6 +241,15 @@ def test_a_slope_is_estimated_from_three_frames_over_a_metre(walk_m, n, has_slop
     assert (slope_level(walk_away(np.linspace(0.0, walk_m, n))) is not None) == has_slope
 
 
+@pytest.mark.parametrize(("walk_m", "has_slope"), [(0.0, False), (0.98, False), (1.02, True)])
+def test_a_person_who_bends_does_not_walk_away(walk_m, has_slope):
+    seen = walk_away(np.linspace(0.0, walk_m, 12))
+    feet = seen.keypoints[0][:, ANKLES, :2].mean(axis=1, keepdims=True)
+    shorter = np.where(np.arange(12) < 7, 1.0, 0.7)[:, None, None]  # as if 2.6 m farther away
+    seen.keypoints[0][..., :2] = feet + shorter * (seen.keypoints[0][..., :2] - feet)
+    assert (slope_level(seen) is not None) == has_slope
+
+
 @pytest.mark.parametrize(("clearance", "has_slope"), [(0.099, True), (0.101, False)])
 def test_feet_on_the_ground_are_level_within_a_tenth_of_the_height(clearance, has_slope):
     seen = walk_away()

@@ -41,17 +41,19 @@ def motion_findings(measured: RunMeasurements, height_m: float | None = None) ->
 def _limbs(measured: RunMeasurements, given_m: float | None) -> Iterator[Finding]:
     """Compare the body's limbs, and the triangulated ones, with those of people of their height.
 
-    The height of an infant is expected where it is configured, and where the cameras measure it.
+    The height of an infant is expected where it is configured, and where the cameras measure it. A configured height
+    within those expected is not doubted because the limbs are slightly shorter or longer than usual.
     """
     observed = measured.observed
     several = len(observed.cameras) > 1 and measured.has_keypoints
     pixels = observed.pixels(MIN_WEIGHT)[:, some_frames(len(measured.frames))]
     triangulated = limb_lengths(triangulate(observed.cameras, pixels)) if several else {}
     height_m = usual_height(measured.lengths_m)
-    ratio = usual_height(triangulated) / given_m if given_m and triangulated else np.inf
-    is_measured = abs(np.log(ratio)) <= np.log1p(MAX_HEIGHT_ERROR)
-    if not is_measured and not HEIGHTS_M[0] < height_m < HEIGHTS_M[1]:
-        low, high = HEIGHTS_M
+    if given_m and _agree(height_m, given_m):
+        height_m = given_m
+    is_measured = given_m and triangulated and _agree(usual_height(triangulated), given_m)
+    low, high = HEIGHTS_M
+    if not is_measured and not low <= height_m <= high:
         text = f"the body has the limbs of a person of {height_m:.2f} m, expected {low:g} to {high:g} m"
         yield Finding("height mismatch", text)
     for lengths, source in ((measured.lengths_m, "the body has"), (triangulated, "the cameras measure")):
@@ -64,6 +66,11 @@ def _limbs(measured: RunMeasurements, given_m: float | None) -> Iterator[Finding
                 text = f"{source} a {limb.replace('_', ' ')} of {actual}, usual are {normal}"
                 yield Finding("implausible limb lengths", text)
                 return
+
+
+def _agree(first_m: float, second_m: float) -> bool:
+    """Return whether heights differ by no more than those of people with the same limbs."""
+    return bool(abs(np.log(first_m / second_m)) <= np.log1p(MAX_HEIGHT_ERROR))
 
 
 def _steps(measured: RunMeasurements) -> Iterator[Finding]:

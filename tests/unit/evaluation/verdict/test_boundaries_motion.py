@@ -27,6 +27,18 @@ def test_the_body_is_12_to_22_metres_tall(height_m, expected):
     assert level(replace(ONE, lengths_m=lengths(height_m)), "height mismatch") == expected
 
 
+@pytest.mark.parametrize(
+    ("height_m", "factor", "expected"),
+    [
+        (1.2, 0.92, False), (1.2, 0.90, True), (1.19, 1.0, True), (2.2, 1.09, False), (2.2, 1.11, True),
+        (2.21, 1.0, True), (2.21, 0.99, True),
+    ],
+)  # fmt: skip
+def test_a_configured_height_counts_where_the_limbs_agree_within_10_percent(height_m, factor, expected):
+    measured = replace(ONE, lengths_m=lengths(factor * height_m))
+    assert any(each.kind == "height mismatch" for each in motion_findings(measured, height_m)) == expected
+
+
 @pytest.mark.parametrize(("factor", "expected"), [(1.09, False), (1.11, True), (1 / 1.09, False), (1 / 1.11, True)])
 def test_any_height_is_expected_that_is_configured_and_measured_by_the_cameras(factor, expected):
     small = replace(TWO, lengths_m=lengths(0.62))
