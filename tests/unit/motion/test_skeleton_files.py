@@ -9,7 +9,7 @@ from skeleton_files import STYLES, walk, walk_bvh
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.motion.formats.bvh import bvh_text, read_bvh
-from workbench.motion.formats.person_clip import _rest_rows
+from workbench.motion.formats.person_clip import _moving_rows
 from workbench.motion.retarget import estimated_landmarks, retarget
 from workbench.motion.sources import Reading, load_motion
 from workbench.utils.errors import InputError
@@ -179,37 +179,44 @@ def test_a_person_lying_along_x_needs_the_vertical_axis(tmp_path):
         np.testing.assert_allclose(coordinates, expected, atol=0.003)
 
 
-@pytest.mark.parametrize(("n_rest", "rate_hz"), [(1, 30.0), (3, 30.0), (1, 120.0)])
-def test_first_rows_in_the_rest_pose_are_left_out(tmp_path, caplog, n_rest, rate_hz):
+@pytest.mark.parametrize(
+    ("n_first", "n_last", "rate_hz"), [(1, 0, 30.0), (3, 0, 30.0), (1, 0, 120.0), (0, 2, 30.0), (1, 1, 30.0)]
+)
+def test_rows_in_the_rest_pose_at_either_end_are_left_out(tmp_path, caplog, n_first, n_last, rate_hz):
     """Public BVH conversions of the CMU database begin with a row of zeros."""
 
     def with_rest(text):
         head, rows = text.split("Frame Time: 0.0333333\n")
         zeros = " ".join(["0.0"] * len(rows.split("\n")[0].split()))
-        return f"{head}Frame Time: {1.0 / rate_hz:.7f}\n" + n_rest * f"{zeros}\n" + rows
+        rest = f"{zeros}\n"
+        return f"{head}Frame Time: {1.0 / rate_hz:.7f}\n" + n_first * rest + rows + n_last * rest
 
     path = walk_bvh(tmp_path, lines=with_rest)
     clip = read_bvh(path)
     expected = read_bvh(walk_bvh(tmp_path))
-    assert (clip.first_frame, len(clip)) == (1 + n_rest, len(expected))
+    assert (clip.first_frame, len(clip)) == (1 + n_first, len(expected))
     np.testing.assert_allclose(clip.positions, expected.positions, atol=1e-9)
     assert "no motion" in caplog.text
 
 
+@pytest.mark.parametrize("step", [1, -1])
 @pytest.mark.parametrize(("ratio", "is_left_out"), [(1.9, False), (2.1, True)])
-def test_the_rest_pose_is_no_motion_if_it_is_left_twice_as_fast_as_ever_after(ratio, is_left_out):
+def test_the_rest_pose_is_no_motion_if_it_is_twice_as_fast_as_any_motion(ratio, is_left_out, step):
     rotations = np.broadcast_to(np.eye(3), (4, 1, 3, 3)).copy()
     rotations[1:] = np.diag([-1.0, -1.0, 1.0])
     positions = np.zeros((4, 1, 3))
     positions[:, 0, 0] = [0.0, ratio, ratio + 1.0, ratio + 2.0]
-    assert _rest_rows("a.bvh", 1.0, rotations, positions) == is_left_out
+    first, end = _moving_rows("a.bvh", 1.0, rotations[::step], positions[::step])
+    assert (first, 4 - end)[::step] == (int(is_left_out), 0)
 
 
+@pytest.mark.parametrize("step", [1, -1])
 @pytest.mark.parametrize(("speed", "is_left_out"), [(39.0, False), (41.0, True)])
-def test_a_first_row_is_no_motion_if_joints_leave_it_faster_than_a_hand_can(speed, is_left_out):
+def test_a_row_is_no_motion_if_joints_leave_it_faster_than_a_hand_can(speed, is_left_out, step):
     positions = np.zeros((4, 1, 3))
     positions[1:, 0, 0] = speed
-    assert _rest_rows("a.bvh", 1.0, np.full((4, 1, 3, 3), 0.5), positions) == is_left_out
+    first, end = _moving_rows("a.bvh", 1.0, np.full((4, 1, 3, 3), 0.5), positions[::step])
+    assert (first, 4 - end)[::step] == (int(is_left_out), 0)
 
 
 @pytest.mark.parametrize("name", ["End Site_tip", "End Site HeadTop", "End", "EndSite"])

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 _FASTEST_M_S = 40.0
 """Of a person's joints: the hand of a pitcher throws a ball at 37 m/s (Fleisig et al. 1999, J. Biomech. 32)."""
 _JUMP = 2.0
-"""Ratio of the speed from the rest pose to the fastest one after it, from which the rest pose is no motion."""
+"""Ratio of the speed from or to the rest pose to the fastest one of the motion, from which the pose is no motion."""
 _ROUNDING = 1e-6
 _POSTURES = 200  # frames whose postures determine the unit and the vertical axis
 
@@ -47,27 +47,40 @@ def person_clip(
     check_rate(f"clip {path.stem}", rate_hz)
     check_places(f"clip {path.stem}", positions)
     offsets = axes.vectors(offsets * metres)
-    n = _rest_rows(path, rate_hz, rotations, positions)
-    return MotionClip(path.stem, rate_hz, first_frame + n, joints, parents, offsets, rotations[n:], positions[n:])
+    first, end = _moving_rows(path, rate_hz, rotations, positions)
+    rows = slice(first, end)
+    return MotionClip(
+        path.stem, rate_hz, first_frame + first, joints, parents, offsets, rotations[rows], positions[rows]
+    )
 
 
-def _rest_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: FloatArray) -> int:
-    """Return the number of first rows that are no motion, 0 for none; logged.
-
-    These are rows of the rest pose, from which the fastest joint moves more than _JUMP times as fast as ever after, or
-    a first row from which alone it moves faster than _FASTEST_M_S.
-    """
+def _moving_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: FloatArray) -> tuple[int, int]:
+    """Return the first row of the motion and the end of its rows; rows left out at either end are logged."""
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1, initial=0.0) * rate_hz
-    deviations = np.abs(rotations - np.eye(3)).reshape(len(rotations), -1).max(axis=1)
-    at_rest = deviations < _ROUNDING
-    n = len(at_rest) if at_rest.all() else int(np.argmin(at_rest))
-    if not 0 < n < len(speeds):
-        n = 1
-    first, later = speeds[n - 1 : n].max(initial=0.0), speeds[n:].max(initial=0.0)
-    is_jump = at_rest[0] and first > _JUMP * later
-    if len(speeds) < 2 or not (is_jump or first > _FASTEST_M_S >= later):
+    at_rest = np.abs(rotations - np.eye(3)).reshape(len(rotations), -1).max(axis=1) < _ROUNDING
+    n_first, n_last = (int(np.argmin(rows)) for rows in (at_rest, at_rest[::-1]))  # 0 if all are at rest
+    first = _n_left_out(speeds, n_first, n_last)
+    last = _n_left_out(speeds[::-1], n_last, n_first)
+    for which, n, jump in (("first", first, first - 1), ("last", last, -last)):
+        if n:
+            what = f"the {which} {n} rows are" if n > 1 else f"the {which} row is"
+            fastest = speeds[first : len(speeds) - last].max()
+            message = (
+                "%s: %s no motion: joints jump there at %.0f m/s, elsewhere they move at %.1f m/s at most; left out"
+            )
+            log.warning(message, path, what, speeds[jump], fastest)
+    return first, len(rotations) - last
+
+
+def _n_left_out(speeds: FloatArray, n_rest: int, n_rest_at_end: int) -> int:
+    """Return the number of first rows that are no motion, from the speeds (F - 1,), m/s, after each row.
+
+    These are n_rest rows of the rest pose, from which the fastest joint moves more than _JUMP times as fast as ever
+    after, or a first row from which alone it moves faster than _FASTEST_M_S. The n_rest_at_end rows do not count.
+    """
+    n = max(n_rest, 1)
+    later = speeds[n : len(speeds) - n_rest_at_end]
+    if not len(later):
         return 0
-    what = f"the first {n} rows are no motion" if n > 1 else "the first row is no motion"
-    message = "%s: %s: after it joints move at %.0f m/s, later at %.1f m/s at most; left out"
-    log.warning(message, path, what, first, later)
-    return n
+    jump, fastest = speeds[n - 1], later.max()
+    return n if (n_rest and jump > _JUMP * fastest) or jump > _FASTEST_M_S >= fastest else 0
