@@ -1,5 +1,5 @@
-"""Calibration files of laboratories: Qualisys, Vicon and HumanEva as tables, EasyMocap, MC-Calib, multical and Panoptic
-as mappings with OpenCV's keys.
+"""Calibration files of laboratories: Qualisys, Vicon and HumanEva as tables, EasyMocap, MC-Calib, multical, Kalibr and
+Panoptic as mappings with OpenCV's keys.
 
 Each reader converts to x_camera = R x_world + t in the unit of the file, which it names where its format fixes it.
 """
@@ -18,6 +18,7 @@ from workbench.cameras.distortion import check_lens_error, fitted_coefficients
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, parse_xml
+from workbench.utils.text import natural_order
 
 log = logging.getLogger(__name__)
 
@@ -185,10 +186,10 @@ def _humaneva(path: Path, text: str) -> Tables:
 
 
 def with_opencv_keys(path: Path, node: Any) -> Any:
-    """Return the cameras of EasyMocap, MC-Calib, multical and Panoptic by name with OpenCV's keys; any other content
-    unchanged.
+    """Return the cameras of EasyMocap, MC-Calib, multical, Kalibr and Panoptic by name with OpenCV's keys; any other
+    content unchanged.
 
-    Raises InputError for cameras of MC-Calib and multical without a common world.
+    Raises InputError for cameras of MC-Calib and multical without a common world, and of Kalibr of another model.
     """
     if not isinstance(node, dict):
         return node
@@ -198,6 +199,9 @@ def with_opencv_keys(path: Path, node: Any) -> Any:
     rig = {name: each for name, each in node.items() if isinstance(each, dict) and "camera_matrix" in each}
     if any("camera_pose_matrix" in camera for camera in rig.values()):
         return _of_mccalib(path, rig)
+    chain = {name: each for name, each in node.items() if isinstance(each, dict) and "camera_model" in each}
+    if any("T_cn_cnm1" in camera for camera in chain.values()):
+        return _of_kalibr(path, chain)
     if isinstance(cameras, dict) and isinstance(poses, dict):
         return {name: _of_multical(path, name, camera, poses) for name, camera in cameras.items()}
     if isinstance(cameras, list) and "calibDataSource" in node:
@@ -226,6 +230,23 @@ def _of_mccalib(path: Path, rig: Mapping[str, Mapping[str, Any]]) -> dict[str, A
             **camera, "camera_matrix": _matrix(lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]),
             "R": pose[:3, :3].tolist(), "T": pose[:3, 3].tolist(), "fisheye": camera.get("distortion_type") == 1,
         }  # fmt: skip
+    return cameras
+
+
+def _of_kalibr(path: Path, chain: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the cameras with poses, from the axes of the first camera; each T_cn_cnm1 leads from those of the camera
+    before."""
+    cameras: dict[str, Any] = {}
+    pose = np.eye(4)
+    for name, _ in natural_order(list(chain)):
+        place, camera = f"{path}: camera [{name}]", chain[name]
+        if camera["camera_model"] != "pinhole":
+            raise InputError(f"{place}: expected the camera_model pinhole, found {camera['camera_model']!r}")
+        if "T_cn_cnm1" in camera:
+            pose = _pose_matrix(place, camera["T_cn_cnm1"]) @ pose
+        elif cameras:
+            raise InputError(f"{place}: expected T_cn_cnm1, the pose relative to the camera before, found none")
+        cameras[name] = {**camera, "R": pose[:3, :3].tolist(), "T": pose[:3, 3].tolist(), "unit": "m"}
     return cameras
 
 
@@ -260,7 +281,7 @@ def _rigid(place: str, pose: Any) -> FloatArray:
 def _pose_matrix(place: str, value: Any) -> FloatArray:
     matrix = _array(place, _data(value), 16).reshape(4, 4)
     if not abs(np.linalg.det(matrix[:3, :3]) - 1.0) < _ROUNDING:
-        raise InputError(f"{place}: expected a camera_pose_matrix with a rotation, found {matrix[:3, :3].tolist()}")
+        raise InputError(f"{place}: expected a pose with a rotation, found {matrix[:3, :3].tolist()}")
     return matrix
 
 

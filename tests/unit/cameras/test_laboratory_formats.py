@@ -176,6 +176,23 @@ def mccalib(path, cameras, group=0):
     path.write_text("%YAML:1.0\n---\n" + yaml.safe_dump(nodes))
 
 
+def kalibr(path, cameras, **keys):
+    """Write a chain of cameras from the last to the first, so that their order is that of the names."""
+    nodes, before = {}, None
+    for k, each in enumerate(cameras):
+        nodes[f"cam{k}"] = {
+            "camera_model": "pinhole", "intrinsics": each.matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
+            "distortion_model": "radtan", "distortion_coeffs": each.distortion[:4].tolist(),
+            "resolution": [each.width, each.height], "rostopic": f"/cam{k}/image_raw", **keys,
+        }  # fmt: skip
+        if before is not None:
+            turn, shift = between(each, before)
+            pose = np.vstack([np.column_stack([turn, shift]), [0.0, 0.0, 0.0, 1.0]])
+            nodes[f"cam{k}"]["T_cn_cnm1"] = pose.tolist()
+        before = each
+    path.write_text(yaml.safe_dump(dict(reversed(nodes.items())), sort_keys=False))
+
+
 def panoptic(path, cameras):
     """Write translations in cm, as columns."""
     nodes = [
@@ -244,6 +261,30 @@ def test_several_cameras_are_read_in_metres(tmp_path, name):
 def test_poses_of_multical_are_of_cameras_or_between_these(tmp_path, write):
     write(tmp_path / "c.json", RIG)
     check(load_cameras(tmp_path / "c.json"), RIG)
+
+
+def test_the_first_camera_of_kalibr_is_the_world(tmp_path):
+    radial = [replace(each, distortion=each.distortion * [1, 1, 1, 1, 0]) for each in [*RIG, *RIG]]
+    kalibr(tmp_path / "c.yaml", 2 * radial)  # over ten cameras: cam10 is after cam9
+    poses = [between(each, radial[0]) for each in 2 * radial]
+    expected = [
+        replace(each, name=f"cam{k}", rotation=turn, translation=shift)
+        for k, (each, (turn, shift)) in enumerate(zip(2 * radial, poses, strict=True))
+    ]
+    check(load_cameras(tmp_path / "c.yaml"), expected)
+    assert stated_unit(tmp_path / "c.yaml") == "m"
+
+
+def test_cameras_of_kalibr_with_another_lens_or_without_a_pose_are_rejected(tmp_path):
+    kalibr(tmp_path / "c.yaml", RIG, camera_model="omni")
+    with pytest.raises(InputError, match=r"camera \[cam0\]: .*pinhole.*omni"):
+        load_cameras(tmp_path / "c.yaml")
+    kalibr(tmp_path / "c.yaml", RIG)
+    nodes = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    del nodes["cam2"]["T_cn_cnm1"]
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(nodes))
+    with pytest.raises(InputError, match=r"camera \[cam2\]: .*T_cn_cnm1"):
+        load_cameras(tmp_path / "c.yaml")
 
 
 @pytest.mark.parametrize("name", ["intrinsics.yml", "extrinsics.yml"])
@@ -400,7 +441,7 @@ def test_cameras_of_several_groups_of_mccalib_are_rejected(tmp_path):
 
 def test_a_pose_of_mccalib_is_a_rotation(tmp_path):
     mccalib(tmp_path / "c.yml", [replace(RIG[1], rotation=2.0 * RIG[1].rotation)])
-    with pytest.raises(InputError, match=r"camera \[b\]: expected a camera_pose_matrix with a rotation"):
+    with pytest.raises(InputError, match=r"camera \[b\]: expected a pose with a rotation"):
         load_cameras(tmp_path / "c.yml")
 
 
